@@ -1,0 +1,44 @@
+"""A coloured point cloud in metres, z up: what every scan reader returns."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """Something that the operator should know about a scan.
+
+    code: stable snake_case name; severity: "info" or "warning"; message: a sentence for people.
+    """
+
+    code: str
+    severity: str
+    message: str
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points of a scan in the map frame (metres, right-handed, z up).
+
+    positions: (N, 3) float32, relative to `origin_offset`.
+    colors: (N, 3) uint8, RGB; for semantic scans the colour codes of the labels.
+    origin_offset: (3,) float64, metres; add it to a position to get the scan's own coordinates.
+    num_points_read: points in the file before dropping and thinning.
+    diagnostics: what was converted, dropped or looks suspicious.
+    """
+
+    positions: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    origin_offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    num_points_read: int = 0
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the smallest and largest coordinates, each (3,), relative to `origin_offset`."""
+        return self.positions.min(axis=0), self.positions.max(axis=0)

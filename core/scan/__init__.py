@@ -1,0 +1,1 @@
+"""Readers of scan files, each returning a `core.point_cloud.PointCloud`."""

@@ -1,0 +1,1 @@
+"""Procedural scenes with exact poses, for the demo, the tests and the benchmarks."""
