@@ -1,0 +1,84 @@
+"""Which scan format a file has: its first bytes decide, its name is the second sign."""
+
+from pathlib import Path
+
+from core.errors import ScanDamagedError, ScanFormatError
+
+_HEAD_BYTES = 4096
+_SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las"}
+_EXTENSION_FORMATS = {
+    "ply": "ply",
+    "pcd": "pcd",
+    "las": "las",
+    "laz": "las",
+    "e57": "e57",
+    **dict.fromkeys(("xyz", "txt", "csv", "pts", "asc", "xyzrgb", "neu"), "text"),
+}
+_OTHER_MAGIC = {
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"RIFF": "a RIFF file (WebP image, sound or video)",
+    b"GIF8": "a GIF image",
+    b"PK\x03\x04": "a ZIP archive: unpack it first",
+    b"\x1f\x8b": "a gzip archive: unpack it first",
+    b"7z\xbc\xaf": "a 7z archive: unpack it first",
+    b"%PDF": "a PDF document",
+    b"glTF": "a glTF model: export it as a coloured PLY",
+    b"\xd0\xcf\x11\xe0": "an Office document",
+    b"MZ": "a program",
+    b"\x7fELF": "a program",
+}
+KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS"
+
+
+def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
+    """Return the format ("ply", "pcd", "las", "e57" or "text") and a remark when the name says something else.
+
+    extension: used when `path` has none, with or without its dot.
+
+    Raises ScanFormatError when the content is of no known format or contradicts the name without a way to tell who is
+    right; ScanDamagedError for an empty file.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    if not head:
+        raise ScanDamagedError(f"The file is empty (0 bytes); expected a scan as {KNOWN_FORMATS}. Upload it again.")
+    named = (path.suffix or extension or "").lower().lstrip(".")[:20]
+    expected = _EXTENSION_FORMATS.get(named)
+    found = _format_by_magic(head)
+    if found is None:
+        return _text_format(head, named, expected), None
+    if named and expected != found:
+        return found, f"The file is named .{named}, but its content is {found.upper()}; it was read as {found.upper()}."
+    return found, None
+
+
+def _format_by_magic(head: bytes) -> str | None:
+    if head[:3] == b"ply" and head[3:4] in (b"\n", b"\r", b" ", b"\t"):
+        return "ply"
+    for magic, name in _SCAN_MAGIC.items():
+        if head.startswith(magic):
+            return name
+    first_words = [line.split()[:1] for line in head[:1024].splitlines() if not line.startswith(b"#")]
+    if b".PCD" in head[:64] or first_words[:2] == [[b"VERSION"], [b"FIELDS"]]:
+        return "pcd"
+    return None
+
+
+def _text_format(head: bytes, named: str, expected: str | None) -> str:
+    other = next((name for magic, name in _OTHER_MAGIC.items() if head.startswith(magic)), None)
+    if other is None and _is_text(head):
+        if expected in (None, "text"):
+            return "text"
+        raise ScanFormatError(
+            f"The file is named .{named}, but it does not begin like one: its content is plain text. "
+            f"Give it the extension of its real format ({KNOWN_FORMATS}) or export it again."
+        )
+    found = other or f"unknown binary data (first bytes: {head[:8].hex(' ')})"
+    claim = f"is named .{named}, but it " if expected else ""
+    raise ScanFormatError(f"The file {claim}is not a scan; it is {found}. Expected {KNOWN_FORMATS}.")
+
+
+def _is_text(head: bytes) -> bool:
+    printable = sum(byte >= 32 or byte in b"\t\n\r\v\f" for byte in head)
+    return b"\x00" not in head and printable >= 0.99 * len(head)

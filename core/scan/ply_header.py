@@ -1,0 +1,158 @@
+"""The header of a PLY file: its elements, their properties, and the checks that need no data."""
+
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+
+from core.errors import ScanDamagedError
+
+MAX_HEADER_BYTES = 1 << 20
+MAX_ELEMENTS = 64
+MAX_PROPERTIES = 1024
+
+_TYPES = {
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
+_BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+@dataclass(frozen=True)
+class PlyProperty:
+    """name: lower case. dtype: with byte order. count_dtype: type of the length of a list, None for a scalar."""
+
+    name: str
+    dtype: np.dtype[np.generic]
+    count_dtype: np.dtype[np.generic] | None = None
+
+    @property
+    def min_bytes(self) -> int:
+        """Return the bytes that one value takes at least."""
+        return (self.count_dtype or self.dtype).itemsize
+
+
+@dataclass(frozen=True)
+class PlyElement:
+    """A table of the file: `count` rows of `properties`."""
+
+    name: str
+    count: int
+    properties: tuple[PlyProperty, ...]
+
+    @property
+    def has_lists(self) -> bool:
+        return any(prop.count_dtype is not None for prop in self.properties)
+
+    @property
+    def row_dtype(self) -> np.dtype[np.void]:
+        """Return the packed record type of a row without lists."""
+        return np.dtype([(prop.name, prop.dtype) for prop in self.properties])
+
+    def min_bytes(self, is_ascii: bool) -> int:
+        """Return the bytes that the whole table takes at least."""
+        per_row = 2 * len(self.properties) if is_ascii else sum(prop.min_bytes for prop in self.properties)
+        return max(self.count * per_row - int(is_ascii), 0)
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """encoding: "ascii", "binary_little_endian" or "binary_big_endian". size_bytes: where the data begins."""
+
+    encoding: str
+    elements: tuple[PlyElement, ...]
+    comments: tuple[str, ...]
+    size_bytes: int
+
+    @property
+    def is_ascii(self) -> bool:
+        return self.encoding == "ascii"
+
+    def element(self, name: str) -> PlyElement | None:
+        """Return the element of that name, or None."""
+        return next((element for element in self.elements if element.name == name), None)
+
+
+def read_ply_header(stream: BinaryIO) -> PlyHeader:
+    """Parse the header at the start of `stream`; raise ScanDamagedError when it contradicts itself."""
+    lines, size_bytes = _header_lines(stream)
+    encoding, comments = "", []
+    tables: list[tuple[str, int, list[PlyProperty]]] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        keyword = words[0] if words else ""
+        if keyword in ("", "ply", "obj_info"):
+            continue
+        if keyword == "comment":
+            comments.append(line.partition(" ")[2].strip())
+        elif keyword == "format" and len(words) == 3 and words[1] in _BYTE_ORDERS and not encoding:
+            encoding = words[1]
+        elif keyword == "element" and len(words) == 3 and encoding:
+            tables.append((words[1].lower(), _parse_count(words[2], line), []))
+        elif keyword == "property" and tables:
+            _add_property(tables[-1][2], words, _BYTE_ORDERS[encoding], line)
+        else:
+            raise _header_error(f"line {number} is not understood: {line[:80]!r}")
+    if not encoding:
+        raise _header_error("there is no 'format ascii|binary_little_endian|binary_big_endian 1.0' line")
+    if len({name for name, _, _ in tables}) < len(tables) or len(tables) > MAX_ELEMENTS:
+        raise _header_error("an element is declared twice, or there are too many elements")
+    elements = tuple(PlyElement(name, count, tuple(properties)) for name, count, properties in tables)
+    return PlyHeader(encoding, elements, tuple(comments), size_bytes)
+
+
+def _header_lines(stream: BinaryIO) -> tuple[list[str], int]:
+    start = stream.read(MAX_HEADER_BYTES)
+    # The line end of the first line decides: after "end_header" a binary byte may look like one.
+    newline = next((end for end in (b"\r\n", b"\n", b"\r") if start[3:16].lstrip(b" \t").startswith(end)), b"\n")
+    lines: list[str] = []
+    position = 0
+    while True:
+        end = start.find(newline, position)
+        if end < 0:
+            raise _header_error(f"no 'end_header' line within the first {len(start)} bytes")
+        line = start[position:end].decode("ascii", errors="replace").strip()
+        position = end + len(newline)
+        if line == "end_header":
+            return lines, position
+        lines.append(line)
+
+
+def _parse_count(word: str, line: str) -> int:
+    if not (word.isdecimal() and word.isascii() and len(word) < 20):
+        raise _header_error(f"the count in {line[:80]!r} is not a positive whole number")
+    return int(word)
+
+
+def _add_property(properties: list[PlyProperty], words: list[str], byte_order: str, line: str) -> None:
+    is_list = len(words) == 5 and words[1] == "list"
+    types = words[2:4] if is_list else words[1:2]
+    if len(words) != (5 if is_list else 3) or any(name not in _TYPES for name in types):
+        raise _header_error(f"the property {line[:80]!r} has an unknown form or type")
+    dtypes = [np.dtype(byte_order + _TYPES[name]) for name in types]
+    if is_list and dtypes[0].kind == "f":
+        raise _header_error(f"the list length in {line[:80]!r} must be a whole number type")
+    name = words[-1].lower()
+    if any(prop.name == name for prop in properties):
+        raise _header_error(f"the property {name[:80]!r} is declared twice in one element")
+    if len(properties) >= MAX_PROPERTIES:
+        raise _header_error(f"an element has more than {MAX_PROPERTIES} properties")
+    properties.append(PlyProperty(name, dtypes[-1], dtypes[0] if is_list else None))
+
+
+def _header_error(what: str) -> ScanDamagedError:
+    return ScanDamagedError(f"The PLY header is damaged: {what}. Export the scan again.")

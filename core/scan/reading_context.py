@@ -1,0 +1,77 @@
+"""What every reader gets and gives: the file with its limits, and chunks of raw points."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import ScanContentError, ScanDamagedError
+from core.point_cloud import Diagnostic
+from core.scan.options import ScanOptions
+
+CHUNK_ROWS = 1 << 20
+CUT_SHORT = "The export or the upload was probably cut short: export the scan again and upload it again."
+
+
+@dataclass(frozen=True)
+class RawChunk:
+    """A bounded piece of a scan, in the file's own unit, axes and colour range.
+
+    positions: (n, 3) float64. colors: (n, 3) uint8, uint16 or float64, the same type in every chunk of a file; they
+    stay raw because their range is only known at the end. fraction: how much of the file is read, 0..1.
+    """
+
+    positions: NDArray[np.float64]
+    colors: NDArray[Any]
+    fraction: float
+
+
+@dataclass
+class ReadingContext:
+    """One file being read: where it is, what is allowed, and what was noticed."""
+
+    path: Path
+    options: ScanOptions
+    size_bytes: int
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    def note(self, code: str, message: str, severity: str = "info") -> None:
+        """Record something that the operator should know."""
+        self.diagnostics.append(Diagnostic(code, severity, message))
+
+    def check_point_count(self, num_points: int) -> None:
+        """Refuse a count that no file may announce, before anything is allocated for it."""
+        if num_points < 0:
+            raise ScanDamagedError(f"The header announces {num_points} points; expected a positive count.")
+        if num_points > self.options.max_points_read:
+            raise ScanContentError(
+                f"The file announces {num_points:,} points; at most {self.options.max_points_read:,} are read. "
+                "Thin the scan or split it into parts before uploading."
+            )
+        if num_points == 0:
+            raise ScanContentError("The file holds no points: its header announces 0. Export the scan again.")
+
+
+class ScanReader(Protocol):
+    """A function that yields the points of one format."""
+
+    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]: ...
+
+
+def no_color_error(columns: str) -> ScanContentError:
+    """Return the error for a scan without colour; `columns` says what the file has instead."""
+    return ScanContentError(
+        f"The scan has no colour (it has {columns}); localization compares colours. "
+        "Export it with red, green and blue per point."
+    )
+
+
+def stack_columns(table: NDArray[np.void], names: tuple[str, str, str], dtype: Any) -> NDArray[Any]:
+    """Copy three fields of a structured array into an (n, 3) array of `dtype`."""
+    stacked = np.empty((len(table), 3), dtype)
+    for axis, name in enumerate(names):
+        stacked[:, axis] = table[name]
+    return stacked

@@ -1,0 +1,170 @@
+"""Thin a cloud to a bounded number of evenly spaced points while it is being read."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.point_cloud import PointCloud
+from core.scan.options import ColorKind
+from core.scan.voxel_grouping import VoxelGroups, group_by_voxel
+
+# The table may hold this many times the points that remain, so that the final voxel size can be chosen finely.
+_TABLE_FACTOR = 8
+_MIN_TABLE_ROWS = 1 << 16
+# The first voxels are this much smaller than the bulk of the scan: about 1 mm in a room of 10 m.
+_FIRST_SIZE_RATIO = 1 / 8192
+_FILL_GOAL = 0.95
+_MAX_SIZE_STEPS = 24
+
+
+@dataclass(frozen=True)
+class ThinnedPoints:
+    """positions: (n, 3) float64. colors: (n, 3) raw or mean colours. voxel_size: None when every point was kept."""
+
+    positions: NDArray[np.float64]
+    colors: NDArray[Any]
+    voxel_size: float | None
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """One row per point or voxel: positions, colours, and how many points each stands for (None: one)."""
+
+    positions: NDArray[np.float64]
+    colors: NDArray[Any]
+    weights: NDArray[np.float64] | None
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+class VoxelThinner:
+    """Accumulates chunks in a table of voxels that coarsens when it overflows.
+
+    A voxel keeps the mean position and mean colour of its points (rgb), or its first point (labels, where a mean of
+    two codes would be a third class). Means are chosen over the point nearest to the centre because they average the
+    scanner's noise out and let colour edges fade as in a scaled-down photo. No more than `max_points` remain; a cloud
+    that has no more is kept as it is.
+    """
+
+    def __init__(self, max_points: int, color_kind: ColorKind = "rgb"):
+        self._max_points = max_points
+        self._keeps_first = color_kind == "labels"
+        self._table_rows = max(_TABLE_FACTOR * max_points, _MIN_TABLE_ROWS)
+        self._parts: list[_Cells] = []
+        self._num_rows = 0
+        self._voxel_size: float | None = None
+        self._anchor = np.zeros(3)
+
+    def add(self, positions: NDArray[np.float64], colors: NDArray[Any]) -> None:
+        """Add finite points, (n, 3), with their raw colours, (n, 3)."""
+        if not len(positions):
+            return
+        cells = _Cells(positions, colors, None)
+        if self._voxel_size is not None:
+            cells = self._merge(cells, self._voxel_size)
+        self._parts.append(cells)
+        self._num_rows += len(cells)
+        if self._num_rows > self._table_rows:
+            self._compact()
+
+    def finish(self) -> ThinnedPoints:
+        """Return at most `max_points` points."""
+        if not self._parts:
+            return ThinnedPoints(np.empty((0, 3)), np.empty((0, 3), np.uint8), None)
+        if self._voxel_size is not None:
+            self._compact()
+        cells = _concatenate(self._parts)
+        self._parts, size = [], self._voxel_size
+        if len(cells) > self._max_points:
+            self._anchor = cells.positions.min(axis=0)
+            size = self._final_size(cells)
+            cells = self._merge(cells, size)
+        return ThinnedPoints(cells.positions, cells.colors, size)
+
+    def _compact(self) -> None:
+        cells = _concatenate(self._parts)
+        if self._voxel_size is None:
+            self._anchor = np.floor(cells.positions[0])
+            self._voxel_size = _first_size(cells.positions)
+        cells = self._merge(cells, self._voxel_size)
+        while len(cells) > self._table_rows // 2:
+            self._voxel_size *= 2
+            cells = self._merge(cells, self._voxel_size)
+        self._parts, self._num_rows = [cells], len(cells)
+
+    def _merge(self, cells: _Cells, voxel_size: float) -> _Cells:
+        groups = group_by_voxel(cells.positions, voxel_size, self._anchor)
+        if self._keeps_first:
+            first = groups.first_points()
+            return _Cells(cells.positions[first], cells.colors[first], None)
+        return _merge_means(cells, groups)
+
+    def _final_size(self, cells: _Cells) -> float:
+        """Return a voxel size that leaves at most max_points, and nearly as many where the scan allows."""
+        too_fine = self._voxel_size or 0.0
+        coarse_enough = float(np.ptp(cells.positions, axis=0).max()) * 1.001 or 1.0
+        size = max(too_fine, _first_size(cells.positions))
+        count = float(len(cells))
+        for _ in range(_MAX_SIZE_STEPS):
+            # Surfaces: the number of occupied voxels falls with the square of their size.
+            guess = size * float(np.sqrt(count / (self._max_points * (1 + _FILL_GOAL) / 2)))
+            if not too_fine < guess < coarse_enough:
+                guess = float(np.sqrt(max(too_fine, coarse_enough * 1e-6) * coarse_enough))
+            size = guess
+            count = float(len(group_by_voxel(cells.positions, size, self._anchor)))
+            if count > self._max_points:
+                too_fine = size
+            else:
+                coarse_enough = size
+                if count >= _FILL_GOAL * self._max_points:
+                    break
+            if coarse_enough <= too_fine * 1.005:
+                break
+        return coarse_enough
+
+
+def thin_cloud(cloud: PointCloud, max_points: int, color_kind: ColorKind = "rgb") -> PointCloud:
+    """Thin `cloud` to at most `max_points` evenly spaced points; the same object when it has no more than that."""
+    if len(cloud) <= max_points:
+        return cloud
+    thinner = VoxelThinner(max_points, color_kind)
+    thinner.add(cloud.positions.astype(np.float64), cloud.colors)
+    thinned = thinner.finish()
+    colors = np.clip(np.rint(thinned.colors), 0, 255).astype(np.uint8)
+    return replace(cloud, positions=thinned.positions.astype(np.float32), colors=colors)
+
+
+def _merge_means(cells: _Cells, groups: VoxelGroups) -> _Cells:
+    if cells.weights is None:
+        weights = np.diff(groups.starts, append=len(cells)).astype(np.float64)
+        positions, colors = groups.sums(cells.positions), groups.sums(cells.colors)
+    else:
+        weights = groups.sums(cells.weights)
+        share = cells.weights[:, None]
+        positions, colors = groups.sums(cells.positions * share), groups.sums(cells.colors * share)
+    return _Cells(positions / weights[:, None], colors / weights[:, None], weights)
+
+
+def _concatenate(parts: list[_Cells]) -> _Cells:
+    if len(parts) == 1:
+        return parts[0]
+    has_weights = any(part.weights is not None for part in parts)
+    weights = [np.ones(len(part)) if part.weights is None else part.weights for part in parts]
+    return _Cells(
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.colors for part in parts]),
+        np.concatenate(weights) if has_weights else None,
+    )
+
+
+def _first_size(positions: NDArray[np.float64]) -> float:
+    """Return a fine voxel size from the middle 90 % of the points, so that a few stray ones do not make it coarse."""
+    sample = positions[:: max(len(positions) // 20_000, 1)]
+    low, high = np.quantile(sample, (0.05, 0.95), axis=0)
+    full_extent = float(np.ptp(positions, axis=0).max())
+    bulk_extent = float((high - low).max()) or full_extent or 1.0
+    # The floors keep voxel numbers far from the limits of int64.
+    return max(bulk_extent * _FIRST_SIZE_RATIO, full_extent * 2.0**-40, 1e-9)
