@@ -1,0 +1,36 @@
+"""Keeps answers and their pictures in a folder."""
+
+import json
+from pathlib import Path
+
+from service.client import JsonObject, PanolocClient
+
+
+class AnswerFolder:
+    """A folder with one JSON file and up to three PNG files per panorama, named after it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._taken: set[str] = set()
+
+    def save(self, panorama: Path, answer: JsonObject, client: PanolocClient) -> list[Path]:
+        """Write the answer and fetch its pictures; return the files written. Creates the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        stem = self._free_stem(panorama.stem)
+        answer_file = self.folder / f"{stem}.json"
+        answer_file.write_text(json.dumps(answer, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        written = [answer_file]
+        for kind, path in (answer.get("artifacts") or {}).items():
+            if path:
+                picture = self.folder / f"{stem}.{kind.replace('_', '-')}.png"
+                picture.write_bytes(client.fetch(path))
+                written.append(picture)
+        return written
+
+    def _free_stem(self, stem: str) -> str:
+        """Return a name that no other panorama of this run has taken, as two folders may hold the same file name."""
+        name, number = stem, 2
+        while name in self._taken:
+            name, number = f"{stem}-{number}", number + 1
+        self._taken.add(name)
+        return name

@@ -1,0 +1,117 @@
+"""Starts a service in the background for `panoloc demo`, and waits until it serves requests."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from service.client import JsonObject, PanolocClient
+from service.client_errors import ClientError, UnreachableError, WaitTimeoutError
+
+# Starting Ray takes 10 to 20 s on a small machine; a cold disk doubles that.
+START_LIMIT_S = 180.0
+_POLL_S = 0.25
+_STOP_LIMIT_S = 30.0
+_LOG_TAIL_LINES = 15
+
+
+class StartError(ClientError):
+    """The service could not be started."""
+
+
+@dataclass(frozen=True)
+class BackgroundService:
+    """A service that this process started and that outlives it.
+
+    log_file: everything that the service prints.
+    """
+
+    process: subprocess.Popen[bytes]
+    log_file: Path
+
+    @property
+    def process_id(self) -> int:
+        """Return the id to stop it by."""
+        return self.process.pid
+
+    def raise_if_ended(self) -> None:
+        """Raise StartError with the end of the log when the process is gone."""
+        code = self.process.poll()
+        if code is not None:
+            raise StartError(f"The service ended with exit code {code} while it started. {self._log_tail()}")
+
+    def stop(self) -> None:
+        """Ask the process to end, and wait until it did; what it started ends with it."""
+        self.process.terminate()
+        try:
+            self.process.wait(_STOP_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+
+    def _log_tail(self) -> str:
+        lines = self.log_file.read_text(encoding="utf-8", errors="replace").splitlines()[-_LOG_TAIL_LINES:]
+        return "\n".join([f"The end of {self.log_file}:", *(f"  {line}" for line in lines)])
+
+
+def start_in_background(url: str, log_file: Path) -> BackgroundService:
+    """Start `panoloc serve` for `url` as a process of its own session, so that it survives this one.
+
+    Raises StartError when the URL is not of this machine.
+    """
+    address = urlsplit(url)
+    if address.hostname not in ("127.0.0.1", "localhost", "::1") or address.scheme != "http":
+        raise StartError(f"No service answers at {url}, and only one on this machine can be started; start it there.")
+    command = [
+        sys.executable,
+        "-m",
+        "service.cli",
+        "serve",
+        "--host",
+        address.hostname,
+        "--port",
+        str(address.port or 80),
+    ]
+    log_file.parent.mkdir(parents=True, exist_ok=True)
+    with log_file.open("wb") as log:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+        )
+    return BackgroundService(process, log_file)
+
+
+def wait_until_ready(
+    client: PanolocClient,
+    service: BackgroundService | None,
+    on_state: Callable[[str], None],
+    limit_s: float = START_LIMIT_S,
+) -> None:
+    """Poll until the service serves requests; `on_state` hears what it waits for.
+
+    Raises StartError when `service` ends meanwhile and WaitTimeoutError after `limit_s`.
+    """
+    give_up, missing = time.monotonic() + limit_s, "its process"
+    while time.monotonic() < give_up:
+        if service is not None:
+            service.raise_if_ended()
+        try:
+            ready, details = client.readiness()
+        except UnreachableError:
+            if service is None:
+                raise
+        else:
+            if ready:
+                return
+            missing = _missing(details)
+        on_state(f"the service waits for {missing}")
+        time.sleep(_POLL_S)
+    raise WaitTimeoutError(f"The service was not ready after {limit_s:g} s; it still waits for {missing}.")
+
+
+def _missing(details: JsonObject) -> str:
+    waiting_for = (
+        details.get("waiting_for") or details.get("missing") or details.get("detail") or "something it does not name"
+    )
+    return ", ".join(map(str, waiting_for)) if isinstance(waiting_for, list) else str(waiting_for)

@@ -1,0 +1,76 @@
+"""Puts the commands together, and turns every expected failure into a message and an exit code."""
+
+import sys
+from typing import Any
+
+import httpx
+import typer
+from rich.markup import escape
+
+from service.cli import demo, localize, maps, register, serve
+from service.cli.exit_codes import ExitCode
+from service.cli.session import Session
+from service.client_errors import ApiProblemError, ClientError, UnreachableError
+
+
+def _exit_with(code: int | None, **_: Any) -> None:
+    """Turn what a command returns into the exit code of the process."""
+    raise typer.Exit(code or ExitCode.OK)
+
+
+app = typer.Typer(
+    name="panoloc",
+    help="Find where a 360° photo was taken inside a scanned place.",
+    no_args_is_help=True,
+    result_callback=_exit_with,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit codes: 0 done or localized, 1 error, 2 wrong usage, 3 not localized, 4 ambiguous, 5 no service.",
+)
+app.command()(serve.serve)
+app.command()(register.register)
+app.command()(localize.localize)
+app.command()(demo.demo)
+app.add_typer(maps.app, name="maps")
+
+
+def main() -> None:
+    """Run the command line of this process and exit with its code."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str], transport: httpx.BaseTransport | None = None) -> int:
+    """Run one command and return its exit code; `transport` replaces the network in tests."""
+    session = Session(transport=transport)
+    try:
+        app(arguments, obj=session)
+    except SystemExit as end:
+        # Wrong usage has been shown by now; Ctrl-C arrives as 130.
+        return int(end.code or ExitCode.OK)
+    except ClientError as error:
+        return _report(session, error)
+    except OSError as error:
+        session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
+        return ExitCode.ERROR
+    return ExitCode.OK
+
+
+def _report(session: Session, error: ClientError) -> ExitCode:
+    """Show what was expected, what came and what to do; in JSON mode also as a document."""
+    if session.json_output:
+        session.print_json({"error": error.as_dict()})
+    show = session.messages.print
+    if isinstance(error, UnreachableError):
+        show(f"[bold red]No service:[/] {escape(str(error))}")
+        show("Start it with [bold]panoloc serve[/], or say where it runs with [bold]--url[/] or [bold]PANOLOC_URL[/].")
+        return ExitCode.UNREACHABLE
+    if not isinstance(error, ApiProblemError):
+        show(f"[bold red]Error:[/] {escape(str(error))}")
+        return ExitCode.ERROR
+    show(f"[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
+    show(escape(str(error)))
+    if error.retry_after_s is not None:
+        show(f"Try again in {error.retry_after_s:g} s.")
+    if error.problem.get("request_id"):
+        show(f"[dim]request {escape(str(error.problem['request_id']))}: the service's log says more under this id[/]")
+    return ExitCode.ERROR

@@ -1,0 +1,132 @@
+"""`panoloc localize`: find where panoramas were taken."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from service.cli.answer_files import AnswerFolder
+from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from service.cli.hints import hints_object
+from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
+from service.cli.progress import show_waiting
+from service.cli.session import Session
+from service.cli.tables import answer_summary
+from service.client import JsonObject, PanolocClient
+from service.client_errors import ApiProblemError
+
+ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
+Point = tuple[float, float, float]
+Cuboid = tuple[float, float, float, float, float, float]
+
+
+class Frame(StrEnum):
+    """Axes in which the pose is given."""
+
+    ros = "ros"
+    opencv = "opencv"
+    webxr = "webxr"
+    unity = "unity"
+
+
+class Method(StrEnum):
+    """How the pose is searched."""
+
+    fast = "fast"
+    paper = "paper"
+
+
+def localize(
+    ctx: typer.Context,
+    panoramas: Annotated[
+        list[Path], typer.Argument(exists=True, dir_okay=False, readable=True, help="Panoramas (2:1 JPEG, PNG, WebP).")
+    ],
+    map_id: Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")] = None,
+    tag: Annotated[str | None, typer.Option(help="Search all maps that bear this tag instead.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(file_okay=False, help="Folder for the answers and score-map pictures.")
+    ] = None,
+    frame: Annotated[Frame, typer.Option(help="Axes in which the pose is given.")] = Frame.ros,
+    method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = Method.fast,
+    mask: Annotated[
+        Path | None, typer.Option(exists=True, dir_okay=False, help="Image; its non-zero pixels are ignored.")
+    ] = None,
+    position: Annotated[Point | None, typer.Option(metavar="X Y Z", help="Hint: near this place, metres.")] = None,
+    radius: Annotated[float | None, typer.Option(help="Hint: at most this far from --position, metres.")] = None,
+    region: Annotated[
+        Cuboid | None, typer.Option(metavar="X Y Z X Y Z", help="Hint: within this cuboid (least, greatest corner).")
+    ] = None,
+    upright: Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")] = False,
+    max_tilt: Annotated[float | None, typer.Option(help="Hint: tilted by at most this, degrees.")] = None,
+    heading: Annotated[float | None, typer.Option(help="Hint: yaw of the image centre, degrees.")] = None,
+    heading_tolerance: Annotated[
+        float | None, typer.Option(help="Hint: --heading is right within this, degrees.")
+    ] = None,
+    top_k: Annotated[int, typer.Option(min=1, help="Poses to return, alternatives included.")] = 1,
+    timeout: Annotated[float | None, typer.Option(min=0.1, help="Seconds until the service gives up.")] = None,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> int:
+    """Find where panoramas were taken in a map. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
+    if bool(map_id) == bool(tag):
+        raise typer.BadParameter(
+            "expected --map ID (repeatable) or --tag TAG; `panoloc maps` lists both.", param_hint="--map"
+        )
+    hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
+    options: JsonObject = {"frame": frame.value, "method": method.value, "top_k": top_k}
+    options["artifacts"] = list(ARTIFACTS) if out else []
+    options |= {"hints": hints} if hints else {}
+    options |= {"timeout_s": timeout} if timeout else {}
+    session: Session = ctx.obj
+    session.json_output = json
+    with session.client(url) as client:
+        query = Query(session, client, tuple(map_id or ()), tag, mask, options, AnswerFolder(out) if out else None)
+        return worst_of([query.run(panorama, several=len(panoramas) > 1) for panorama in panoramas])
+
+
+@dataclass(frozen=True)
+class Query:
+    """What all panoramas of one command have in common."""
+
+    session: Session
+    client: PanolocClient
+    map_ids: Sequence[str]
+    tag: str | None
+    mask: Path | None
+    options: JsonObject
+    folder: AnswerFolder | None
+
+    def run(self, panorama: Path, *, several: bool) -> ExitCode:
+        """Localize and show one panorama; among several, a refused one does not stop the others."""
+        try:
+            with show_waiting(self.session.messages, f"localizing {escape(panorama.name)}"):
+                answer = self.client.localize(panorama, self.map_ids, self.tag, self.mask, self.options)
+        except ApiProblemError as problem:
+            if not several:
+                raise
+            self._show_problem(panorama, problem)
+            return ExitCode.ERROR
+        saved = self.folder.save(panorama, answer, self.client) if self.folder else []
+        self._show(panorama, answer, saved)
+        return exit_code_of(answer["status"])
+
+    def _show(self, panorama: Path, answer: JsonObject, saved: list[Path]) -> None:
+        if self.session.json_output:
+            self.session.print_json({"panorama": str(panorama), **answer})
+            return
+        self.session.results.print(f"[bold]{escape(str(panorama))}[/]")
+        self.session.results.print(answer_summary(answer, self.client.link))
+        if saved:
+            self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
+
+    def _show_problem(self, panorama: Path, problem: ApiProblemError) -> None:
+        if self.session.json_output:
+            self.session.print_json({"panorama": str(panorama), "error": problem.as_dict()})
+        self.session.messages.print(
+            f"[bold]{escape(str(panorama))}[/]  [bold red]{escape(problem.title)}[/] (HTTP {problem.status})"
+        )
+        self.session.messages.print(escape(str(problem)))

@@ -1,0 +1,53 @@
+"""`panoloc maps`: list the registered maps, or delete some."""
+
+from typing import Annotated
+
+import typer
+
+from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
+from service.cli.session import Session
+from service.cli.tables import map_table
+
+app = typer.Typer(help="List the registered maps, or delete some.")
+
+
+@app.callback(invoke_without_command=True)
+def list_maps(
+    ctx: typer.Context,
+    tag: Annotated[str | None, typer.Option(help="Only maps that bear this tag.")] = None,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> None:
+    """List the registered maps, or delete some."""
+    if ctx.invoked_subcommand is not None:
+        return
+    session: Session = ctx.obj
+    session.json_output = json
+    with session.client(url) as client:
+        places = list(client.list_maps(tag))
+    if json:
+        for place in places:
+            session.print_json(place)
+    elif places:
+        session.results.print(map_table(places))
+    else:
+        session.messages.print("No maps yet. Register a scan with [bold]panoloc register SCAN[/].")
+
+
+@app.command()
+def delete(
+    ctx: typer.Context,
+    map_ids: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids of the maps to delete.")],
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> None:
+    """Delete maps with their scans and indexes. There is no way back."""
+    session: Session = ctx.obj
+    session.json_output = json
+    with session.client(url) as client:
+        for map_id in map_ids:
+            client.delete_map(map_id)
+            if json:
+                session.print_json({"id": map_id, "deleted": True})
+            else:
+                session.results.print(f"deleted {map_id}")

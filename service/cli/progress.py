@@ -1,0 +1,61 @@
+"""Progress bars of uploads and registrations, on standard error and only where a person can see them."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    DownloadColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TransferSpeedColumn,
+)
+
+from service.client import JsonObject
+from service.upload_progress import UploadProgress
+
+
+@contextmanager
+def show_upload(console: Console, name: str) -> Iterator[UploadProgress]:
+    """Show a bar of bytes sent while the block runs; yields the function to report them to."""
+    columns = (
+        TextColumn("[bold]uploading[/] {task.fields[name]}"),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("upload", total=None, name=name)
+        yield lambda sent, size: bar.update(task, completed=sent, total=size)
+
+
+@contextmanager
+def show_registration(console: Console) -> Iterator[Callable[[JsonObject], None]]:
+    """Show status, stage and progress of a registration; yields the function to report the map to."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("[bold]{task.fields[status]}[/] {task.fields[stage]}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("registration", total=1.0, status="queued", stage="")
+
+        def update(place: JsonObject) -> None:
+            bar.update(
+                task, completed=place.get("progress") or 0.0, status=place["status"], stage=place.get("stage") or ""
+            )
+
+        yield update
+
+
+@contextmanager
+def show_waiting(console: Console, text: str) -> Iterator[Callable[[str], None]]:
+    """Show a spinner with a text and the seconds while the block runs; yields the function that changes the text."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(text, total=None)
+        yield lambda changed: bar.update(task, description=changed)

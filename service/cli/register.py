@@ -1,0 +1,82 @@
+"""`panoloc register`: upload a scan and wait until it can be localized in."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
+from service.cli.progress import show_registration, show_upload
+from service.cli.session import Session
+from service.cli.tables import map_summary
+from service.client import JsonObject, PanolocClient
+
+
+class Unit(StrEnum):
+    """Units that a scan may be in."""
+
+    m = "m"
+    cm = "cm"
+    mm = "mm"
+    ft = "ft"
+
+
+class UpAxis(StrEnum):
+    """Axes that may point up in a scan."""
+
+    z = "z"
+    y = "y"
+
+
+class ColorKind(StrEnum):
+    """What the colours of a scan mean."""
+
+    rgb = "rgb"
+    labels = "labels"
+
+
+def register(
+    ctx: typer.Context,
+    scan: Annotated[
+        Path, typer.Argument(exists=True, dir_okay=False, readable=True, help="Coloured point cloud or mesh.")
+    ],
+    name: Annotated[str | None, typer.Option(help="Name for people; the file's name when not given.")] = None,
+    tag: Annotated[list[str] | None, typer.Option(help="Tag to find the map by; repeatable.")] = None,
+    unit: Annotated[Unit, typer.Option(help="Unit of the scan's coordinates.")] = Unit.m,
+    up_axis: Annotated[UpAxis, typer.Option(help="Axis of the scan that points up.")] = UpAxis.z,
+    color_kind: Annotated[
+        ColorKind, typer.Option(help="Photographic colours, or colour codes of semantic labels.")
+    ] = ColorKind.rgb,
+    wait: Annotated[bool, typer.Option(help="Wait until the map is ready.")] = True,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> None:
+    """Register a scan: upload it and build its map. Prints the map's id."""
+    session: Session = ctx.obj
+    session.json_output = json
+    options: JsonObject = {
+        "name": name or scan.stem,
+        "tags": tag or [],
+        "unit": unit.value,
+        "up_axis": up_axis.value,
+        "color_kind": color_kind.value,
+    }
+    with session.client(url) as client:
+        place = upload_and_wait(session, client, scan, options, wait=wait)
+    if json:
+        session.print_json(place)
+    else:
+        session.results.print(map_summary(place))
+
+
+def upload_and_wait(
+    session: Session, client: PanolocClient, scan: Path, options: dict[str, Any], *, wait: bool
+) -> JsonObject:
+    """Upload with a progress bar; with `wait`, follow the registration until it is ready. Returns the map."""
+    with show_upload(session.messages, scan.name) as progress:
+        place = client.register_map(scan, options, progress)
+    if not wait:
+        return place
+    with show_registration(session.messages) as on_update:
+        return client.wait_for_map(place["id"], on_update)

@@ -1,0 +1,76 @@
+"""`panoloc serve`: start the service in the foreground."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from service.cli.exit_codes import ExitCode
+from service.cli.session import Session
+
+
+class LogLevel(StrEnum):
+    """How much the service tells."""
+
+    debug = "debug"
+    info = "info"
+    warning = "warning"
+    error = "error"
+
+
+class LogFormat(StrEnum):
+    """For people, or one JSON object per line."""
+
+    console = "console"
+    json = "json"
+
+
+def serve(
+    ctx: typer.Context,
+    host: Annotated[str | None, typer.Option(help="Address to listen on; 0.0.0.0 for all.")] = None,
+    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port to listen on.")] = None,
+    data_dir: Annotated[Path | None, typer.Option(file_okay=False, help="Folder for scans and map records.")] = None,
+    redis_url: Annotated[str | None, typer.Option(help="Redis to use; without it the service starts its own.")] = None,
+    ray_address: Annotated[str | None, typer.Option(help="Ray cluster to join; without it one starts here.")] = None,
+    num_workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Workers; one per GPU or per CPU node otherwise.")
+    ] = None,
+    log_level: Annotated[LogLevel | None, typer.Option(help="How much to log.")] = None,
+    log_format: Annotated[LogFormat | None, typer.Option(help="Lines for people, or JSON.")] = None,
+) -> int:
+    """Start the service and stay in the foreground; Ctrl-C or SIGTERM stops it after the work under way.
+
+    Options win over PANOLOC_ environment variables; docs/operations.md lists all settings.
+    """
+    given = {
+        "host": host,
+        "port": port,
+        "data_dir": data_dir,
+        "redis_url": redis_url,
+        "ray_address": ray_address,
+        "num_workers": num_workers,
+        "log_level": log_level,
+        "log_format": log_format,
+    }
+    return run_with({name: value for name, value in given.items() if value is not None}, ctx.obj)
+
+
+def run_with(overrides: dict[str, Any], session: Session) -> int:
+    """Read the settings, then run until stopped; a wrong setting is a usage error that names it."""
+    from pydantic import ValidationError
+
+    from service.settings import Settings
+
+    try:
+        settings = Settings(**overrides)
+    except ValidationError as error:
+        for problem in error.errors():
+            name = ".".join(str(part) for part in problem["loc"])
+            session.messages.print(
+                f"Setting PANOLOC_{name.upper()}: {problem['msg']}, got {problem['input']!r}", markup=False
+            )
+        return ExitCode.USAGE
+    from service.serve import run_service
+
+    return int(run_service(settings) or 0)

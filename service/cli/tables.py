@@ -1,0 +1,127 @@
+"""Maps and answers as tables for people."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from service.client import JsonObject
+
+_STATUS_STYLES = {
+    "ready": "green",
+    "failed": "bold red",
+    "localized": "bold green",
+    "ambiguous": "bold yellow",
+    "not_localized": "bold red",
+}
+
+
+def map_table(places: Iterable[JsonObject]) -> Table:
+    """Return one row per map."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("id", "name", "status", "tags"):
+        # An id that is cut or broken over two lines cannot be copied.
+        table.add_column(heading, no_wrap=heading == "id", overflow="fold")
+    for heading in ("points", "starts", "index"):
+        table.add_column(heading, justify="right")
+    for place in places:
+        stats = place.get("stats") or {}
+        table.add_row(
+            place["id"],
+            escape(place.get("name") or ""),
+            _status_of_map(place),
+            escape(", ".join(place.get("tags") or [])),
+            _count(stats.get("num_points")),
+            _count(stats.get("num_starts")),
+            _size(stats.get("index_bytes")),
+        )
+    return table
+
+
+def map_summary(place: JsonObject) -> Table:
+    """Return what a person wants to know of one map: its id first, then what was found in the scan."""
+    stats = place.get("stats") or {}
+    rows: list[tuple[str, str | Text]] = [("map", Text(place["id"], "bold")), ("name", place.get("name") or "")]
+    rows.append(("status", _status_of_map(place)))
+    if stats.get("num_points") is not None:
+        rows.append(
+            ("points", f"{_count(stats['num_points'])} in the scan, {_count(stats.get('num_points_used'))} used")
+        )
+    if stats.get("num_starts") is not None:
+        rows.append(("starts", _count(stats["num_starts"])))
+    if stats.get("index_bytes") is not None:
+        rows.append(("index", _size(stats["index_bytes"])))
+    rows += [(entry.get("severity", "note"), str(entry.get("message", ""))) for entry in place.get("diagnostics") or []]
+    return _two_columns(rows)
+
+
+def answer_summary(answer: JsonObject, link_of: Any) -> Table:
+    """Return one localization as a table; `link_of` turns a path into a full address."""
+    rows: list[tuple[str, str | Text]] = [("status", styled_status(answer["status"]))]
+    pose = answer.get("pose")
+    if pose:
+        centre = pose["map_from_camera"]["position_m"]
+        rows.append(("position", f"x {centre['x']:.3f}   y {centre['y']:.3f}   z {centre['z']:.3f} m"))
+        rows.append(("orientation", _angles(pose)))
+        rows.append(("frame", str(pose.get("frame"))))
+    rows.append(("map", str(answer.get("map_id") or "none")))
+    if answer.get("confidence") is not None:
+        rows.append(("confidence", f"{answer['confidence']:.2f}"))
+    if pose and answer.get("accuracy"):
+        rows.append(("accuracy", _accuracy(answer["accuracy"])))
+    change = answer.get("change") or {}
+    if change.get("panorama_changed_fraction") is not None:
+        rows.append(("changed", f"{change['panorama_changed_fraction']:.0%} of the panorama"))
+    rows.append(("seconds", _seconds(answer.get("timings_s") or {})))
+    rows += [("picture", link_of(path)) for path in (answer.get("artifacts") or {}).values() if path]
+    rows += [("warning", str(warning)) for warning in answer.get("warnings") or []]
+    return _two_columns(rows)
+
+
+def styled_status(status: str) -> Text:
+    """Return the status in its colour."""
+    return Text(status.replace("_", " "), _STATUS_STYLES.get(status, ""))
+
+
+def _status_of_map(place: JsonObject) -> Text:
+    status = place["status"]
+    if status in ("reading", "indexing") and place.get("progress") is not None:
+        return Text(f"{status} {place['progress']:.0%}")
+    return styled_status(status)
+
+
+def _two_columns(rows: list[tuple[str, str | Text]]) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="dim")
+    table.add_column(overflow="fold")
+    for label, value in rows:
+        table.add_row(label, value if isinstance(value, Text) else Text(value))
+    return table
+
+
+def _angles(pose: JsonObject) -> str:
+    return f"yaw {pose['yaw_deg']:.2f}   pitch {pose['pitch_deg']:.2f}   roll {pose['roll_deg']:.2f} deg"
+
+
+def _accuracy(accuracy: JsonObject) -> str:
+    level = accuracy.get("level")
+    chance = f" ({level:.0%} radius)" if level is not None else ""
+    return f"{accuracy['position_m']:.3f} m, {accuracy['orientation_deg']:.2f} deg{chance}"
+
+
+def _seconds(timings: JsonObject) -> str:
+    total = timings.get("total")
+    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings.items() if name != "total")
+    return f"{total:.2f} ({stages})" if total is not None else stages
+
+
+def _count(number: int | None) -> str:
+    return "" if number is None else f"{number:,}"
+
+
+def _size(num_bytes: int | None) -> str:
+    if num_bytes is None:
+        return ""
+    return f"{num_bytes / 1e6:.1f} MB" if num_bytes >= 100_000 else f"{num_bytes / 1e3:.0f} kB"

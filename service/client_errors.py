@@ -1,0 +1,69 @@
+"""What can go wrong between a client and the service.
+
+    ClientError
+    ├── InvalidUrlError         the URL is none
+    ├── UnreachableError        nobody answers at the URL
+    ├── UnexpectedReplyError    something answers, but not this service
+    ├── ApiProblemError         the service answered with a problem document (RFC 9457)
+    ├── MapFailedError          the scan was accepted but could not become a map
+    └── WaitTimeoutError        the client stopped waiting
+
+Every message says what was expected, what came, and what to do.
+"""
+
+from typing import Any
+
+
+class ClientError(Exception):
+    """Base of everything that the client raises on purpose."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the error as a JSON-safe object with `type` and `detail`."""
+        return {"type": type(self).__name__, "detail": str(self)}
+
+
+class UnreachableError(ClientError):
+    """Nobody answers at the URL of the service."""
+
+    def __init__(self, url: str, reason: str) -> None:
+        super().__init__(f"No service answers at {url} ({reason}).")
+        self.url = url
+
+
+class InvalidUrlError(ClientError):
+    """The URL of the service cannot be one."""
+
+
+class UnexpectedReplyError(ClientError):
+    """Something answers at the URL, but not as this service would."""
+
+
+class MapFailedError(ClientError):
+    """The scan was stored, but no map could be made of it."""
+
+
+class WaitTimeoutError(ClientError):
+    """The client waited as long as it was told to; the work may still go on."""
+
+
+class ApiProblemError(ClientError):
+    """The service answered with an error.
+
+    status: HTTP status. problem: the problem document (`type`, `title`, `detail`, `request_id`, perhaps more).
+    retry_after_s: seconds after which the service asks to be tried again, None when it does not say.
+    """
+
+    def __init__(self, status: int, problem: dict[str, Any], retry_after_s: float | None = None) -> None:
+        self.status = status
+        self.problem = problem
+        self.retry_after_s = retry_after_s
+        super().__init__(str(problem.get("detail") or problem.get("title") or f"HTTP status {status}"))
+
+    @property
+    def title(self) -> str:
+        """Return the short name of the problem."""
+        return str(self.problem.get("title") or f"HTTP {self.status}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the problem document with its status."""
+        return {**self.problem, "status": self.status}

@@ -1,0 +1,121 @@
+"""A fake service behind httpx.MockTransport: it keeps what was sent and answers as the HTTP contract says."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from email.message import Message
+from email.parser import BytesParser
+from typing import Any
+
+import httpx
+
+READY_MAP: dict[str, Any] = {
+    "id": "map_1",
+    "name": "office",
+    "tags": ["third floor"],
+    "revision": 1,
+    "status": "ready",
+    "stage": None,
+    "progress": 1.0,
+    "error": None,
+    "stats": {"num_points": 1_234_567, "num_points_used": 250_000, "num_starts": 412, "index_bytes": 1_830_000},
+    "diagnostics": [{"code": "large_coordinates", "severity": "warning", "message": "An offset was subtracted."}],
+}
+
+
+def answer_with(status: str) -> dict[str, Any]:
+    """Return an answer of `POST /localize` with the given status."""
+    pose = {
+        "frame": "ros",
+        "map_from_camera": {
+            "position_m": {"x": 1.25, "y": 0.5, "z": 1.5},
+            "quaternion": {"x": 0, "y": 0, "z": 0, "w": 1},
+            "matrix": [[1, 0, 0, 1.25], [0, 1, 0, 0.5], [0, 0, 1, 1.5], [0, 0, 0, 1]],
+        },
+        "yaw_deg": 12.5,
+        "pitch_deg": 0.4,
+        "roll_deg": -0.2,
+    }
+    return {
+        "id": "loc_1",
+        "status": status,
+        "map_id": "map_1",
+        "map_revision": 1,
+        "pose": None if status == "not_localized" else pose,
+        "confidence": 0.93,
+        "accuracy": {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68},
+        "alternatives": [],
+        "change": {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.11},
+        "artifacts": {"score_map_2d": "/localizations/loc_1/score-map-2d.png"},
+        "timings_s": {"queue": 0.002, "search": 0.06, "total": 0.51},
+        "warnings": [],
+    }
+
+
+@dataclass
+class FakeService:
+    """Answers requests from a table; `fail_with` makes it answer everything with a problem.
+
+    requests: (method, path) in order. parts: the multipart fields of the last upload, by name, in order.
+    """
+
+    status: str = "localized"
+    places: list[dict[str, Any]] = field(default_factory=lambda: [READY_MAP])
+    fail_with: httpx.Response | None = None
+    refuse_file: str | None = None
+    down: bool = False
+    requests: list[tuple[str, str]] = field(default_factory=list)
+    parts: dict[str, list[bytes]] = field(default_factory=dict)
+    polls: list[dict[str, Any]] = field(default_factory=list)
+
+    def handle(self, request: httpx.Request) -> httpx.Response:
+        """Answer one request."""
+        if self.down:
+            raise httpx.ConnectError("Connection refused", request=request)
+        path = request.url.path
+        self.requests.append((request.method, str(request.url).removeprefix("http://127.0.0.1:8000")))
+        if request.method == "POST":
+            self.parts = multipart_fields(request)
+        if self.fail_with is not None:
+            return self.fail_with
+        return self._routes()[request.method, path.partition("/map_")[0]](request)
+
+    def _routes(self) -> dict[tuple[str, str], Callable[[httpx.Request], httpx.Response]]:
+        return {
+            ("POST", "/maps"): lambda _: httpx.Response(202, json={**READY_MAP, "status": "queued", "stats": None}),
+            ("GET", "/maps"): self._get_maps,
+            ("DELETE", "/maps"): lambda _: httpx.Response(204),
+            ("POST", "/localize"): self._localize,
+            ("GET", "/localizations/loc_1/score-map-2d.png"): lambda _: httpx.Response(200, content=b"a picture"),
+        }
+
+    def _get_maps(self, request: httpx.Request) -> httpx.Response:
+        if request.url.path != "/maps":
+            return httpx.Response(200, json=self.polls.pop(0) if self.polls else READY_MAP)
+        first = int(request.url.params.get("cursor", 0))
+        following = str(first + 1) if first + 1 < len(self.places) else None
+        return httpx.Response(200, json={"items": self.places[first : first + 1], "next_cursor": following})
+
+    def _localize(self, request: httpx.Request) -> httpx.Response:
+        if self.refuse_file and self.refuse_file.encode() in b"".join(self.parts["image"]):
+            return problem(422, "Not a panorama", "expected 2:1, got 3000 x 2000; crop it.")
+        return httpx.Response(200, json=answer_with(self.status))
+
+
+def problem(status: int, title: str, detail: str, **headers: str) -> httpx.Response:
+    """Return a problem document as the service sends it."""
+    body = {"type": "x", "title": title, "status": status, "detail": detail, "request_id": "req_7"}
+    return httpx.Response(status, json=body, headers={"content-type": "application/problem+json", **headers})
+
+
+def multipart_fields(request: httpx.Request) -> dict[str, list[bytes]]:
+    """Return the multipart fields of a request by name, through the standard library's own parser."""
+    head = f"Content-Type: {request.headers['content-type']}\r\n\r\n".encode()
+    fields: dict[str, list[bytes]] = {}
+    message = BytesParser().parsebytes(head + request.read())
+    parts: list[Message] = message.get_payload()  # type: ignore[assignment]
+    for part in parts:
+        name = str(part.get_param("name", header="content-disposition"))
+        content = part.get_payload(decode=True)
+        assert isinstance(content, bytes)
+        fields.setdefault(name, []).append(content)
+    return fields

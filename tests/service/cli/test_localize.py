@@ -1,0 +1,117 @@
+"""`panoloc localize` against a fake service."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.service.cli.conftest import Panoloc
+from tests.service.cli.fake_service import FakeService
+
+
+@pytest.mark.parametrize(("status", "code"), [("localized", 0), ("not_localized", 3), ("ambiguous", 4)])
+def test_the_exit_code_says_whether_a_pose_was_found(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, status: str, code: int
+) -> None:
+    fake.status = status
+    done = panoloc("localize", panorama, "--map", "map_1")
+    assert done.code == code, done.err
+    assert status.replace("_", " ") in done.out
+
+
+def test_the_table_shows_pose_confidence_and_accuracy(panoloc: Panoloc, panorama: Path) -> None:
+    out = panoloc("localize", panorama, "--map", "map_1").out
+    for shown in ("x 1.250   y 0.500   z 1.500 m", "yaw 12.50", "0.93", "0.020 m, 0.30 deg (68% radius)", "18%"):
+        assert shown in out
+
+
+def test_links_to_pictures_are_full_addresses(panoloc: Panoloc, panorama: Path) -> None:
+    out = panoloc("localize", panorama, "--map", "map_1").out
+    assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in out
+
+
+def test_several_maps_and_all_options_reach_the_service(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path
+) -> None:
+    mask = tmp_path / "mask.png"
+    mask.write_bytes(b"a mask")
+    hints = ["--position", 1, 2, -3.5, "--radius", 5, "--region", 0, 0, 0, 9, 8, 7, "--upright", "--max-tilt", 15]
+    done = panoloc(
+        *("localize", panorama, "--map", "map_1", "--map", "map_2", "--mask", mask, "--frame", "unity"),
+        *("--method", "paper", "--timeout", 12, "--heading", -90, "--heading-tolerance", 45, "--top-k", 3, *hints),
+    )
+    assert done.code == 0, done.err
+    assert fake.parts["map_id"] == [b"map_1", b"map_2"]
+    assert fake.parts["image"] == [panorama.read_bytes()]
+    assert fake.parts["mask"] == [b"a mask"]
+    assert json.loads(fake.parts["options"][0]) == {
+        "frame": "unity",
+        "method": "paper",
+        "top_k": 3,
+        "artifacts": [],
+        "timeout_s": 12,
+        "hints": {
+            "position_m": [1, 2, -3.5],
+            "radius_m": 5,
+            "region": {"min": [0, 0, 0], "max": [9, 8, 7]},
+            "upright": True,
+            "max_tilt_deg": 15,
+            "heading_deg": -90,
+            "heading_tolerance_deg": 45,
+        },
+    }
+
+
+def test_a_tag_stands_for_all_its_maps(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
+    assert panoloc("localize", panorama, "--tag", "floor 3").code == 0
+    assert fake.parts["tag"] == [b"floor 3"]
+    assert "map_id" not in fake.parts
+
+
+@pytest.mark.parametrize("chosen", [[], ["--map", "map_1", "--tag", "x"]])
+def test_maps_are_named_by_id_or_by_tag_but_not_both(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, chosen: list[str]
+) -> None:
+    assert panoloc("localize", panorama, *chosen).code == 2
+    assert fake.requests == []
+
+
+@pytest.mark.parametrize("lonely", [["--radius", "5"], ["--heading-tolerance", "5"]])
+def test_a_hint_that_needs_another_is_wrong_usage(panoloc: Panoloc, panorama: Path, lonely: list[str]) -> None:
+    done = panoloc("localize", panorama, "--map", "map_1", *lonely)
+    assert done.code == 2
+    assert "needs" in done.err
+
+
+def test_a_folder_receives_the_answer_and_its_pictures(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "new" / "answers"
+    assert panoloc("localize", panorama, "--map", "map_1", "--out", out).code == 0
+    assert json.loads(fake.parts["options"][0])["artifacts"] == ["score_map_2d", "score_map_3d", "overlay"]
+    assert json.loads((out / "photo.json").read_text())["id"] == "loc_1"
+    assert (out / "photo.score-map-2d.png").read_bytes() == b"a picture"
+
+
+def test_panoramas_of_the_same_name_do_not_overwrite_each_other(
+    panoloc: Panoloc, panorama: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other" / panorama.name
+    other.parent.mkdir()
+    other.write_bytes(b"another")
+    panoloc("localize", panorama, other, "--map", "map_1", "--out", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").glob("*.json")} == {"photo.json", "photo-2.json"}
+
+
+def test_one_refused_panorama_does_not_stop_the_others(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path
+) -> None:
+    wrong = tmp_path / "wrong.jpg"
+    wrong.write_bytes(b"not a panorama")
+    fake.refuse_file = "not a panorama"
+    done = panoloc("localize", wrong, panorama, "--map", "map_1", "--json")
+    assert done.code == 1
+    assert [document["panorama"] for document in done.documents] == [str(wrong), str(panorama)]
+    assert done.documents[0]["error"]["status"] == 422
+    assert done.documents[1]["status"] == "localized"
+    assert "expected 2:1, got 3000 x 2000" in done.err

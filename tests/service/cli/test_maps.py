@@ -1,0 +1,38 @@
+"""`panoloc maps` against a fake service."""
+
+from tests.service.cli.conftest import Panoloc
+from tests.service.cli.fake_service import READY_MAP, FakeService
+
+
+def test_maps_of_all_pages_are_listed(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.places = [READY_MAP, {**READY_MAP, "id": "map_2", "status": "indexing", "progress": 0.4, "stats": None}]
+    out = panoloc("maps").out
+    assert "map_1" in out
+    assert "412" in out
+    assert "1.8 MB" in out
+    assert "map_2" in out
+    assert "indexing 40%" in out
+
+
+def test_json_output_is_one_map_per_line(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.places = [READY_MAP, {**READY_MAP, "id": "map_2"}]
+    assert [place["id"] for place in panoloc("maps", "--json").documents] == ["map_1", "map_2"]
+
+
+def test_a_tag_narrows_the_list(panoloc: Panoloc, fake: FakeService) -> None:
+    panoloc("maps", "--tag", "floor 3")
+    assert fake.requests[0][1] in ("/maps?tag=floor+3", "/maps?tag=floor%203")
+
+
+def test_an_empty_list_says_how_to_begin(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.places = []
+    done = panoloc("maps")
+    assert done.code == 0
+    assert "panoloc register SCAN" in done.err
+    assert done.out == ""
+
+
+def test_every_named_map_is_deleted(panoloc: Panoloc, fake: FakeService) -> None:
+    done = panoloc("maps", "delete", "map_1", "map_2")
+    assert done.code == 0, done.err
+    assert fake.requests == [("DELETE", "/maps/map_1"), ("DELETE", "/maps/map_2")]

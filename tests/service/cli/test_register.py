@@ -1,0 +1,73 @@
+"""`panoloc register` against a fake service."""
+
+import json
+from pathlib import Path
+
+from tests.service.cli.conftest import Panoloc
+from tests.service.cli.fake_service import READY_MAP, FakeService, problem
+
+
+def test_the_scan_arrives_unchanged_with_its_options(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    done = panoloc(
+        "register", scan, "--name", "3rd floor", "--tag", "a", "--tag", "b", "--unit", "mm", "--up-axis", "y"
+    )
+    assert done.code == 0, done.err
+    assert fake.parts["file"] == [scan.read_bytes()]
+    assert json.loads(fake.parts["options"][0]) == {
+        "name": "3rd floor",
+        "tags": ["a", "b"],
+        "unit": "mm",
+        "up_axis": "y",
+        "color_kind": "rgb",
+    }
+
+
+def test_the_name_defaults_to_that_of_the_file(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    panoloc("register", scan)
+    assert json.loads(fake.parts["options"][0])["name"] == "office"
+
+
+def test_waiting_follows_the_registration_until_it_is_ready(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    fake.polls = [{**READY_MAP, "status": "reading", "progress": 0.1}, {**READY_MAP, "status": "indexing"}]
+    done = panoloc("register", scan)
+    assert fake.requests == [("POST", "/maps")] + [("GET", "/maps/map_1")] * 3
+    assert "map_1" in done.out
+    assert "1,234,567" in done.out
+    assert "An offset was subtracted." in done.out
+
+
+def test_without_waiting_nothing_is_polled(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    done = panoloc("register", scan, "--no-wait", "--json")
+    assert fake.requests == [("POST", "/maps")]
+    assert done.documents[0]["status"] == "queued"
+
+
+def test_json_output_is_the_map_and_nothing_else(panoloc: Panoloc, scan: Path) -> None:
+    assert panoloc("register", scan, "--json").documents == [READY_MAP]
+
+
+def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    reason = "scan: expected 100 vertices, got 40; export it again"
+    fake.polls = [{**READY_MAP, "status": "failed", "error": {"detail": reason}}]
+    done = panoloc("register", scan)
+    assert done.code == 1
+    assert reason in done.err
+    assert done.out == ""
+
+
+def test_a_short_outage_while_waiting_is_sat_out(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    outage = [problem(503, "No cache", "Redis is away", **{"retry-after": "0"})]
+    answer = fake.handle
+
+    def flaky(request):  # type: ignore[no-untyped-def]
+        return outage.pop() if request.method == "GET" and outage else answer(request)
+
+    fake.handle = flaky  # type: ignore[method-assign]
+    assert panoloc("register", scan).code == 0
+    assert outage == []
+
+
+def test_a_missing_file_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None:
+    done = panoloc("register", tmp_path / "nothing.ply")
+    assert done.code == 2
+    assert "does not exist" in done.err
