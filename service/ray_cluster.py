@@ -1,0 +1,140 @@
+"""Ray itself: a small local cluster of our own, or somebody's that we join.
+
+Everything here blocks and has to run in one thread that lives as long as the cluster: Ray ties its processes to the
+thread that started them (a parent-death signal belongs to a thread, not to a process).
+"""
+
+import contextlib
+import logging
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from service.lifeline import Lifeline
+from service.process_tree import descendants
+
+_log = logging.getLogger(__name__)
+
+# Panoramas and pictures in flight; what does not fit goes to disk.
+_OBJECT_STORE_BYTES = 128 * 2**20
+_NAMESPACE = "panoloc"
+
+# Read by Ray's processes when they start. `setdefault`: an operator's own value wins.
+_ENVIRONMENT = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    # No idle Python process (47 MB each) waits for work: a worker starts when there is work for it.
+    "RAY_prestart_worker_first_driver": "0",
+    "RAY_enable_worker_prestart": "0",
+    # Nobody looks at Ray's own dashboard: without these, its tables grow with every request.
+    "RAY_task_events_report_interval_ms": "0",
+    "RAY_enable_metrics_collection": "0",
+    "RAY_SERVE_LOG_TO_STDERR": "0",
+    # A scan that does not fit into memory once will not fit the next time.
+    "RAY_task_oom_retries": "1",
+    # glibc keeps freed panoramas in up to eight heaps per core otherwise.
+    "MALLOC_ARENA_MAX": "2",
+}
+
+
+class RayCluster:
+    """A connection to Ray: `connect`, use, `disconnect`, all in the same thread."""
+
+    def __init__(self, address: str | None, folder: Path, lifeline: Lifeline) -> None:
+        """address: None for a cluster of our own; folder: short path for its sockets and logs."""
+        self._address = address
+        self._folder = folder
+        self._lifeline = lifeline
+        self._guarded: list[int] = []
+
+    @property
+    def is_ours(self) -> bool:
+        """Tell whether the cluster ends with the service."""
+        return self._address is None
+
+    def connect(self) -> None:
+        """Start or join; 3 to 10 s. Raises whatever Ray raises (ConnectionError, RuntimeError, ValueError)."""
+        ray = _import_ray()
+        quiet: dict[str, Any] = {
+            "namespace": _NAMESPACE, "log_to_driver": False, "logging_level": logging.ERROR,
+            "configure_logging": False, "ignore_reinit_error": True,
+        }  # fmt: skip
+        if self._address is not None:
+            ray.init(address=self._address, **quiet)
+            return
+        ray.init(
+            address="local",
+            # Logical: a worker, a registration and a rebuild have to find a place on a machine with one core, too.
+            num_cpus=max(4, os.cpu_count() or 1),
+            include_dashboard=False,
+            object_store_memory=_OBJECT_STORE_BYTES,
+            _temp_dir=str(self._folder),
+            **quiet,
+        )
+        _end_processes_that_nobody_needs(ray)
+        self._guard_processes()
+
+    def disconnect(self) -> None:
+        """Leave the cluster; one of our own ends, with every process of it."""
+        ray = _import_ray()
+        ray.shutdown()
+        deadline = time.monotonic() + 5
+        for pid in self._guarded:
+            while _is_alive(pid) and time.monotonic() < deadline:
+                time.sleep(0.02)
+            if _is_alive(pid):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, 9)
+            self._lifeline.release(pid)
+        self._guarded = []
+
+    def missing_process(self) -> str | None:
+        """Return what ended although the cluster is ours and should run, None when all is well."""
+        ended = [pid for pid in self._guarded if not _is_alive(pid)]
+        return f"Ray process {ended[0]} has ended" if ended else None
+
+    def _guard_processes(self) -> None:
+        # Ray's own parent-death signals miss the two agents below the raylet, which stay for ten seconds.
+        for pid in descendants(os.getpid()):
+            if _belongs_to(pid, self._folder):
+                self._lifeline.guard(pid)
+                self._guarded.append(pid)
+
+
+def _import_ray() -> Any:
+    for name, value in _ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    import ray
+
+    for name in ("ray", "ray.serve"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    return ray
+
+
+def _end_processes_that_nobody_needs(ray: Any) -> None:
+    """End autoscaler monitor, API server and log monitor: 177 MB that serve a dashboard which we do not have.
+
+    `ray.init` has no switch for them. Failing here costs memory, nothing else.
+    """
+    node = getattr(ray._private.worker, "_global_node", None)
+    for name in ("kill_monitor", "kill_dashboard", "kill_log_monitor"):
+        try:
+            getattr(node, name)(check_alive=False)
+        except Exception as error:
+            _log.warning("could not end a Ray process that is not needed", extra={"call": name, "error": repr(error)})
+
+
+def _belongs_to(pid: int, folder: Path) -> bool:
+    with contextlib.suppress(OSError):
+        process = Path(f"/proc/{pid}")
+        mentions_folder = os.fsencode(folder) in (process / "cmdline").read_bytes()
+        return mentions_folder or b"ray::" in (process / "cmdline").read_bytes()
+    return False
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        # A zombie still has an entry; its state is the first word after the name.
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

@@ -1,0 +1,78 @@
+"""The folder that holds sockets and logs of one running service, and the lock that keeps a second one out."""
+
+import fcntl
+import hashlib
+import os
+import shutil
+import stat
+from pathlib import Path
+from typing import IO
+
+# Unix socket paths end at 107 bytes on Linux (103 on macOS) and Ray appends about 65 to its folder.
+_LONGEST_RUN_PATH = 32
+
+
+class DataFolderInUseError(RuntimeError):
+    """Another service runs on the same data folder."""
+
+
+class RunFolder:
+    """`<data_dir>/run`, or a short stand-in under /tmp when that path is too long for sockets.
+
+    Holds an exclusive lock for as long as it is open; the kernel drops it when the process ends in any way.
+    """
+
+    def __init__(self, data_dir: Path) -> None:
+        """Raise DataFolderInUseError when another service holds the folder, OSError when it cannot be written."""
+        data_dir = data_dir.resolve()
+        (data_dir / "run").mkdir(parents=True, exist_ok=True)
+        self._lock = _locked(data_dir / "run" / "lock")
+        self.path = _short_folder(data_dir)
+        _empty(self.path)
+
+    def close(self) -> None:
+        """Remove what is left in the folder and let the next service in."""
+        _empty(self.path)
+        self._lock.close()
+
+
+def _locked(path: Path) -> IO[str]:
+    lock = path.open("a+", encoding="ascii")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        lock.seek(0)
+        holder = lock.read().strip() or "unknown"
+        lock.close()
+        raise DataFolderInUseError(
+            f"{path.parent.parent}: expected a data folder of its own, but the service with process id {holder} is"
+            " using it; stop that one or set PANOLOC_DATA_DIR"
+        ) from error
+    lock.truncate(0)
+    lock.write(f"{os.getpid()}\n")
+    lock.flush()
+    return lock
+
+
+def _short_folder(data_dir: Path) -> Path:
+    folder = data_dir / "run"
+    if len(os.fsencode(folder)) <= _LONGEST_RUN_PATH:
+        return folder
+    digest = hashlib.blake2b(os.fsencode(data_dir), digest_size=4).hexdigest()
+    short = Path("/tmp") / f"panoloc-{digest}"
+    short.mkdir(mode=0o700, exist_ok=True)
+    found = short.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        raise PermissionError(f"{short}: expected a folder of our own user, got one of user {found.st_uid}; remove it")
+    short.chmod(0o700)
+    return short
+
+
+def _empty(folder: Path) -> None:
+    for entry in folder.iterdir():
+        if entry.name == "lock":
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry, ignore_errors=True)
+        else:
+            entry.unlink(missing_ok=True)

@@ -1,0 +1,109 @@
+"""The embedded server with its real process: a tenth of a second each."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import redis
+
+from service.embedded_redis import EmbeddedRedis
+from service.lifeline import Lifeline
+
+
+def eventually(holds: Callable[[], bool], within_s: float = 5.0) -> bool:
+    deadline = time.monotonic() + within_s
+    while time.monotonic() < deadline:
+        if holds():
+            return True
+        time.sleep(0.02)
+    return holds()
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def short_folder() -> Iterator[Path]:
+    # pytest's own folders are too long for a socket.
+    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
+        yield Path(folder)
+
+
+@pytest.fixture
+def server(short_folder: Path) -> Iterator[EmbeddedRedis]:
+    lifeline = Lifeline()
+    server = EmbeddedRedis(short_folder, lifeline, max_memory_bytes=16 * 2**20)
+    server.start()
+    yield server
+    server.stop()
+    lifeline.close()
+
+
+def answers(server: EmbeddedRedis) -> bool:
+    try:
+        return bool(redis.Redis.from_url(server.url).ping())
+    except redis.RedisError:
+        return False
+
+
+def test_it_answers_on_its_socket_and_on_no_port(server: EmbeddedRedis) -> None:
+    client = redis.Redis.from_url(server.url, decode_responses=True)
+    client.set("key", "value")
+    assert client.get("key") == "value"
+    assert client.config_get("port")["port"] == "0"
+
+
+def test_a_full_server_forgets_what_has_a_lifetime_and_takes_the_new(server: EmbeddedRedis) -> None:
+    client = redis.Redis.from_url(server.url)
+    for number in range(40):
+        client.set(f"index:{number}", bytes(2**20), ex=3600)
+    assert client.exists("index:39") == 1
+    assert client.exists("index:0") == 0
+
+
+def test_it_comes_back_after_its_process_was_killed(server: EmbeddedRedis) -> None:
+    killed = server.pid
+    assert killed is not None
+    os.kill(killed, signal.SIGKILL)
+    assert eventually(lambda: server.pid != killed and answers(server))
+
+
+def test_after_stop_nothing_is_left(server: EmbeddedRedis, short_folder: Path) -> None:
+    pid = server.pid
+    assert pid is not None
+    server.stop()
+    assert not is_running(pid)
+    assert not (short_folder / "redis.sock").exists()
+
+
+def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
+    program = textwrap.dedent("""
+        import sys, time
+        from pathlib import Path
+        from service.embedded_redis import EmbeddedRedis
+        from service.lifeline import Lifeline
+        server = EmbeddedRedis(Path(sys.argv[1]), Lifeline())
+        server.start()
+        print(server.pid, flush=True)
+        time.sleep(60)
+    """)
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(short_folder)], stdout=subprocess.PIPE, text=True, cwd=root
+    ) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        assert is_running(pid)
+        parent.kill()
+        assert eventually(lambda: not is_running(pid))
