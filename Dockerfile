@@ -1,0 +1,64 @@
+# syntax=docker/dockerfile:1.7
+#
+#   docker build -t panoloc .                               CPU
+#   docker build -t panoloc:cuda --build-arg DEVICE=cuda .   NVIDIA GPU
+#
+# Which build of PyTorch pip finds is a matter of pip's configuration, which is never part of the image: pass one with
+#   --secret id=pip_config,src=pip.conf
+# The build stops when what came does not fit DEVICE. docs/operations.md says more.
+
+ARG PYTHON_IMAGE=python:3.11-slim-bookworm
+
+FROM ${PYTHON_IMAGE} AS build
+ARG DEVICE=cpu
+ARG TORCH="torch>=2.6,<2.14"
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1 PIP_NO_COMPILE=1
+RUN python -m venv /opt/panoloc
+ENV PATH=/opt/panoloc/bin:$PATH
+WORKDIR /src
+
+# The dependencies change rarely and are large, so they get a layer before the code.
+RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install "${TORCH}"
+COPY pyproject.toml ./
+RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf \
+    python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' \
+      > requirements.txt \
+    && pip install -r requirements.txt
+COPY docker/check_torch_build.py ./
+RUN python check_torch_build.py "${DEVICE}"
+
+COPY README.md LICENSE ./
+COPY core ./core
+COPY service ./service
+RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install --no-deps .
+
+FROM ${PYTHON_IMAGE}
+ARG DEVICE=cpu
+LABEL org.opencontainers.image.title="panoloc" \
+      org.opencontainers.image.description="Finds where a 360° photo was taken inside a scanned place" \
+      org.opencontainers.image.licenses="Apache-2.0" \
+      panoloc.device="${DEVICE}"
+# Open3D loads these; tini ends what a killed worker leaves behind.
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1 tini \
+    && rm -rf /var/lib/apt/lists/* \
+    && useradd --uid 10001 --create-home --home-dir /home/panoloc panoloc \
+    && install -d -o panoloc -g panoloc /data
+COPY --from=build /opt/panoloc /opt/panoloc
+ENV PATH=/opt/panoloc/bin:$PATH \
+    PYTHONUNBUFFERED=1 \
+    PANOLOC_HOST=0.0.0.0 \
+    PANOLOC_PORT=8000 \
+    PANOLOC_DATA_DIR=/data \
+    PANOLOC_LOG_FORMAT=json \
+    NVIDIA_VISIBLE_DEVICES=all \
+    NVIDIA_DRIVER_CAPABILITIES=compute,utility
+USER 10001:10001
+WORKDIR /home/panoloc
+VOLUME /data
+EXPOSE 8000
+HEALTHCHECK --interval=10s --timeout=5s --start-period=120s --retries=3 \
+    CMD ["python", "-c", "import os, urllib.request; urllib.request.urlopen('http://127.0.0.1:' + os.environ['PANOLOC_PORT'] + '/health/ready', timeout=4)"]
+STOPSIGNAL SIGTERM
+ENTRYPOINT ["tini", "--"]
+CMD ["panoloc", "serve"]
