@@ -1,0 +1,37 @@
+"""Which pixels show, and which scanned points lie on, a surface that the other scene does not have.
+
+A surface is absent from the other scene when its object is not there at the same place, or when it is hidden there: inside a
+solid or under something that lies on it, as the floor under a carpet.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.scene.scanning import Scan
+from core.scene.scene import Scene, kept_objects
+from core.scene.spherical_camera import View
+from core.scene.surface import Hits
+
+_COVER_M = 0.05
+
+
+def changed_pixels(view: View, seen: Scene, scanned: Scene) -> NDArray[np.bool_]:
+    """Return (H, W) bool: the pixel of a view of `seen` shows what is not in `scanned`. Sky never counts as changed."""
+    points = view.pose.position + view.directions * np.where(view.hits.found, view.hits.distance, 0)[:, None]
+    return _absent(points, view.hits, seen, scanned).reshape(view.panorama.valid.shape)
+
+
+def changed_points(scan: Scan, scanned: Scene, now: Scene) -> NDArray[np.bool_]:
+    """Return (N,) bool: the surface of the point of a scan of `scanned` is no longer in `now`."""
+    return _absent(scan.exact_positions, scan.hits, scanned, now)
+
+
+def _absent(points: NDArray[np.float64], hits: Hits, own: Scene, other: Scene) -> NDArray[np.bool_]:
+    kept = kept_objects(own, other)[own.surface.object_index[hits.triangle]]
+    absent = hits.found & ~kept
+    rest = np.flatnonzero(hits.found & kept)
+    normals = own.surface.normals[hits.triangle[rest]]
+    cover = other.surface.cast(points[rest] + normals * 0.002, normals)
+    from_inside = (other.surface.normals[cover.triangle] * normals).sum(1) > 0
+    absent[rest] = cover.found & (from_inside | (cover.distance < _COVER_M))
+    return absent

@@ -1,0 +1,68 @@
+"""What happens to a scene between the scan and the photo: things move, vanish and appear, carpets go."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from core.scene.furnishing import Furnisher
+from core.scene.objects import Item, SceneObject
+from core.scene.scene import Scene, unique_objects
+
+# Of the changed things, these shares move and vanish; the rest is replaced by something else.
+_MOVED, _REMOVED = 0.4, 0.35
+_ADDED = 0.6
+
+
+def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs: bool = True) -> Scene:
+    """Return the scene with about `fraction` of its movable things changed, new things added and all rugs gone.
+
+    The building, its lamps and the exposure stay; light is baked again, so shadows follow the furniture.
+    """
+    rng = np.random.default_rng((seed, 3))
+    kept: list[SceneObject] = []
+    moving: list[tuple[int, Item]] = []
+    num_changed = 0
+    for thing in scene.objects:
+        if thing.item is None or not thing.movable or thing.item.anchor == "ceiling":
+            kept.append(thing)
+        elif remove_rugs and thing.item.anchor == "floor":
+            num_changed += 1
+        elif rng.random() >= fraction:
+            kept.append(thing)
+        else:
+            num_changed += 1
+            if rng.random() < _MOVED / (_MOVED + _REMOVED):
+                moving.append((thing.room, thing.item))
+    num_new = round(num_changed * _ADDED)
+    added = _add(scene, kept, moving, num_new, rng)
+    return replace(scene, objects=unique_objects((*kept, *added)), fixed_exposure=scene.exposure)
+
+
+def _add(
+    scene: Scene,
+    kept: Sequence[SceneObject],
+    moving: Sequence[tuple[int, Item]],
+    num_new: int,
+    rng: np.random.Generator,
+) -> list[SceneObject]:
+    added: list[SceneObject] = []
+    areas = np.array([room.size_m[0] * room.size_m[1] for room in scene.rooms])
+    new_per_room = rng.multinomial(num_new, areas / areas.sum())
+    for number, room in enumerate(scene.rooms):
+        here = [thing for thing in kept if thing.room == number]
+        furnisher = Furnisher(rng, scene.style, room, number, here)
+        for where, item in moving:
+            if where == number:
+                furnisher.add_again(item)
+        for _ in range(new_per_room[number]):
+            add = (
+                furnisher.add_wall_item,
+                furnisher.add_wall_item,
+                furnisher.add_free_item,
+                furnisher.add_picture,
+                furnisher.add_corner_item,
+            )
+            add[rng.integers(len(add))]()
+        added += furnisher.objects
+    return added

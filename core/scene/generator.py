@@ -1,0 +1,38 @@
+"""From a specification to a scene."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from core.errors import OptionsError
+from core.scene.room_scene import furnished_room
+from core.scene.scene import Scene
+from core.scene.style import STYLES, style_of
+
+SceneKind = Literal["room", "flat", "bare", "street"]
+FAMILIES: tuple[str, ...] = tuple(STYLES)
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """What scene to generate; the same specification always gives the same scene.
+
+    family: one of `FAMILIES`, None to draw it from the seed. area_m2: floor area of a room, None to draw 9 to 55 m².
+    """
+
+    kind: SceneKind = "room"
+    seed: int = 0
+    family: str | None = None
+    area_m2: float | None = None
+
+
+def build_scene(spec: SceneSpec) -> Scene:
+    """Build the scene of a specification; raises OptionsError for an unknown kind or family."""
+    kinds = {"room": 0, "flat": 1, "bare": 2, "street": 3}
+    if spec.kind not in kinds:
+        raise OptionsError(f"kind: expected one of {', '.join(kinds)}, got {spec.kind!r}")
+    rng = np.random.default_rng((spec.seed, kinds[spec.kind]))
+    drawn = FAMILIES[rng.integers(len(FAMILIES))]
+    style = style_of(spec.family or drawn)
+    return furnished_room(rng, style, spec.area_m2)

@@ -1,0 +1,55 @@
+"""Single rooms: furnished or bare, 8 to 60 m²."""
+
+import numpy as np
+
+from core.scene.furnishing import Furnisher
+from core.scene.patterns import Rng
+from core.scene.room_shell import Opening, Room, build_shell
+from core.scene.scene import Scene
+from core.scene.style import Style
+
+
+def furnished_room(rng: Rng, style: Style, area_m2: float | None) -> Scene:
+    """Return one furnished room."""
+    room = random_room(rng, area_m2)
+    shell = build_shell(rng, style, room, "room0")
+    furnisher = Furnisher(rng, style, room, 0)
+    furnisher.furnish(style.density * rng.uniform(0.8, 1.2))
+    return Scene((*shell, *furnisher.objects), (room,), style)
+
+
+def random_room(rng: Rng, area_m2: float | None) -> Room:
+    """Draw the size of a room and its door and windows."""
+    area = area_m2 or float(np.exp(rng.uniform(np.log(9), np.log(55))))
+    ratio = rng.uniform(1.0, 1.7)
+    width, depth = np.sqrt(area * ratio), np.sqrt(area / ratio)
+    if rng.random() < 0.5:
+        width, depth = depth, width
+    plan = Room(-width / 2, -depth / 2, width / 2, depth / 2, rng.uniform(2.4, 3.0))
+    walls = list(rng.permutation(4))
+    openings = [random_door(rng, plan, int(walls[0]))]
+    for wall in walls[1 : 1 + int(rng.integers(1, 3))]:
+        openings += random_windows(rng, plan, int(wall))
+    return Room(plan.x0, plan.y0, plan.x1, plan.y1, plan.height_m, tuple(openings))
+
+
+def random_door(rng: Rng, room: Room, wall: int) -> Opening:
+    """Draw a door in a wall."""
+    width = rng.uniform(0.8, 0.95)
+    start = rng.uniform(0.15, max(0.16, room.wall_length_m(wall) - width - 0.15))
+    return Opening(wall, start, width, 0.0, rng.uniform(2.0, 2.1), "door")
+
+
+def random_windows(rng: Rng, room: Room, wall: int) -> list[Opening]:
+    """Draw one or two windows in a wall."""
+    length = room.wall_length_m(wall)
+    count = 1 if length < 3.5 else int(rng.integers(1, 3))
+    sill, top = rng.choice([0.02, 0.85, 0.95, 1.1]), min(room.height_m - 0.25, rng.uniform(2.1, 2.35))
+    windows = []
+    for number in range(count):
+        slot = length / count
+        width = min(rng.uniform(0.9, 2.2), slot - 0.7)
+        if width > 0.5:
+            start = number * slot + rng.uniform(0.3, max(0.31, slot - width - 0.3))
+            windows.append(Opening(wall, start, width, sill, top, "window", 0.16))
+    return windows
