@@ -155,15 +155,18 @@ def _sample_colors(
     weights: NDArray[np.float64],
     is_label: bool,
 ) -> NDArray[Any]:
+    colors: NDArray[Any]
     if mesh.vertex_colors is None:
         assert mesh.triangle_colors is not None
-        return np.take(mesh.triangle_colors, chosen, axis=0)
-    if is_label:
+        colors = mesh.triangle_colors[chosen]
+    elif is_label:
         nearest = np.argmax(weights, axis=1)
-        return np.take(mesh.vertex_colors, corners[np.arange(len(corners)), nearest], axis=0)
-    mixed = np.einsum("nk,nkd->nd", weights, mesh.vertex_colors[corners])
-    is_whole = mesh.vertex_colors.dtype.kind == "u"
-    return np.rint(mixed).astype(mesh.vertex_colors.dtype) if is_whole else mixed
+        colors = mesh.vertex_colors[corners[np.arange(len(corners)), nearest]]
+    else:
+        colors = np.einsum("nk,nkd->nd", weights, mesh.vertex_colors[corners])
+        if mesh.vertex_colors.dtype.kind == "u":
+            colors = np.rint(colors).astype(mesh.vertex_colors.dtype)
+    return colors
 
 
 def _index_name(faces: PlyElement) -> str | None:

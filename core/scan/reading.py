@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 from core.errors import ScanContentError
 from core.point_cloud import PointCloud
 from core.scan.color_range import ColorRange
+from core.scan.e57_reader import read_e57
 from core.scan.format_detection import detect_format
+from core.scan.las_reader import read_las
 from core.scan.options import METRES_PER_UNIT, ScanOptions
+from core.scan.pcd_reader import read_pcd
 from core.scan.ply_reader import read_ply
 from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
+from core.scan.text_reader import read_text
 from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 
 # float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
@@ -24,7 +28,13 @@ _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
 _SHARE_OF_READING = 0.95
 
-_READERS: dict[str, ScanReader] = {"ply": read_ply}
+_READERS: dict[str, ScanReader] = {
+    "ply": read_ply,
+    "pcd": read_pcd,
+    "las": read_las,
+    "e57": read_e57,
+    "text": read_text,
+}
 
 
 def read_scan(
@@ -68,7 +78,7 @@ class _Collector:
     def add(self, chunk: RawChunk) -> None:
         """Take the usable points of `chunk`."""
         self._num_read += len(chunk.positions)
-        self._context.check_point_count(self._num_read)
+        self._context.check_limit(self._num_read)
         positions = self._to_map_frame(chunk.positions)
         # The comparison is false for NaN as well.
         usable = (np.abs(positions) <= _FARTHEST_M).all(axis=1)

@@ -46,13 +46,17 @@ class ReadingContext:
         """Refuse a count that no file may announce, before anything is allocated for it."""
         if num_points < 0:
             raise ScanDamagedError(f"The header announces {num_points} points; expected a positive count.")
-        if num_points > self.options.max_points_read:
-            raise ScanContentError(
-                f"The file announces {num_points:,} points; at most {self.options.max_points_read:,} are read. "
-                "Thin the scan or split it into parts before uploading."
-            )
         if num_points == 0:
             raise ScanContentError("The file holds no points: its header announces 0. Export the scan again.")
+        self.check_limit(num_points)
+
+    def check_limit(self, num_points: int) -> None:
+        """Raise ScanContentError for more points than may be read."""
+        if num_points > self.options.max_points_read:
+            raise ScanContentError(
+                f"The file has {num_points:,} points; at most {self.options.max_points_read:,} are read. "
+                "Thin the scan or split it into parts before uploading."
+            )
 
 
 class ScanReader(Protocol):

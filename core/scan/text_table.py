@@ -47,6 +47,16 @@ class TextBlock:
             self.text, self.begins[kept], self.ends[kept], self.num_values[kept], self.numbers[kept], self.end_offset
         )
 
+    def drop_lines(self, dropped: NDArray[np.bool_]) -> "TextBlock":
+        """Return a block without the marked lines."""
+        if not dropped.any():
+            return self
+        kept = np.flatnonzero(~dropped)
+        pieces = [self.text[self.begins[row] : self.ends[row]] for row in kept]
+        ends = np.cumsum([len(piece) for piece in pieces], dtype=np.int64)
+        begins = np.concatenate([np.zeros(1, np.int64), ends])[: len(pieces)]
+        return TextBlock(b"".join(pieces), begins, ends, self.num_values[kept], self.numbers[kept], self.end_offset)
+
     def to_table(self, num_columns: int) -> NDArray[np.float64]:
         """Parse all lines as (n, num_columns) float64; raise ScanDamagedError naming the first line that differs."""
         if not len(self):
@@ -107,11 +117,6 @@ class TextLines:
             self._pending = self._split(text)
         block, self._pending = self._pending.rows(0, max_lines), self._pending.rows(max_lines, len(self._pending))
         return block
-
-    def put_back(self, block: TextBlock) -> None:
-        """Make `block`, the whole of the last one taken, the next one again."""
-        assert self._pending is None or not len(self._pending)
-        self._pending = block
 
     def _read_lines(self) -> bytes:
         text = self._rest + self._stream.read(BLOCK_BYTES)
