@@ -31,7 +31,7 @@ def demo(
     folder: Annotated[
         Path, typer.Option(file_okay=False, help="Where the scan, the panoramas and the answers go.")
     ] = Path("panoloc-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Another number makes another room.")] = 7,
+    seed: Annotated[int, typer.Option(min=0, help="Another number makes another room.")] = 4,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:

@@ -81,6 +81,8 @@ class FakeService:
 
     def _routes(self) -> dict[tuple[str, str], Callable[[httpx.Request], httpx.Response]]:
         return {
+            ("GET", "/health/live"): lambda _: httpx.Response(200, json={"status": "live"}),
+            ("GET", "/health/ready"): lambda _: httpx.Response(200, json={"status": "ready"}),
             ("POST", "/maps"): lambda _: httpx.Response(202, json={**READY_MAP, "status": "queued", "stats": None}),
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
