@@ -5,8 +5,8 @@ import colorsys
 import numpy as np
 from PIL import Image, ImageDraw, ImageFilter
 
-from core.scene.patterns import Color, Rng, finished, noise
-from core.scene.texture import Texture
+from core.scene.patterns import Rng, finished, noise
+from core.scene.texture import Color, Texture
 
 _TEXELS_PER_M = 160
 _FRAME_M = 0.03
@@ -106,7 +106,7 @@ def foliage(rng: Rng, color: Color, size_m: tuple[float, float] = (0.6, 0.6)) ->
 def random_rgb(
     rng: Rng, saturation: float, value: tuple[float, float], hue: float | None = None
 ) -> tuple[int, int, int]:
-    """Draw an sRGB byte color with at most `saturation`, a value in the range, and any or the given hue (slightly varied)."""
+    """Draw an sRGB byte color with at most `saturation`, a value in the range, and any or about the given hue."""
     chosen = rng.random() if hue is None else hue + rng.normal(0, 0.03)
     red, green, blue = colorsys.hsv_to_rgb(chosen % 1, saturation * rng.uniform(0.3, 1), rng.uniform(*value))
     return int(red * 255), int(green * 255), int(blue * 255)

@@ -1,7 +1,7 @@
 """Which pixels show, and which scanned points lie on, a surface that the other scene does not have.
 
-A surface is absent from the other scene when its object is not there at the same place, or when it is hidden there: inside a
-solid or under something that lies on it, as the floor under a carpet.
+A surface is absent from the other scene when its object is not there at the same place, or when it is hidden there:
+inside a solid or under something that lies on it, as the floor under a carpet.
 """
 
 import numpy as np
@@ -31,7 +31,16 @@ def _absent(points: NDArray[np.float64], hits: Hits, own: Scene, other: Scene) -
     absent = hits.found & ~kept
     rest = np.flatnonzero(hits.found & kept)
     normals = own.surface.normals[hits.triangle[rest]]
-    cover = other.surface.cast(points[rest] + normals * 0.002, normals)
-    from_inside = (other.surface.normals[cover.triangle] * normals).sum(1) > 0
-    absent[rest] = cover.found & (from_inside | (cover.distance < _COVER_M))
+    hidden = _hidden(points[rest], normals, other)
+    # What stands as close in the own scene did not keep the point from being seen.
+    doubtful = np.flatnonzero(hidden)
+    hidden[doubtful] = ~_hidden(points[rest[doubtful]], normals[doubtful], own)
+    absent[rest] = hidden
     return absent
+
+
+def _hidden(points: NDArray[np.float64], normals: NDArray[np.float32], scene: Scene) -> NDArray[np.bool_]:
+    """Tell which points (N, 3) of surfaces with `normals` lie inside a solid of `scene` or directly under something."""
+    cover = scene.surface.cast(points + normals * 0.002, normals)
+    from_inside = (scene.surface.normals[cover.triangle] * normals).sum(1) > 0
+    return cover.found & (from_inside | (cover.distance < _COVER_M))

@@ -42,7 +42,7 @@ def random_rotation(rng: np.random.Generator, kind: RotationKind, max_tilt_deg: 
 def free_position(
     scene: Scene, rng: np.random.Generator, low_m: float, high_m: float, clearance_m: float = _CLEARANCE_M
 ) -> NDArray[np.float64]:
-    """Draw a position between two heights with free space around; the clearance shrinks only if nothing else is found."""
+    """Draw a position between two heights with free space around; the clearance shrinks only if none is found."""
     areas = np.array([room.size_m[0] * room.size_m[1] for room in scene.rooms])
     for attempt in range(50):
         room = scene.rooms[rng.choice(len(areas), p=areas / areas.sum())]

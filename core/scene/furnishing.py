@@ -9,6 +9,7 @@ from core.scene.furniture import FREE_FURNITURE, WALL_FURNITURE, chair
 from core.scene.objects import Footprint, Item, SceneObject, placed
 from core.scene.patterns import Rng
 from core.scene.room_shell import Room
+from core.scene.solids import Vector
 from core.scene.style import Style
 
 _TRIES = 40
@@ -227,7 +228,7 @@ def _doorway(room: Room, wall: int, start_m: float, width_m: float) -> Footprint
     return _footprint(near[:2], (near + width_m * along + _WALKWAY_M * inward)[:2])
 
 
-def _footprint(first: Sequence[float], second: Sequence[float]) -> Footprint:
+def _footprint(first: Vector, second: Vector) -> Footprint:
     (x0, x1), (y0, y1) = sorted((first[0], second[0])), sorted((first[1], second[1]))
     return Footprint(float(x0), float(y0), float(x1), float(y1))
 

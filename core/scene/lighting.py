@@ -97,7 +97,7 @@ def _vertex_normals(surface: Surface) -> NDArray[np.float32]:
 
 
 def _cosine_directions(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (V, rays, 3) directions, the same cosine-weighted spiral around every normal (so that there is no noise)."""
+    """Return (V, rays, 3) directions: the same cosine-weighted spiral around every normal, hence no noise."""
     step = np.arange(_NUM_BOUNCE_RAYS) + 0.5
     radius, angle = np.sqrt(step / _NUM_BOUNCE_RAYS), step * 2.399963
     local = np.stack((radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)), axis=1)

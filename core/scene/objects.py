@@ -50,7 +50,8 @@ class Footprint:
 class Item:
     """A thing in its own frame: origin on the floor at the middle of its back, +y towards its front.
 
-    size_m: width (x), depth (y), height (z). anchor: where it goes: "wall", "middle", "corner", "hung", "floor" or "ceiling".
+    size_m: width (x), depth (y), height (z). anchor: where it goes, "wall", "middle", "corner",
+    "hung", "floor" or "ceiling".
     """
 
     name: str

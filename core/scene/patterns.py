@@ -1,4 +1,4 @@
-"""Painted materials: wood, tiles, bricks, plaster, wallpaper, fabric, carpets; each a Texture drawn from a random generator."""
+"""Painted materials (wood, tiles, bricks, plaster, wallpaper, fabric, carpets), each drawn from a random generator."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.scene.texture import Texture
+from core.scene.texture import Color, Texture
 
-Color = Sequence[float]
 Rng = np.random.Generator
 _TEXEL_M = 0.006
 

@@ -16,7 +16,7 @@ from core.scene.texture import Texture, plain
 
 @dataclass(frozen=True)
 class Opening:
-    """A hole in a wall. start_m: along the wall; sill_m, top_m: above the floor; kind: "door", "window" or "passage"."""
+    """A hole in a wall. start_m: along the wall; sill_m, top_m: above the floor; kind: "door", "window", "passage"."""
 
     wall: int
     start_m: float
@@ -48,7 +48,7 @@ class Room:
         return self.size_m[wall % 2]
 
     def wall_frame(self, wall: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the start (3,), the unit direction along (3,) and the inward normal (3,) of a wall; along x up = normal."""
+        """Return start, unit direction along, and inward normal of a wall, (3,) each; along x up = normal."""
         start = ((self.x1, self.y0), (self.x1, self.y1), (self.x0, self.y1), (self.x0, self.y0))[wall]
         along = ((-1, 0), (0, -1), (1, 0), (0, 1))[wall]
         inward = ((0, 1), (-1, 0), (0, -1), (1, 0))[wall]
@@ -103,7 +103,7 @@ def _skirting(room: Room, wall: int, texture: Texture) -> list[Part]:
         if b - a > 0.02:
             corner = start + a * along + 0.012 * inward
             parts.append(quad(corner, (b - a) * along, (0, 0, 0.08), texture, step_m=0.5))
-            parts.append(quad(corner + [0, 0, 0.08], (b - a) * along, -0.012 * inward, texture, step_m=0.5))
+            parts.append(quad(corner + np.array([0, 0, 0.08]), (b - a) * along, -0.012 * inward, texture, step_m=0.5))
     return parts
 
 

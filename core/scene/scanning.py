@@ -1,4 +1,4 @@
-"""A scanner on a tripod: it sees only what its stations see, with range noise, color noise and a bounded number of points."""
+"""A scanner on a tripod: points only where its stations see, with noise on range and color."""
 
 from dataclasses import dataclass
 
@@ -37,8 +37,8 @@ def scan_with_truth(
 ) -> Scan:
     """Scan the scene from `num_stations` places spread over its free space.
 
-    Points are thinned so that near and far surfaces are about equally dense, as merged survey scans are. noise_m: standard
-    deviation of the range. color_kind "labels" gives exact label colors.
+    Points are thinned so that near and far surfaces are about equally dense, as merged survey scans are.
+    noise_m: standard deviation of the range. color_kind "labels" gives exact label colors.
     """
     rng = np.random.default_rng((seed, 7))
     stations = scanner_positions(scene, num_stations, rng)
@@ -75,7 +75,7 @@ def scan_scene(
 
 def _uniform_directions(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     directions = rng.normal(size=(count, 3))
-    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _choose(

@@ -1,7 +1,7 @@
 """A scene: its objects, its baked light, and the free space in which a camera can stand."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,7 @@ class Scene:
     objects: tuple[SceneObject, ...]
     rooms: tuple[Room, ...]
     style: Style
-    sky: Sky = Sky()
+    sky: Sky = field(default_factory=Sky)
     fixed_exposure: float | None = None
 
     @cached_property

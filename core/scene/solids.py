@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from core.scene.texture import Texture
 
+Vector = Sequence[float] | NDArray[np.floating]
+
 # Light is stored at vertices, so large faces are cut into a grid about this fine.
 _GRID_STEP_M = 0.22
 
@@ -16,7 +18,8 @@ _GRID_STEP_M = 0.22
 class Part:
     """A piece of surface with one texture; normals point out of the solid.
 
-    vertices: (V, 3) float64 metres. triangles: (T, 3) int64, counter-clockwise from outside. uv_m: (V, 2) float64 metres.
+    vertices: (V, 3) float64 metres. triangles: (T, 3) int64, counter-clockwise from outside.
+    uv_m: (V, 2) float64 metres.
     glow: radiance emitted per unit of texture; zero for surfaces that only reflect.
     """
 
@@ -28,16 +31,19 @@ class Part:
 
 
 def quad(
-    corner: Sequence[float],
-    edge_u: Sequence[float],
-    edge_v: Sequence[float],
+    corner: Vector,
+    edge_u: Vector,
+    edge_v: Vector,
     texture: Texture,
     *,
     uv_start: tuple[float, float] = (0.0, 0.0),
     glow: float = 0.0,
     step_m: float = _GRID_STEP_M,
 ) -> Part:
-    """Return a rectangle `corner + a edge_u + b edge_v`; its normal is edge_u x edge_v and uv runs in metres from `uv_start`."""
+    """Return a rectangle `corner + a edge_u + b edge_v`.
+
+    Its normal is edge_u x edge_v; texture coordinates run in metres from `uv_start`.
+    """
     origin, u_edge, v_edge = (np.asarray(vector, np.float64) for vector in (corner, edge_u, edge_v))
     u_length, v_length = float(np.linalg.norm(u_edge)), float(np.linalg.norm(v_edge))
     columns, rows = (max(1, int(np.ceil(length / step_m))) for length in (u_length, v_length))
@@ -48,15 +54,16 @@ def quad(
 
 
 def box(
-    size: Sequence[float],
+    size: Vector,
     texture: Texture | Mapping[str, Texture],
-    center: Sequence[float] = (0.0, 0.0, 0.0),
+    center: Vector = (0.0, 0.0, 0.0),
     *,
     skip: Iterable[str] = (),
 ) -> list[Part]:
     """Return a box whose bottom centre is `center`.
 
-    texture: one for all faces, or by face name (front +y, back −y, right +x, left −x, top, bottom) with a "sides" default.
+    texture: one for all faces, or by face name: front (+y), back (−y), right (+x), left (−x), top, bottom, and "sides"
+    for those not named.
     """
     w, d, h = size
     x0, y0, z0 = center[0] - w / 2, center[1] - d / 2, center[2]
@@ -82,7 +89,7 @@ def cylinder(
     radius: float,
     height: float,
     texture: Texture,
-    center: Sequence[float] = (0.0, 0.0, 0.0),
+    center: Vector = (0.0, 0.0, 0.0),
     *,
     top_radius: float | None = None,
     num_sides: int = 14,
@@ -104,7 +111,7 @@ def cylinder(
     return parts
 
 
-def ellipsoid(radii: Sequence[float], texture: Texture, center: Sequence[float], *, glow: float = 0.0) -> list[Part]:
+def ellipsoid(radii: Sequence[float], texture: Texture, center: Vector, *, glow: float = 0.0) -> list[Part]:
     """Return an ellipsoid around `center`."""
     rows, columns = 8, 12
     polar, around = np.meshgrid(np.linspace(np.pi, 0, rows + 1), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij")
@@ -114,7 +121,7 @@ def ellipsoid(radii: Sequence[float], texture: Texture, center: Sequence[float],
     return [Part(np.asarray(center) + unit * scale, _grid_triangles(rows, columns), uv, texture, glow)]
 
 
-def moved(parts: Iterable[Part], yaw: float = 0.0, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> list[Part]:
+def moved(parts: Iterable[Part], yaw: float = 0.0, offset: Vector = (0.0, 0.0, 0.0)) -> list[Part]:
     """Return the parts turned by `yaw` radians about z, then shifted by `offset`."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])

@@ -1,6 +1,7 @@
 """Viewing directions of an equirectangular panorama, and the picture of a scene that it takes.
 
-Convention: camera x forward through the image centre, y left, z up; azimuth = π − 2π (c + ½)/W, elevation = π/2 − π (r + ½)/H.
+Convention: camera x forward through the image centre, y left, z up;
+azimuth = π − 2π (c + ½)/W, elevation = π/2 − π (r + ½)/H.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ _SUBPIXELS = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)
 
 
 def viewing_directions(column: NDArray[np.floating], row: NDArray[np.floating], width: int) -> NDArray[np.float64]:
-    """Return unit directions (..., 3) in the camera frame of continuous pixel coordinates (pixel centres at half-integers)."""
+    """Return unit directions (..., 3) in the camera frame of pixel coordinates; pixel centres lie at half-integers."""
     azimuth = np.pi - 2 * np.pi * np.asarray(column, np.float64) / width
     elevation = np.pi / 2 - 2 * np.pi * np.asarray(row, np.float64) / width
     flat = np.cos(elevation)
@@ -35,7 +36,7 @@ def pixel_centers(width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 def shade(
     scene: Scene, hits: Hits, directions: NDArray[np.floating], footprint_m: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return the sRGB color in 0..1 (N, 3) of what rays met; `footprint_m` (N,) is the width that texture is averaged over."""
+    """Return the sRGB color in 0..1 (N, 3) of what rays met; texture is averaged over about `footprint_m` (N,)."""
     surface = scene.surface
     color = np.empty((len(hits.triangle), 3), np.float32)
     color[~hits.found] = scene.sky.radiance(directions[~hits.found]) * scene.exposure
@@ -56,7 +57,7 @@ def tone_mapped(linear: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A panorama with what every pixel saw: hits of the centre rays (H·W,) and the directions in the map frame (H·W, 3)."""
+    """A panorama with what its pixel centres saw: hits (H·W,) along directions in the map frame (H·W, 3)."""
 
     panorama: Panorama
     hits: Hits
@@ -113,7 +114,7 @@ def _smooth_edges(
     for right, down in _SUBPIXELS:
         directions = viewing_directions(column[edges] + right, row[edges] + down, width) @ pose.rotation.T
         sub = scene.surface.cast(pose.position, directions)
-        total += shade(scene, sub, directions, _footprints(scene, sub, directions, width) / 2)
+        total += shade(scene, sub, directions, _footprints(scene, sub, directions, width) * np.float32(0.5))
     color[edges] = total / len(_SUBPIXELS)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from core.errors import OptionsError
 from core.scene import patterns
-from core.scene.patterns import Color, Rng
-from core.scene.texture import Texture
+from core.scene.patterns import Rng
+from core.scene.texture import Color, Texture
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,8 @@ def style_of(family: str) -> Style:
 
 def pick(rng: Rng, colors: tuple[Color, ...], spread: float = 0.03) -> Color:
     """Draw one of the colors, slightly varied."""
-    return tuple(np.clip(np.asarray(colors[rng.integers(len(colors))]) + rng.normal(0, spread, 3), 0.03, 0.97))
+    lightness, tint = rng.normal(0, spread), rng.normal(0, spread / 3, 3)
+    return np.clip(np.asarray(colors[rng.integers(len(colors))]) + lightness + tint, 0.03, 0.97)
 
 
 def floor_texture(rng: Rng, style: Style, size_m: tuple[float, float]) -> Texture:

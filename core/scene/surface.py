@@ -35,8 +35,8 @@ class Hits:
 class Surface:
     """Triangles with what is known about them.
 
-    vertices (V, 3), uv_m (V, 2) float32; triangles (T, 3) int64; per triangle: normal (T, 3), texture, object_index, label (T,)
-    and glow (T,) float32.
+    vertices (V, 3), uv_m (V, 2) float32; triangles (T, 3) int64; per triangle: normals (T, 3) float32,
+    texture, object_index, label (T,) int64 and glow (T,) float32.
     """
 
     vertices: NDArray[np.float32]
@@ -51,12 +51,12 @@ class Surface:
 
     @cached_property
     def _ray_casting(self) -> Any:
-        import open3d  # noqa: PLC0415  (slow to import, needed only when rays are cast)
+        import open3d  # slow to import, needed only when rays are cast
 
         scene = open3d.t.geometry.RaycastingScene(nthreads=0)
         scene.add_triangles(
-            open3d.core.Tensor(np.ascontiguousarray(self.vertices)),
-            open3d.core.Tensor(self.triangles.astype(np.uint32)),
+            open3d.core.Tensor.from_numpy(np.ascontiguousarray(self.vertices)),
+            open3d.core.Tensor.from_numpy(self.triangles.astype(np.uint32)),
         )
         return scene
 
@@ -127,9 +127,9 @@ def assemble(objects: Sequence[SceneObject]) -> Surface:
 
 
 def _tensor(values: NDArray[np.floating]) -> Any:
-    import open3d  # noqa: PLC0415
+    import open3d
 
-    return open3d.core.Tensor(np.ascontiguousarray(values, np.float32))
+    return open3d.core.Tensor.from_numpy(np.ascontiguousarray(values, np.float32))
 
 
 def _rays(origins: NDArray[np.floating], directions: NDArray[np.floating]) -> Any:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+# sRGB in 0..1.
+Color = Sequence[float] | NDArray[np.floating]
 _NUM_LEVELS = 7
 
 
@@ -25,7 +27,7 @@ class Texture:
         return np.asarray(linear_from_srgb(self.pixels[::2, ::2]).mean((0, 1)), np.float64)
 
 
-def plain(color: Sequence[float]) -> Texture:
+def plain(color: Color) -> Texture:
     """Return a texture of one sRGB color, components in 0..1."""
     return Texture(np.full((1, 1, 3), np.round(np.clip(color, 0, 1) * np.float64(255)), np.uint8), (1.0, 1.0))
 
