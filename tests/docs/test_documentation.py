@@ -1,0 +1,78 @@
+"""What the documentation says is there is there."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+from service.cli.entry import app
+from service.cli.exit_codes import ExitCode
+from tests.docs.documentation import PAGES, ROOT, anchors, relative_links, shell_commands
+
+COMMANDS = [(page, words) for page in PAGES for words in shell_commands(page)]
+CLI = typer.main.get_command(app)
+
+
+def options_of(words: list[str]) -> set[str]:
+    """Return the options of the command that `words` name, following subcommands."""
+    command, rest = CLI, words[1:]
+    found: set[str] = set()
+    while True:
+        found |= {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
+        commands = getattr(command, "commands", {})
+        if not rest or rest[0] not in commands:
+            assert command is not CLI, f"{' '.join(words)}: no such command"
+            return found | {"--help", "-h"}
+        command, rest = commands[rest[0]], rest[1:]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    for link in relative_links(page):
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve()
+        assert target.exists(), f"{page.name} links to {link}"
+        assert not anchor or anchor in anchors(target), f"{page.name} links to {link}"
+
+
+@pytest.mark.parametrize(("page", "words"), COMMANDS, ids=lambda value: value.name if isinstance(value, Path) else None)
+def test_every_command_of_the_documentation_exists(page: Path, words: list[str]) -> None:
+    name = words[0]
+    if name == "panoloc":
+        used = {word.partition("=")[0] for word in words if word.startswith("-")}
+        assert used <= options_of(words), f"{page.name}: {' '.join(words)}"
+    elif name.startswith(("scripts/", ".ci/")):
+        assert os.access(ROOT / name, os.X_OK), f"{page.name}: {name}"
+    for word in words[1:]:
+        if word.startswith(("docker/", "service/", "core/", "tests/", "scripts/")):
+            assert (ROOT / word).exists(), f"{page.name}: {word}"
+
+
+def test_the_readme_begins_with_the_two_commands() -> None:
+    first, second, *_ = shell_commands(ROOT / "README.md")
+    assert (first, second) == (["scripts/demo"], ["scripts/test"])
+
+
+def test_the_page_on_the_command_line_names_every_command_and_option() -> None:
+    page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(--?[a-z][a-z-]*)`", page))
+    for name, command in CLI.commands.items():  # type: ignore[attr-defined]
+        assert f"## `panoloc {name}" in page
+        for parameter in command.params:
+            long_names = {option for option in parameter.opts if option.startswith("--")}
+            assert long_names <= named, f"panoloc {name}: docs/cli.md does not name {long_names - named}"
+
+
+def test_the_page_on_the_command_line_names_every_exit_code() -> None:
+    page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    listed = {int(code) for code in re.findall(r"^\| (\d+) \|", page, re.MULTILINE)}
+    assert listed == {int(code) for code in ExitCode}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_named_in_the_text_exist(page: Path) -> None:
+    named = re.findall(r"`((?:core|service|docker|scripts|tests)/[\w./-]*)`", page.read_text(encoding="utf-8"))
+    missing = [name for name in named if not (ROOT / name).exists()]
+    assert missing == []
