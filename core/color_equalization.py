@@ -1,0 +1,123 @@
+"""Canonical colours: what remains of an image when its light is taken out.
+
+The paper matches the colours of the query to those of the whole cloud by 1-D optimal transport per channel (§3.1). On a flat of
+several rooms that repaints one room in the average colours of all. Here both sides, the panorama and every synthetic view, are
+transported to the same target: the uniform distribution, per channel. Any monotone change of a channel (exposure, gamma, white balance,
+tone curve) then leaves no trace, each view's transport depends on what that view sees alone, and all of it is done at registration.
+
+Deviation: measured on the shared cases (docs/experiments.md), the right pose is among the first 32 of 1.4 million in 100 % of the
+queries with equalised colours, 83 % with raw colours, 91 % with gains; one model replaces four competing ones.
+
+Semantic labels have no light. Their codes are recoded to well separated colours instead (`LabelCodes`).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+_LEVELS = 256
+
+
+def equalize(color: Tensor, weights: Tensor) -> Tensor:
+    """Transport each channel of each image to the uniform distribution.
+
+    color: (B, P, 3) float32 in 0..1; weights: (B, P) >= 0, the solid angle of each pixel, zero where it is missing.
+    Returns (B, P, 3) float32 in 0..1; the value is the weighted share of pixels that are darker, ties counted half.
+    """
+    return apply_tables(color, equalization_tables(color, weights))
+
+
+def equalization_tables(color: Tensor, weights: Tensor) -> Tensor:
+    """Return the look-up tables (B, 3, 256) float32 that `equalize` applies."""
+    batch = len(color)
+    level = _quantize(color)
+    histogram = torch.zeros((batch, 3, _LEVELS), device=color.device)
+    histogram.scatter_add_(2, level.transpose(1, 2), weights[:, None].expand(-1, 3, -1).contiguous())
+    cumulative = histogram.cumsum(-1)
+    return (cumulative - histogram / 2) / cumulative[..., -1:].clamp_min(1e-12)
+
+
+def apply_tables(color: Tensor, tables: Tensor) -> Tensor:
+    """Return colours (B, P, 3) looked up in tables (B, 3, 256)."""
+    level = _quantize(color).transpose(1, 2)
+    return torch.gather(tables, 2, level).transpose(1, 2)
+
+
+def transport(source: Tensor, source_weights: Tensor, target: Tensor, target_weights: Tensor) -> Tensor:
+    """Match the colour distribution of `source` (P, 3) to that of `target` (N, 3), per channel, by 1-D optimal transport.
+
+    Values in 0..1, weights (P,) and (N,). Paper: §3.1 and supplement, table 1 (CDF matching).
+    """
+    rank = equalize(source[None], source_weights[None])[0]
+    level = _quantize(target)
+    histogram = torch.zeros((3, _LEVELS), device=source.device)
+    histogram.scatter_add_(1, level.T, target_weights[None].expand(3, -1).contiguous())
+    cumulative = histogram.cumsum(-1)
+    middle = (cumulative - histogram / 2) / cumulative[:, -1:].clamp_min(1e-12)
+    # Levels that no target point has would make the inverse flat; only occupied levels carry the map.
+    channels = []
+    for channel in range(3):
+        occupied = histogram[channel] > 0
+        levels = occupied.nonzero()[:, 0].float() / (_LEVELS - 1)
+        channels.append(_interpolate(rank[:, channel], middle[channel][occupied], levels))
+    return torch.stack(channels, dim=-1)
+
+
+def _interpolate(x: Tensor, knots: Tensor, values: Tensor) -> Tensor:
+    """Interpolate `values` at ascending `knots` linearly, constant beyond the ends."""
+    if len(knots) == 1:
+        return values.expand_as(x)
+    right = torch.searchsorted(knots, x.contiguous()).clamp(1, len(knots) - 1)
+    left = right - 1
+    share = ((x - knots[left]) / (knots[right] - knots[left]).clamp_min(1e-12)).clamp(0, 1)
+    return values[left] + share * (values[right] - values[left])
+
+
+def _quantize(color: Tensor) -> Tensor:
+    return (color * (_LEVELS - 1)).round().long().clamp_(0, _LEVELS - 1)
+
+
+@dataclass(frozen=True)
+class LabelCodes:
+    """Label colours of a map and the well separated colours that stand for them.
+
+    labels: (L, 3) uint8 as integers, the colour codes in the scan. codes: (L, 3) float32 in 0..1.
+    Averages of codes are averages of indicator functions, which interpolated label colours are not.
+    """
+
+    labels: Tensor
+    codes: Tensor
+
+    def recode(self, color: Tensor, tolerance: int = 24) -> tuple[Tensor, Tensor]:
+        """Return codes (..., 3) of label colours (..., 3) uint8 and whether each is known (...) within `tolerance` per channel.
+
+        The tolerance absorbs what JPEG does to flat colours.
+        """
+        flat = color.reshape(-1, 3).int()
+        unique, inverse = torch.unique(flat, dim=0, return_inverse=True)
+        distance = (unique[:, None] - self.labels[None].int()).abs().amax(-1)
+        nearest = distance.min(dim=1)
+        code = self.codes[nearest.indices][inverse]
+        known = (nearest.values <= tolerance)[inverse]
+        return code.reshape(color.shape), known.reshape(color.shape[:-1])
+
+
+def label_codes(colors: Tensor) -> LabelCodes:
+    """Find the label colours among (N, 3) uint8 and give each a code; rare colours (below 0.01 %) count as noise."""
+    unique, counts = torch.unique(colors.int(), dim=0, return_counts=True)
+    unique = unique[counts >= max(1, int(1e-4 * len(colors)))]
+    return LabelCodes(unique, _separated_colors(len(unique)).to(colors.device))
+
+
+def _separated_colors(count: int) -> Tensor:
+    """Return `count` colours of a lattice in the unit cube, each as far from the ones before it as possible."""
+    side = max(2, int(count ** (1 / 3)) + 2)
+    axis = torch.linspace(0.05, 0.95, side)
+    lattice = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), dim=-1).reshape(-1, 3)
+    chosen = [0]
+    distance = (lattice - lattice[0]).norm(dim=-1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = torch.minimum(distance, (lattice - lattice[chosen[-1]]).norm(dim=-1))
+    return lattice[chosen]

@@ -1,0 +1,106 @@
+"""Configuration: one frozen dataclass per step, each default in one place with its source."""
+
+import hashlib
+from dataclasses import asdict, dataclass, field
+
+
+@dataclass(frozen=True)
+class StartsConfig:
+    """Where the search starts (see `core.starts`). Metres."""
+
+    spacing_m: float = 0.5  # basin of convergence in a furnished room (measured)
+    max_starts: int = 800
+    clearance_m: float = 0.25  # nobody holds a camera closer to a surface
+    thinning_share: float = 0.75  # of the spacing
+    min_coverage_share: float = (
+        0.6  # of what well-placed starts see; below it a start lies outside of the scanned space
+    )
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """The search over all starts and rotations (see `core.patch_descriptors`, `core.pose_scores`)."""
+
+    patch_rows: int = 8  # paper, §4: 8 x 16 patches
+    patch_columns: int = 16
+    view_height: int = 64  # eight rows of pixels in a patch are enough for its histogram (measured)
+    bins: int = 8  # per channel, joint
+    descriptor_size: int = 32  # of 512 bins; fewer than 32 lose poses, more gain none (docs/experiments.md)
+    num_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
+    num_candidates: int = 32
+    distinct_angle_deg: float = 25.0  # candidates closer than both of these are one candidate
+    distinct_distance_m: float = 0.8
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
+
+    start_points: int = 1024  # points per start, spread evenly over the sphere
+    coarse_iterations: tuple[int, int] = (12, 8)  # at 32 and 64 rows, points seen from the start
+    robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
+    middle_candidates: int = 8
+    middle_height: int = 128
+    middle_points: int = 4096
+    middle_iterations: int = 6
+    fine_candidates: int = 2
+    fine_height: int = 256
+    fine_points: int = 12_000
+    fine_iterations: int = 6
+    finest_height: int = 512
+    finest_points: int = 24_000
+    finest_iterations: int = 4
+
+
+@dataclass(frozen=True)
+class JudgeConfig:
+    """The comparison of the scan rendered at a refined pose with the panorama (see `core.judge`)."""
+
+    height: int = 64
+    max_points: int = 80_000  # of the cloud, for rendering many candidates
+    final_height: int = 128
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """The paper's own parameters (§4 and supplement)."""
+
+    num_starts: int = 100
+    num_rotations: int = 216
+    num_candidates: int = 6
+    search_rows: int = 8
+    search_columns: int = 16
+    map_rows: int = 16
+    map_columns: int = 32
+    bins: int = 8
+    view_height: int = 128
+    iterations: int = 100
+    learning_rate: float = 0.1  # of the reference implementation
+    match_colors: bool = True
+    initialize_by_histograms: bool = True
+    use_score_map_2d: bool = True
+    use_score_map_3d: bool = True
+
+
+@dataclass(frozen=True)
+class LocalizerConfig:
+    """Everything that a query is answered with."""
+
+    search: SearchConfig = field(default_factory=SearchConfig)
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    judge: JudgeConfig = field(default_factory=JudgeConfig)
+    paper: PaperConfig = field(default_factory=PaperConfig)
+
+
+@dataclass(frozen=True)
+class IndexConfig:
+    """Everything that a map index is built with."""
+
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    start_points: int = 1024
+    render_batch_bytes: int = 400_000_000
+
+    def digest(self) -> str:
+        """Return 16 hex digits that change whenever an index built with this configuration would."""
+        return hashlib.sha256(repr(sorted(asdict(self).items())).encode()).hexdigest()[:16]

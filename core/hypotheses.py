@@ -1,0 +1,65 @@
+"""Hypotheses: poses on their way through the stages of the `fast` method."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from core.rotations import rotation_angle
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One pose of one map, in the index's local frame.
+
+    map_number: which of the query's maps. start: number of the start it came from. rotation: (3, 3) map_from_camera. position: (3,) metres.
+    search_score: of the search. score: of the judge, larger is better. measures: the judge's figures by name.
+    loss: robust sampling loss of the last refinement. hessian: (6, 6), its curvature by turn (rad) and move (m) in the camera frame.
+    residual_scale, num_points: of the last refinement. iterations: Gauss-Newton steps so far.
+    """
+
+    map_number: int
+    start: int
+    rotation: Tensor
+    position: Tensor
+    search_score: float
+    score: float = 0.0
+    measures: dict[str, float] = field(default_factory=dict)
+    loss: float = math.inf
+    hessian: Tensor | None = None
+    residual_scale: float = 1.0
+    num_points: int = 0
+    iterations: int = 0
+
+    def is_near(self, other: "Hypothesis", distance_m: float, angle_deg: float) -> bool:
+        """Tell whether both are the same place and orientation within the limits."""
+        if self.map_number != other.map_number or float((self.position - other.position).norm()) >= distance_m:
+            return False
+        return float(rotation_angle(self.rotation, other.rotation)) < math.radians(angle_deg)
+
+
+def by_map(hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:
+    """Yield each map's number with its hypotheses, in the order given."""
+    numbers = dict.fromkeys(h.map_number for h in hypotheses)
+    for number in numbers:
+        yield number, [h for h in hypotheses if h.map_number == number]
+
+
+def stacked_poses(hypotheses: Sequence[Hypothesis]) -> tuple[Tensor, Tensor]:
+    """Return rotations (K, 3, 3) and positions (K, 3)."""
+    return torch.stack([h.rotation for h in hypotheses]), torch.stack([h.position for h in hypotheses])
+
+
+def best_distinct(
+    hypotheses: Sequence[Hypothesis], count: int, distance_m: float = 0.15, angle_deg: float = 4.0
+) -> list[Hypothesis]:
+    """Return up to `count` hypotheses by falling score, leaving out those that converged to one already taken."""
+    kept: list[Hypothesis] = []
+    for hypothesis in sorted(hypotheses, key=lambda h: -h.score):
+        if len(kept) == count:
+            break
+        if not any(hypothesis.is_near(other, distance_m, angle_deg) for other in kept):
+            kept.append(hypothesis)
+    return kept

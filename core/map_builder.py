@@ -1,0 +1,176 @@
+"""Registration: from a point cloud to a map index. The order of the steps is written here.
+
+Paper: §3.1 to §3.3, the map side: starts, one synthetic view per start, patch histograms.
+"""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from core.color_equalization import LabelCodes, equalize, label_codes
+from core.config import IndexConfig
+from core.map_index import IndexOptions, MapIndex
+from core.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
+from core.patch_histograms import soft_histograms
+from core.point_cloud import PointCloud
+from core.projection import pixel_solid_angles, project
+from core.sphere_points import even_directions
+from core.spherical_patches import PatchGrid
+from core.starts import Starts, grid_starts, octree_starts
+from core.synthetic_view import point_spacing, render_views
+
+Progress = Callable[[str, float], None]
+
+
+def index_config_digest(options: IndexOptions, config: IndexConfig | None = None) -> str:
+    """Return 16 hex digits that change whenever an index built with these options would."""
+    text = (config or IndexConfig()).digest() + repr(options)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def build_map_index(
+    cloud: PointCloud,
+    options: IndexOptions | None = None,
+    *,
+    config: IndexConfig | None = None,
+    device: torch.device | str = "cpu",
+    progress: Progress | None = None,
+) -> MapIndex:
+    """Build the index of a cloud.
+
+    progress: called with the stage's name and its share done, 0..1; an exception raised there stops the work and passes through.
+    Raises OptionsError when the options leave no start.
+    """
+    options, config = options or IndexOptions(), config or IndexConfig()
+    report = progress or (lambda stage, share: None)
+    report("finding starts", 0.0)
+    cloud = _sort_along_curve(cloud)
+    starts = _find_starts(cloud, options, config)
+    positions = torch.from_numpy(cloud.positions).to(device)
+    raw = torch.from_numpy(cloud.colors).to(device)
+    labels = label_codes(raw) if options.color_kind == "labels" else None
+    colors = raw.float() / 255 if labels is None else labels.recode(raw)[0]
+    spacing = point_spacing(positions)
+    views = _ViewCollector(config, labels)
+    centers = torch.from_numpy(starts.positions).float().to(device)
+    batch = max(1, int(config.render_batch_bytes / (150 * len(positions))))
+    for first in range(0, len(centers), batch):
+        report("rendering starts", first / len(centers))
+        views.add(positions, colors, centers[first : first + batch], spacing)
+    keep = views.well_covered(config.starts.min_coverage_share)
+    report("describing views", 0.0)
+    descriptors = views.describe(keep)
+    report("describing views", 1.0)
+    return MapIndex(
+        positions=positions,
+        colors=raw,
+        origin_offset=cloud.origin_offset,
+        spacing=spacing,
+        starts=centers[keep],
+        leaf_sizes=torch.from_numpy(starts.leaf_sizes).float().to(device)[keep],
+        descriptors=descriptors,
+        start_points=torch.cat(views.points)[keep],
+        start_colors=torch.cat(views.colors)[keep],
+        start_colors_coarse=torch.cat(views.colors_coarse)[keep],
+        labels=labels,
+        num_points_read=cloud.num_points_read or len(cloud),
+        num_rotations=config.search.num_rotations,
+    )
+
+
+class _ViewCollector:
+    """Collects what is kept of each batch of synthetic views."""
+
+    def __init__(self, config: IndexConfig, labels: LabelCodes | None) -> None:
+        search = config.search
+        self.grid = PatchGrid(search.patch_rows, search.patch_columns)
+        self.height, self.width, self.bins = search.view_height, 2 * search.view_height, search.bins
+        self.descriptor_size, self.labels = search.descriptor_size, labels
+        self.directions = even_directions(config.start_points)
+        self.points: list[Tensor] = []
+        self.colors: list[Tensor] = []
+        self.colors_coarse: list[Tensor] = []
+        self.histograms: list[Tensor] = []
+        self.coverage: list[Tensor] = []
+
+    def add(self, positions: Tensor, colors: Tensor, centers: Tensor, spacing: float) -> None:
+        """Render the views from `centers` (B, 3) and keep histograms, points and coverage."""
+        device, batch = positions.device, len(centers)
+        views = render_views(positions, colors, centers, spacing, self.height, self.width)
+        solid = pixel_solid_angles(self.height, self.width, device).expand(-1, self.width)
+        weights = views.valid * solid
+        flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)
+        canonical = flat if self.labels is not None else equalize(flat, flat_weights)
+        patch = self.grid.patch_of_pixel(self.height, self.width, device).flatten()
+        histogram = soft_histograms(canonical, flat_weights, patch.expand(batch, -1), len(self.grid), self.bins)
+        self.histograms.append(histogram.half())
+        self.coverage.append(weights.sum((1, 2)) / solid.sum())
+        pixel = self._pixels(self.height, device)
+        self.points.append(views.point.flatten(1)[:, pixel].int())
+        self.colors.append(_bytes(canonical[:, pixel]))
+        half = _halve(canonical.view(batch, self.height, self.width, 3), views.valid)
+        self.colors_coarse.append(_bytes(half.flatten(1, 2)[:, self._pixels(self.height // 2, device)]))
+
+    def _pixels(self, height: int, device: torch.device) -> Tensor:
+        u, v = project(self.directions.to(device), height, 2 * height)
+        return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)
+
+    def well_covered(self, share: float) -> Tensor:
+        """Return the numbers of the views that see enough to lie inside the scanned space."""
+        coverage = torch.cat(self.coverage)
+        return (coverage >= share * torch.quantile(coverage, 0.9)).nonzero()[:, 0]
+
+    def describe(self, keep: Tensor) -> ViewDescriptors:
+        """Return the descriptors of the kept views."""
+        solid = self.grid.solid_angles(keep.device)
+        histograms = torch.cat(self.histograms)[keep]
+        sample = histograms[:: max(1, len(histograms) // 160)].float()
+        basis = principal_basis(centered_roots(sample, solid)[0], self.descriptor_size)
+        values, weights = [], []
+        for part in histograms.split(64):
+            roots, weight = centered_roots(part.float(), solid)
+            values.append(roots @ basis)
+            weights.append(weight)
+        return ViewDescriptors(torch.cat(values), basis, torch.cat(weights))
+
+
+def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:
+    chosen = config.starts if options.spacing_m is None else replace(config.starts, spacing_m=options.spacing_m)
+    region = None
+    if options.region is not None:
+        low, high = (np.asarray(corner) - cloud.origin_offset for corner in options.region)
+        region = (low, high)
+    find = octree_starts if options.starts_method == "octree" else grid_starts
+    return find(cloud.positions, chosen, region)
+
+
+def _sort_along_curve(cloud: PointCloud) -> PointCloud:
+    """Sort the points along a Morton curve: neighbours lie together in memory, and every k-th point is an even sample."""
+    lower, upper = cloud.bounds
+    scaled = (cloud.positions - lower) / max(float((upper - lower).max()), 1e-6) * 1023
+    code = np.zeros(len(cloud), dtype=np.int64)
+    cells = scaled.astype(np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    order = np.argsort(code, kind="stable")
+    return replace(
+        cloud, positions=np.ascontiguousarray(cloud.positions[order]), colors=np.ascontiguousarray(cloud.colors[order])
+    )
+
+
+def _halve(color: Tensor, valid: Tensor) -> Tensor:
+    """Average (B, H, W, 3) over squares of two valid pixels a side."""
+    weight = valid[..., None].float()
+    batch, height, width, _ = color.shape
+    shape = (batch, height // 2, 2, width // 2, 2)
+    total = (color * weight).view(*shape, 3).sum((2, 4))
+    return total / weight.view(*shape, 1).sum((2, 4)).clamp_min(1e-6)
+
+
+def _bytes(color: Tensor) -> Tensor:
+    return (color * 255).round().clamp_(0, 255).to(torch.uint8)

@@ -1,0 +1,69 @@
+"""Scores of all poses, and the candidates chosen from them.
+
+Paper: §3.1 (a rotated view takes the histograms of the nearest patches), §3.3, Eq. 4 (candidate selection).
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from core.rotations import rotation_angle
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Poses chosen for refinement: start numbers (K,), rotation numbers (K,), scores (K,), best first."""
+
+    starts: Tensor
+    rotations: Tensor
+    scores: Tensor
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
+def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
+    """Return w (T, R): for each start and rotation the weighted sum over query patches of I[t, i, π_r(i)].
+
+    tensor: I (T, P, P), query patch first. table: π (R, P) from `core.spherical_patches.rotation_table`. weights: (P,).
+    """
+    num_views, num_patches, _ = tensor.shape
+    rows = tensor.reshape(num_views, -1).T.contiguous()
+    index = table + torch.arange(num_patches, device=table.device) * num_patches
+    scores = torch.nn.functional.embedding_bag(
+        index, rows, mode="sum", per_sample_weights=weights.expand(len(table), -1).contiguous()
+    )
+    return scores.T
+
+
+def select_candidates(
+    scores: Tensor,
+    positions: Tensor,
+    rotations: Tensor,
+    count: int,
+    distinct_angle_deg: float,
+    distinct_distance_m: float,
+) -> Candidates:
+    """Choose the best poses that differ from each other by more than one of the two distances.
+
+    scores: (T, R), −inf where excluded; positions: (T, 3) metres; rotations: (R, 3, 3).
+    """
+    pool = min(scores.numel(), max(100 * count, 1000))
+    top = scores.flatten().topk(pool)
+    keep_finite = top.values > -math.inf
+    values, flat = top.values[keep_finite], top.indices[keep_finite]
+    start, rotation = flat // scores.shape[1], flat % scores.shape[1]
+    place, turn = positions[start], rotations[rotation]
+    alive = torch.ones(len(flat), dtype=torch.bool, device=scores.device)
+    chosen: list[int] = []
+    while len(chosen) < count and bool(alive.any()):
+        best = int(alive.int().argmax())
+        chosen.append(best)
+        near = (place - place[best]).norm(dim=-1) < distinct_distance_m
+        near &= rotation_angle(turn, turn[best]) < math.radians(distinct_angle_deg)
+        alive &= ~near
+        alive[best] = False
+    pick = torch.tensor(chosen, dtype=torch.long, device=scores.device)
+    return Candidates(start[pick], rotation[pick], values[pick])
