@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from core.errors import ScanDamagedError
-from core.scan.reading_context import CUT_SHORT, no_color_error
+from core.scan.laz_chunks import LazChunks
+from core.scan.reading_context import CUT_SHORT, ReadingContext, no_color_error
 
 # Size of a record without extra bytes by point format (ASPRS LAS 1.4 R15).
 _RECORD_BYTES = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}
@@ -14,22 +15,21 @@ _MIN_HEADER_BYTES = 227
 _HEADER_BYTES_1_4 = 375
 _VLR_BYTES, _EVLR_BYTES = 54, 60
 _LASZIP_RECORD = 22204
-_VARIABLE_CHUNKS = 0xFFFFFFFF
-_MAX_CHUNK_BYTES = 1 << 29
+_LASZIP_USER = b"laszip encoded"
 
 
 @dataclass(frozen=True)
 class LasLayout:
-    """What the public header says. offset: where the points begin, bytes."""
+    """What the public header says."""
 
     num_points: int
     record_bytes: int
-    offset: int
     is_compressed: bool
 
 
-def check_las_header(stream: BinaryIO, size_bytes: int) -> LasLayout:
+def check_las_header(stream: BinaryIO, context: ReadingContext) -> LasLayout:
     """Return the layout of the file; raise ScanDamagedError or ScanContentError when it cannot be read."""
+    size_bytes = context.size_bytes
     header = stream.read(_HEADER_BYTES_1_4)
     if len(header) < _MIN_HEADER_BYTES:
         raise ScanDamagedError(
@@ -56,10 +56,12 @@ def check_las_header(stream: BinaryIO, size_bytes: int) -> LasLayout:
             f"The LAS header contradicts itself: {header_bytes} bytes of header and {num_vlrs:,} records do not fit "
             f"before the points at byte {offset:,}. Export the scan again."
         )
+    context.check_point_count(num_points)
     _check_inside("points", offset, size_bytes)
-    layout = LasLayout(num_points, record_bytes, offset, is_compressed)
+    layout = LasLayout(num_points, record_bytes, is_compressed)
     if is_compressed:
-        _check_chunks(stream, header_bytes, num_vlrs, layout, size_bytes)
+        description = _laszip_description(stream, header_bytes, num_vlrs, offset)
+        LazChunks(description, num_points, record_bytes, offset).check(stream, size_bytes)
     elif offset + num_points * record_bytes > size_bytes:
         raise ScanDamagedError(
             f"The LAS header announces {num_points:,} points of {record_bytes} bytes, but the file holds "
@@ -75,38 +77,15 @@ def _check_inside(what: str, position: int, size_bytes: int) -> None:
         )
 
 
-def _check_chunks(stream: BinaryIO, header_bytes: int, num_vlrs: int, layout: LasLayout, size_bytes: int) -> None:
-    """Check the sizes that the decompressor would allocate without asking."""
-    chunk_points = _chunk_points(stream, header_bytes, num_vlrs, layout.offset)
-    if chunk_points != _VARIABLE_CHUNKS and not 0 < chunk_points * layout.record_bytes <= _MAX_CHUNK_BYTES:
-        raise ScanDamagedError(f"The LAZ file announces chunks of {chunk_points:,} points. Export the scan again.")
-    stream.seek(layout.offset)
-    pointer = stream.read(8)
-    table_start = struct.unpack("<q", pointer)[0] if len(pointer) == 8 else -1
-    if table_start == -1:  # written by a streaming writer: the last eight bytes say where the table is
-        stream.seek(max(size_bytes - 8, 0))
-        table_start = struct.unpack("<q", stream.read(8).rjust(8, b"\xff"))[0]
-    if not layout.offset + 8 <= table_start <= size_bytes - 8:
-        raise ScanDamagedError(
-            f"The LAZ chunk table should lie at byte {table_start:,}, but the file has {size_bytes:,}. {CUT_SHORT}"
-        )
-    stream.seek(table_start)
-    _, num_chunks = struct.unpack("<II", stream.read(8))
-    if num_chunks > layout.num_points or num_chunks > size_bytes:
-        raise ScanDamagedError(
-            f"The LAZ file announces {num_chunks:,} chunks for {layout.num_points:,} points. Export the scan again."
-        )
-
-
-def _chunk_points(stream: BinaryIO, header_bytes: int, num_vlrs: int, offset: int) -> int:
+def _laszip_description(stream: BinaryIO, header_bytes: int, num_vlrs: int, offset: int) -> bytes:
     position = header_bytes
     for _ in range(num_vlrs):
         stream.seek(position)
-        record = stream.read(_VLR_BYTES + 16)
+        record = stream.read(_VLR_BYTES)
         if len(record) < _VLR_BYTES or position > offset:
             break
         record_id, length = struct.unpack_from("<HH", record, 18)
-        if record_id == _LASZIP_RECORD and len(record) == _VLR_BYTES + 16:
-            return int(struct.unpack_from("<I", record, _VLR_BYTES + 12)[0])
+        if record_id == _LASZIP_RECORD and record[2:18].rstrip(b"\0") == _LASZIP_USER:
+            return stream.read(length)
         position += _VLR_BYTES + length
     raise ScanDamagedError("The LAZ file has no record that describes its compression. Export the scan again.")

@@ -16,8 +16,7 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
     without colour.
     """
     with context.path.open("rb") as stream:
-        layout = check_las_header(stream, context.size_bytes)
-    context.check_point_count(layout.num_points)
+        layout = check_las_header(stream, context)
     num_done = 0
     chunks = _iter_chunks(context)
     while True:

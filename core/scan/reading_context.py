@@ -76,6 +76,7 @@ def no_color_error(columns: str) -> ScanContentError:
 def stack_columns(table: NDArray[np.void], names: tuple[str, str, str], dtype: Any) -> NDArray[Any]:
     """Copy three fields of a structured array into an (n, 3) array of `dtype`."""
     stacked = np.empty((len(table), 3), dtype)
-    for axis, name in enumerate(names):
-        stacked[:, axis] = table[name]
+    with np.errstate(invalid="ignore"):  # signalling NaNs of damaged files
+        for axis, name in enumerate(names):
+            stacked[:, axis] = table[name]
     return stacked
