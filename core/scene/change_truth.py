@@ -43,4 +43,5 @@ def _hidden(points: NDArray[np.float64], normals: NDArray[np.float32], scene: Sc
     """Tell which points (N, 3) of surfaces with `normals` lie inside a solid of `scene` or directly under something."""
     cover = scene.surface.cast(points + normals * 0.002, normals)
     from_inside = (scene.surface.normals[cover.triangle] * normals).sum(1) > 0
-    return cover.found & (from_inside | (cover.distance < _COVER_M))
+    hidden: NDArray[np.bool_] = cover.found & (from_inside | (cover.distance < _COVER_M))
+    return hidden

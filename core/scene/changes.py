@@ -8,6 +8,7 @@ import numpy as np
 from core.scene.furnishing import Furnisher
 from core.scene.objects import Item, SceneObject
 from core.scene.scene import Scene, unique_objects
+from core.scene.street_scene import StreetDresser
 
 # Of the changed things, these shares move and vanish; the rest is replaced by something else.
 _MOVED, _REMOVED = 0.4, 0.35
@@ -51,18 +52,11 @@ def _add(
     new_per_room = rng.multinomial(num_new, areas / areas.sum())
     for number, room in enumerate(scene.rooms):
         here = [thing for thing in kept if thing.room == number]
-        furnisher = Furnisher(rng, scene.style, room, number, here)
+        furnisher = StreetDresser(rng, here) if scene.outdoor else Furnisher(rng, scene.style, room, number, here)
         for where, item in moving:
             if where == number:
                 furnisher.add_again(item)
         for _ in range(new_per_room[number]):
-            add = (
-                furnisher.add_wall_item,
-                furnisher.add_wall_item,
-                furnisher.add_free_item,
-                furnisher.add_picture,
-                furnisher.add_corner_item,
-            )
-            add[rng.integers(len(add))]()
+            furnisher.add_something()
         added += furnisher.objects
     return added

@@ -78,11 +78,11 @@ def ceiling_lamp(rng: Rng, style: Style, power: float) -> Item:
 
 def radiator(rng: Rng, width_m: float) -> Item:
     """Return a ribbed radiator."""
-    del rng
-    white, shade = plain((0.90, 0.90, 0.88)), plain((0.72, 0.72, 0.70))
-    parts = box((width_m, 0.06, 0.5), shade, (0, 0.07, 0.14))
-    for x in np.arange(-width_m / 2 + 0.04, width_m / 2, 0.08):
-        parts += box((0.05, 0.02, 0.48), white, (float(x), 0.11, 0.15), skip=("back",))
+    tone = rng.uniform(0.84, 0.93)
+    ribs = np.full((4, 16, 3), tone)
+    ribs[:, :3], ribs[:, 3:5] = tone * 0.62, tone * 0.85
+    texture = patterns.finished(ribs, (0.08, 0.5))
+    parts = box((width_m, 0.09, 0.5), {"sides": texture, "top": plain((tone, tone, tone))}, (0, 0.065, 0.14))
     return item("radiator", "radiator", parts, (width_m, 0.12, 0.64), "wall")
 
 

@@ -1,7 +1,5 @@
 """Furniture that stands on the floor, each piece drawn at random from a style."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from core.scene import artwork, patterns
@@ -194,15 +192,3 @@ def carton(rng: Rng, style: Style) -> Item:
         parts += box((a * 1.004, 0.06, h * 1.002), tape, (0, d / 2, base), skip=("front", "back", "bottom"))
         base += h * 1.003
     return item("carton", "box", parts, (w, d, base), "middle")
-
-
-WALL_FURNITURE: dict[str, Callable[[Rng, Style], Item]] = {
-    "sofa": sofa,
-    "wardrobe": wardrobe,
-    "bookshelf": bookshelf,
-    "desk": desk,
-    "television": television,
-    "bed": bed,
-    "appliance": appliance,
-}
-FREE_FURNITURE: dict[str, Callable[[Rng, Style], Item]] = {"table": table, "chair": chair, "carton": carton}

@@ -6,8 +6,10 @@ from typing import Literal
 import numpy as np
 
 from core.errors import OptionsError
-from core.scene.room_scene import furnished_room
+from core.scene.flat_scene import furnished_flat
+from core.scene.room_scene import bare_room, furnished_room
 from core.scene.scene import Scene
+from core.scene.street_scene import street
 from core.scene.style import STYLES, style_of
 
 SceneKind = Literal["room", "flat", "bare", "street"]
@@ -35,4 +37,10 @@ def build_scene(spec: SceneSpec) -> Scene:
     rng = np.random.default_rng((spec.seed, kinds[spec.kind]))
     drawn = FAMILIES[rng.integers(len(FAMILIES))]
     style = style_of(spec.family or drawn)
+    if spec.kind == "flat":
+        return furnished_flat(rng, style)
+    if spec.kind == "street":
+        return street(rng, style)
+    if spec.kind == "bare":
+        return bare_room(rng, style, spec.area_m2)
     return furnished_room(rng, style, spec.area_m2)

@@ -15,7 +15,9 @@ from core.scene.surface import Surface
 _NUM_BOUNCE_RAYS = 40
 _NUM_BOUNCES = 3
 _LIFT_M = 0.012
+_PULL = 0.3
 _REACH_M = 12.0
+_SUN_REACH_M = 150.0
 
 
 @dataclass(frozen=True)
@@ -34,14 +36,14 @@ class Sky:
 def bake_light(surface: Surface, lights: Sequence[Light], sky: Sky) -> NDArray[np.float32]:
     """Return the linear RGB irradiance (V, 3) at every vertex, so that color = reflectance x irradiance."""
     normals = _vertex_normals(surface)
-    points = surface.vertices + normals * _LIFT_M
+    points = _pulled_inwards(surface) + normals * _LIFT_M
     direct = np.zeros_like(points)
     for light in lights:
         direct += _from_light(surface, points, normals, light)
     return direct + _bounced(surface, points, normals, direct, sky)
 
 
-def exposure_of(surface: Surface, irradiance: NDArray[np.float32], target: float = 0.34) -> float:
+def exposure_of(surface: Surface, irradiance: NDArray[np.float32], target: float = 0.3) -> float:
     """Return the factor that brings the mean reflected light, weighted by area, to `target`."""
     corner = surface.vertices[surface.triangles]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
@@ -53,6 +55,8 @@ def exposure_of(surface: Surface, irradiance: NDArray[np.float32], target: float
 def _from_light(
     surface: Surface, points: NDArray[np.float32], normals: NDArray[np.float32], light: Light
 ) -> NDArray[np.float32]:
+    if light.sun:
+        return _from_sun(surface, points, normals, light)
     received = np.zeros(len(points))
     for source in light.points:
         toward = source - points
@@ -65,6 +69,18 @@ def _from_light(
         shadow = surface.blocked(points[near], np.broadcast_to(source, (len(near), 3)))
         received[near] += amount[near] * ~shadow
     return np.asarray(received[:, None] / len(light.points) * light.power, np.float32)
+
+
+def _from_sun(
+    surface: Surface, points: NDArray[np.float32], normals: NDArray[np.float32], light: Light
+) -> NDArray[np.float32]:
+    toward = light.points[0] / np.linalg.norm(light.points[0])
+    cosine = np.clip(normals @ toward, 0, 1)
+    lit = np.flatnonzero(cosine > 0)
+    free = ~surface.blocked(points[lit], points[lit] + toward * _SUN_REACH_M)
+    received = np.zeros(len(points))
+    received[lit] = cosine[lit] * free
+    return np.asarray(received[:, None] * light.power, np.float32)
 
 
 def _bounced(
@@ -87,6 +103,17 @@ def _bounced(
         arriving = np.where(facing[:, None], radiance[met], 0) + from_sky
         gathered = arriving.reshape(len(points), _NUM_BOUNCE_RAYS, 3).mean(1)
     return gathered
+
+
+def _pulled_inwards(surface: Surface) -> NDArray[np.float32]:
+    """Return the vertices (V, 3) moved a little into their faces, so that they do not lie on the next wall."""
+    centers = surface.vertices[surface.triangles].mean(1)
+    total, count = np.zeros_like(surface.vertices), np.zeros((len(surface.vertices), 1), np.float32)
+    for corner in range(3):
+        np.add.at(total, surface.triangles[:, corner], centers)
+        np.add.at(count, surface.triangles[:, corner], 1)
+    mean = np.where(count > 0, total / np.maximum(count, 1), surface.vertices)
+    return np.asarray(surface.vertices + _PULL * (mean - surface.vertices), np.float32)
 
 
 def _vertex_normals(surface: Surface) -> NDArray[np.float32]:

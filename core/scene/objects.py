@@ -14,12 +14,14 @@ class Light:
     """Light from a small area, sampled at points.
 
     points: (K, 3) metres, a little in front of what glows. normal: (3,) for light to one side only, None for all sides.
+    sun: the first point is the direction towards a far sun instead.
     power: (3,) linear RGB; a surface at 1 m facing the light receives about this much.
     """
 
     points: NDArray[np.float64]
     power: NDArray[np.float64]
     normal: NDArray[np.float64] | None = None
+    sun: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,21 +1,58 @@
 """Single rooms: furnished or bare, 8 to 60 m²."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from core.scene import patterns
 from core.scene.furnishing import Furnisher
+from core.scene.objects import Item, Piece, SceneObject
 from core.scene.patterns import Rng
+from core.scene.placement import Placer
 from core.scene.room_shell import Opening, Room, build_shell
 from core.scene.scene import Scene
-from core.scene.style import Style
+from core.scene.solids import box
+from core.scene.style import Style, pick
 
 
 def furnished_room(rng: Rng, style: Style, area_m2: float | None) -> Scene:
     """Return one furnished room."""
     room = random_room(rng, area_m2)
-    shell = build_shell(rng, style, room, "room0")
-    furnisher = Furnisher(rng, style, room, 0)
+    shell = [*build_shell(rng, style, room, "room0"), *projections(rng, style, room)]
+    furnisher = Furnisher(rng, style, room, 0, shell)
     furnisher.furnish(style.density * rng.uniform(0.8, 1.2))
     return Scene((*shell, *furnisher.objects), (room,), style)
+
+
+def bare_room(rng: Rng, style: Style, area_m2: float | None) -> Scene:
+    """Return a nearly empty room: plain walls, door, windows, radiators, sockets, perhaps a thing or two left behind."""
+    room = random_room(rng, area_m2 or float(rng.uniform(9, 26)))
+    shell = [*build_shell(rng, style, room, "room0", bare=True), *projections(rng, style, room)]
+    furnisher = Furnisher(rng, style, room, 0, shell)
+    furnisher.add_fixtures()
+    furnisher.add_small_fittings()
+    if rng.random() < 0.4:
+        furnisher.add_free_item()
+    return Scene((*shell, *furnisher.objects), (room,), style)
+
+
+def projections(rng: Rng, style: Style, room: Room) -> list[SceneObject]:
+    """Return what breaks the symmetry of a rectangle: perhaps a chimney breast at a wall or a boxed-in pipe."""
+    if rng.random() < 0.5:
+        return []
+    width, depth = (rng.uniform(0.9, 1.5), rng.uniform(0.25, 0.45)) if rng.random() < 0.5 else (0.35, 0.35)
+    block = plain_block(rng, style, (width, depth, room.height_m))
+    placer = Placer(rng, room, 0)
+    if not placer.along_wall(block):
+        return []
+    return [replace(thing, key=f"fixed/{thing.key}", movable=False, item=None) for thing in placer.objects]
+
+
+def plain_block(rng: Rng, style: Style, size_m: tuple[float, float, float]) -> Item:
+    """Return a plastered block of the given size."""
+    paint = patterns.plaster(rng, pick(rng, style.walls), (2.0, 2.0), 0.6)
+    parts = box(size_m, paint, (0, size_m[1] / 2 - 0.01, 0), skip=("top", "bottom"))
+    return Item("block", (Piece("wall", tuple(parts)),), size_m, "wall")
 
 
 def random_room(rng: Rng, area_m2: float | None) -> Room:

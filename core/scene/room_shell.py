@@ -55,10 +55,11 @@ class Room:
         return np.array([*start, 0.0]), np.array([*along, 0.0]), np.array([*inward, 0.0])
 
 
-def build_shell(rng: Rng, style: Style, room: Room, name: str) -> list[SceneObject]:
-    """Build the fixed surfaces of a room; windows give light."""
+def build_shell(rng: Rng, style: Style, room: Room, name: str, bare: bool = False) -> list[SceneObject]:
+    """Build the fixed surfaces of a room; windows give light. bare: all walls and the floor in plain colors."""
     width, depth = room.size_m
-    floor = quad((room.x0, room.y0, 0), (width, 0, 0), (0, depth, 0), floor_texture(rng, style, room.size_m))
+    paint = _plain_floor if bare else floor_texture
+    floor = quad((room.x0, room.y0, 0), (width, 0, 0), (0, depth, 0), paint(rng, style, room.size_m))
     white = patterns.plaster(rng, (0.93, 0.93, 0.91), (2.0, 2.0), 0.6)
     ceiling = quad((room.x0, room.y1, room.height_m), (width, 0, 0), (0, -depth, 0), white)
     color = pick(rng, style.walls)
@@ -66,7 +67,8 @@ def build_shell(rng: Rng, style: Style, room: Room, name: str) -> list[SceneObje
     trim: list[Part] = []
     skirting = plain(pick(rng, (*style.woods, (0.93, 0.93, 0.92))))
     for wall in range(4):
-        texture = wall_texture(rng, style, color, (room.wall_length_m(wall), room.height_m))
+        size = room.wall_length_m(wall), room.height_m
+        texture = patterns.plaster(rng, color, size, 0.5) if bare else wall_texture(rng, style, color, size)
         walls += _wall_parts(room, wall, texture)
         trim += _skirting(room, wall, skirting)
     shell = [fixed(f"{name}/floor", "floor", [floor]), fixed(f"{name}/ceiling", "ceiling", [ceiling])]
@@ -74,6 +76,12 @@ def build_shell(rng: Rng, style: Style, room: Room, name: str) -> list[SceneObje
     for number, opening in enumerate(room.openings):
         shell += _fill_opening(rng, style, room, opening, f"{name}/{opening.kind}{number}")
     return shell
+
+
+def _plain_floor(rng: Rng, style: Style, size_m: tuple[float, float]) -> Texture:
+    if rng.random() < 0.4:
+        return patterns.planks(rng, pick(rng, style.woods), size_m)
+    return patterns.concrete(rng, pick(rng, ((0.62, 0.58, 0.52), (0.50, 0.51, 0.53), (0.70, 0.66, 0.58))), size_m)
 
 
 def _wall_parts(room: Room, wall: int, texture: Texture) -> list[Part]:
@@ -112,8 +120,7 @@ def _fill_opening(rng: Rng, style: Style, room: Room, hole: Opening, name: str) 
     corner = start + hole.start_m * along + [0, 0, hole.sill_m]
     across, up = hole.width_m * along, np.array([0, 0, hole.top_m - hole.sill_m])
     back = -hole.depth_m * inward
-    paint = plain((0.90, 0.89, 0.87))
-    jamb = _jamb(corner, across, up, back, paint)
+    jamb = _jamb(corner, across, up, back, plain((0.90, 0.89, 0.87))) if hole.depth_m > 0 else []
     size = (hole.width_m, hole.top_m - hole.sill_m)
     if hole.kind == "passage":
         return [

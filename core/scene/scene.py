@@ -27,6 +27,7 @@ class Scene:
     style: Style
     sky: Sky = field(default_factory=Sky)
     fixed_exposure: float | None = None
+    outdoor: bool = False
 
     @cached_property
     def surface(self) -> Surface:

@@ -51,7 +51,7 @@ def shade(
 
 def tone_mapped(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return sRGB values (gamma 2.2) of linear light; highlights roll off instead of clipping hard."""
-    rolled = np.where(linear < 0.6, linear, 0.6 + 0.4 * np.tanh((linear - 0.6) / 0.4 * 0.8))
+    rolled = np.where(linear < 0.4, linear, 0.4 + 0.6 * np.tanh((linear - 0.4) / 0.6 * 0.8))
     return np.asarray(np.clip(rolled, 0, 1) ** (1 / 2.2), np.float32)
 
 
