@@ -12,6 +12,8 @@ from core.scan.e57_scan import E57Scan
 from core.scan.reading_context import CUT_SHORT, RawChunk, ReadingContext, no_color_error
 
 _HEADER = struct.Struct("<8sIIQQQQ")
+_PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020
+_MAX_XML_BYTES = 1 << 26
 
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
@@ -52,11 +54,31 @@ def _check_header(context: ReadingContext) -> None:
         raise ScanDamagedError(
             f"The E57 header announces {announced:,} bytes, but the file has {context.size_bytes:,}. {CUT_SHORT}"
         )
-    if page_bytes != 1024 or xml_offset + xml_length > announced:
+    if page_bytes != _PAGE_BYTES or xml_offset + xml_length > announced:
         raise ScanDamagedError(
             f"The E57 header is damaged: pages of {page_bytes:,} bytes (expected 1024), description at byte "
             f"{xml_offset:,} with {xml_length:,} bytes. {CUT_SHORT}"
         )
+    _check_description(context, xml_offset, xml_length)
+
+
+def _check_description(context: ReadingContext, xml_offset: int, xml_length: int) -> None:
+    """Refuse XML with entities: the parser would expand them without limit and open the files that they name."""
+    if xml_length > _MAX_XML_BYTES:
+        raise ScanContentError(
+            f"The E57 file describes itself in {xml_length:,} bytes of XML; at most {_MAX_XML_BYTES:,} are read."
+        )
+    first_page = xml_offset // _PAGE_BYTES * _PAGE_BYTES
+    num_pages = (xml_offset - first_page + xml_length) // _PAGE_CONTENT_BYTES + 1
+    with context.path.open("rb") as stream:
+        stream.seek(first_page)
+        pages = stream.read(num_pages * _PAGE_BYTES)
+    starts = range(0, len(pages), _PAGE_BYTES)
+    xml = b"".join(pages[start : start + _PAGE_CONTENT_BYTES] for start in starts)[xml_offset - first_page :]
+    if b"<!" in xml[:xml_length].replace(b"<![CDATA[", b"").replace(b"<!--", b""):
+        raise ScanDamagedError("The E57 file declares XML entities or a document type; E57 allows neither.")
+    if b"\x00" in xml[:xml_length]:
+        raise ScanDamagedError("The XML description of the E57 file is not UTF-8. Export the scan again.")
 
 
 def _iter_file(context: ReadingContext, libe57: Any, image_file: Any) -> Iterator[RawChunk]:
