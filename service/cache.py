@@ -1,0 +1,187 @@
+"""What lives in Redis, all of it with a lifetime: nothing here is lost for good when Redis is.
+
+    index:{map}:{revision}:{digest}     encoded map index               written by workers, kept while it is used
+    progress:{map}:{revision}           what a registration is at       written by workers
+    localization:{id}                   state, then answer              written by the HTTP process
+    picture:{id}:{name}                 PNG                             written by the HTTP process
+    of_map:{map}                        ids of answers about a map, so that deleting the map deletes them too
+
+`Cache` is the asynchronous side, for the HTTP process; `WorkerCache` the blocking side, for workers. Both connect when
+they are first used, connect again by themselves after Redis was away, and raise CacheDownError while it is.
+"""
+
+import json
+import time
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any
+
+import redis
+import redis.asyncio
+from redis.asyncio.retry import Retry as AsyncRetry
+from redis.backoff import ExponentialBackoff
+from redis.retry import Retry
+
+from service.errors import CacheDownError
+from service.pool import MapRef
+
+_TIMEOUT_S = 5.0
+_RETRIES = 3
+_RETRY_AFTER_S = 2
+# A server that is full or only a replica for now is as good as away.
+_LOST = (
+    redis.ConnectionError,
+    redis.TimeoutError,
+    redis.exceptions.BusyLoadingError,
+    redis.exceptions.OutOfMemoryError,
+    redis.exceptions.ReadOnlyError,
+    OSError,
+)
+
+
+class WorkerCache:
+    """The side of the workers. Safe for several threads."""
+
+    def __init__(self, url: str, *, index_lifetime_s: int, progress_lifetime_s: int = 600) -> None:
+        backoff = ExponentialBackoff(cap=0.2, base=0.02)
+        self._redis = redis.Redis.from_url(
+            url, socket_timeout=_TIMEOUT_S, socket_connect_timeout=_TIMEOUT_S, retry=Retry(backoff, _RETRIES)
+        )
+        self._index_lifetime_s = index_lifetime_s
+        self._progress_lifetime_s = progress_lifetime_s
+
+    def get_index(self, ref: MapRef, digest: str) -> bytes | None:
+        """Return the encoded index, None when it is not there; reading it renews its lifetime."""
+        with _down_is_said():
+            found: Any = self._redis.getex(_index_key(ref, digest), ex=self._index_lifetime_s)
+            return None if found is None else bytes(found)
+
+    def put_index(self, ref: MapRef, digest: str, data: bytes) -> None:
+        """Store an encoded index; digest: of the configuration that it was built with, hexadecimal."""
+        with _down_is_said():
+            self._redis.set(_index_key(ref, digest), data, ex=self._index_lifetime_s)
+
+    def report_progress(self, ref: MapRef, status: str, stage: str, progress: float) -> None:
+        """Tell what a registration is at: status "reading" or "indexing", stage in words, progress 0..1 of all."""
+        value = json.dumps({"status": status, "stage": stage, "progress": round(progress, 3)})
+        with _down_is_said():
+            self._redis.set(_progress_key(ref), value, ex=self._progress_lifetime_s)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._redis.close()
+
+
+class Cache:
+    """The side of the HTTP process. Used from one event loop."""
+
+    def __init__(self, url: str, *, result_lifetime_s: int) -> None:
+        backoff = ExponentialBackoff(cap=0.2, base=0.02)
+        self._redis = redis.asyncio.Redis.from_url(
+            url, socket_timeout=_TIMEOUT_S, socket_connect_timeout=_TIMEOUT_S, retry=AsyncRetry(backoff, _RETRIES)
+        )
+        self._result_lifetime_s = result_lifetime_s
+
+    async def check(self) -> None:
+        """Raise CacheDownError unless Redis answers."""
+        async with _down_is_said_async():
+            await self._redis.ping()
+
+    async def get_progress(self, refs: Iterable[MapRef]) -> dict[MapRef, dict[str, Any]]:
+        """Return what the registrations of `refs` are at; those that have not begun are left out."""
+        wanted = list(refs)
+        if not wanted:
+            return {}
+        async with _down_is_said_async():
+            found = await self._redis.mget([_progress_key(ref) for ref in wanted])
+        return {ref: json.loads(value) for ref, value in zip(wanted, found, strict=True) if value is not None}
+
+    async def put_localization(
+        self, localization_id: str, body: Mapping[str, Any], map_ids: Iterable[str] = (), lifetime_s: int | None = None
+    ) -> None:
+        """Store the state or the answer of a localization; map_ids: the maps with which it is deleted."""
+        lifetime_s = lifetime_s or self._result_lifetime_s
+        now = time.time()
+        async with _down_is_said_async(), self._redis.pipeline(transaction=False) as pipe:
+            pipe.set(f"localization:{localization_id}", json.dumps(body, allow_nan=False), ex=lifetime_s)
+            for map_id in map_ids:
+                pipe.zremrangebyscore(f"of_map:{map_id}", "-inf", now)
+                pipe.zadd(f"of_map:{map_id}", {localization_id: now + lifetime_s})
+                pipe.expire(f"of_map:{map_id}", lifetime_s)
+            await pipe.execute()
+
+    async def get_localization(self, localization_id: str) -> dict[str, Any] | None:
+        """Return what was stored last, None when there is nothing (any more)."""
+        async with _down_is_said_async():
+            found = await self._redis.get(f"localization:{localization_id}")
+        return None if found is None else dict(json.loads(found))
+
+    async def put_pictures(self, localization_id: str, pictures: Mapping[str, bytes]) -> None:
+        """Store PNGs by name for as long as an answer lives."""
+        async with _down_is_said_async(), self._redis.pipeline(transaction=False) as pipe:
+            for name, data in pictures.items():
+                pipe.set(f"picture:{localization_id}:{name}", data, ex=self._result_lifetime_s)
+            await pipe.execute()
+
+    async def get_picture(self, localization_id: str, name: str) -> bytes | None:
+        """Return one PNG, None when there is none (any more)."""
+        async with _down_is_said_async():
+            found = await self._redis.get(f"picture:{localization_id}:{name}")
+        return None if found is None else bytes(found)
+
+    async def forget_revision(self, ref: MapRef) -> None:
+        """Delete index and progress of one revision."""
+        async with _down_is_said_async():
+            await self._delete_matching(f"index:{ref.id}:{ref.revision}:*")
+            await self._redis.delete(_progress_key(ref))
+
+    async def forget_map(self, map_id: str) -> None:
+        """Delete indexes, progress, answers and pictures of one map."""
+        async with _down_is_said_async():
+            await self._delete_matching(f"index:{map_id}:*")
+            await self._delete_matching(f"progress:{map_id}:*")
+            for found in await self._redis.zrange(f"of_map:{map_id}", 0, -1):
+                localization_id = found.decode()
+                await self._delete_matching(f"picture:{localization_id}:*")
+                await self._redis.delete(f"localization:{localization_id}")
+            await self._redis.delete(f"of_map:{map_id}")
+
+    async def close(self) -> None:
+        """Close the connections."""
+        connections: Any = self._redis
+        await connections.aclose()
+
+    async def _delete_matching(self, pattern: str) -> None:
+        async for key in self._redis.scan_iter(match=pattern, count=1000):
+            await self._redis.unlink(key)
+
+
+def _index_key(ref: MapRef, digest: str) -> str:
+    return f"index:{ref.id}:{ref.revision}:{digest}"
+
+
+def _progress_key(ref: MapRef) -> str:
+    return f"progress:{ref.id}:{ref.revision}"
+
+
+def _down(error: Exception) -> CacheDownError:
+    return CacheDownError(
+        f"expected an answer from Redis, got {type(error).__name__}; it is connected to again by itself, try again",
+        _RETRY_AFTER_S,
+    )
+
+
+@contextmanager
+def _down_is_said() -> Iterator[None]:
+    try:
+        yield
+    except _LOST as error:
+        raise _down(error) from error
+
+
+@asynccontextmanager
+async def _down_is_said_async() -> AsyncIterator[None]:
+    try:
+        yield
+    except _LOST as error:
+        raise _down(error) from error

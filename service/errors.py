@@ -1,0 +1,169 @@
+"""What can go wrong in `service`, one class per thing that a caller can act on.
+
+    ServiceError
+    ├── RequestError                  the caller has to change the request
+    │   ├── MalformedRequestError     not multipart, not JSON, or a part is missing
+    │   ├── KeyMissingError           no key, or an unknown one
+    │   ├── ScopeMissingError         the key may not do this
+    │   ├── MapNotFoundError          no map under this id or tag
+    │   ├── LocalizationNotFoundError no localization under this id, or its time is over
+    │   ├── MapNotReadyError          the map is still being built
+    │   ├── MapFailedError            the map could not be built and serves nothing
+    │   ├── MapLimitError             as many maps as allowed
+    │   ├── UploadTooLargeError       too many bytes
+    │   ├── ImageTooLargeError        too many pixels, by the image's header
+    │   ├── TooManyPointsError        too many points, by the scan's header
+    │   ├── UnknownImageError         not a JPEG, PNG or WebP image
+    │   ├── UnknownScanError          not a scan of a known format
+    │   ├── DamagedScanError          the scan contradicts its own header
+    │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
+    ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
+    │   ├── QueueFullError            as many requests wait as may
+    │   ├── NoWorkerError             no worker is up
+    │   ├── CacheDownError            Redis does not answer
+    │   └── StorageFullError          the disk is full
+    ├── DeadlineError                 no answer before the deadline
+    ├── StorageError                  what was stored cannot be read back
+    │   ├── StoredFileMissingError    nothing under this key
+    │   └── StoredFileDamagedError    the bytes do not match their digest
+    └── WorkerError                   an exception of `core`, by the name of its class
+
+Every message says what was expected, what came, and what to do. `service.problems` turns each class into an HTTP
+problem; a class without a row there fails a test.
+"""
+
+from typing import Any
+
+
+class ServiceError(Exception):
+    """Base of everything that `service` raises on purpose."""
+
+
+class RequestError(ServiceError):
+    """The caller has to change the request."""
+
+
+class MalformedRequestError(RequestError):
+    """The request is not multipart, not JSON, or a part of it is missing."""
+
+
+class KeyMissingError(RequestError):
+    """The request bears no API key, or one that nobody knows."""
+
+
+class ScopeMissingError(RequestError):
+    """The API key may not do this."""
+
+
+class MapNotFoundError(RequestError):
+    """There is no map under this id or tag."""
+
+
+class LocalizationNotFoundError(RequestError):
+    """There is no localization under this id, or its time is over."""
+
+
+class MapNotReadyError(RequestError):
+    """The map is still being built."""
+
+    def __init__(self, message: str, retry_after_s: int = 1) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
+
+
+class MapFailedError(RequestError):
+    """The map could not be built and no earlier revision serves."""
+
+
+class MapLimitError(RequestError):
+    """There are as many maps as allowed."""
+
+
+class UploadTooLargeError(RequestError):
+    """The upload has more bytes than allowed."""
+
+
+class ImageTooLargeError(RequestError):
+    """The image has more pixels than allowed."""
+
+
+class TooManyPointsError(RequestError):
+    """The scan has more points than allowed."""
+
+
+class UnknownImageError(RequestError):
+    """The upload is not a JPEG, PNG or WebP image."""
+
+
+class UnknownScanError(RequestError):
+    """The upload is not a scan of a known format."""
+
+
+class DamagedScanError(RequestError):
+    """The scan is empty or contradicts its own header."""
+
+
+class InvalidOptionsError(RequestError):
+    """Options or parameters are out of their range.
+
+    fields: one `{"field": "hints.radius_m", "message": "…"}` per mistake.
+    """
+
+    def __init__(self, message: str, fields: list[dict[str, Any]] | None = None) -> None:
+        super().__init__(message)
+        self.fields = fields or []
+
+
+class TryAgainError(ServiceError):
+    """Nothing is wrong with the request; it is worth sending again after `retry_after_s` seconds."""
+
+    def __init__(self, message: str, retry_after_s: int = 2) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
+
+
+class QueueFullError(TryAgainError):
+    """As many requests wait as may."""
+
+
+class NoWorkerError(TryAgainError):
+    """No worker can take the request now."""
+
+
+class CacheDownError(TryAgainError):
+    """Redis does not answer."""
+
+
+class StorageFullError(TryAgainError):
+    """There is no space left for uploads."""
+
+
+class DeadlineError(ServiceError):
+    """The deadline passed before there was an answer."""
+
+
+class StorageError(ServiceError):
+    """What was stored cannot be read back."""
+
+
+class StoredFileMissingError(StorageError):
+    """Nothing is stored under this key."""
+
+
+class StoredFileDamagedError(StorageError):
+    """The stored bytes do not match their digest."""
+
+
+class WorkerError(ServiceError):
+    """An exception that a worker raised, by the name of its class.
+
+    kind: name of a class of `core.errors`, or of any other class where the worker met a fault of its own. The message
+    is the original one.
+    """
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+    def __reduce__(self) -> tuple[type["WorkerError"], tuple[str, str]]:
+        return WorkerError, (self.kind, str(self))

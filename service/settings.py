@@ -1,0 +1,77 @@
+"""Everything that an operator may set, read from environment variables with the prefix `PANOLOC_`."""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from pydantic import AliasChoices, Field, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from service.api_keys import ApiKeys
+
+
+class Settings(BaseSettings):
+    """Settings of one service. Arguments win over the environment; raises pydantic.ValidationError."""
+
+    model_config = SettingsConfigDict(env_prefix="PANOLOC_", populate_by_name=True, frozen=True, extra="ignore")
+
+    host: str = Field("127.0.0.1", description="Address to listen on; `0.0.0.0` for all.")
+    port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
+    data_dir: Path = Field(Path("panoloc-data"), description="Folder for scans and map records: what must not be lost.")
+    redis_url: str | None = Field(None, description="Redis to use; without it the service starts its own.")
+    ray_address: str | None = Field(
+        None,
+        validation_alias=AliasChoices("panoloc_ray_address", "ray_address"),
+        description="Ray cluster to join; without it one starts inside the service.",
+    )
+    num_workers: int | None = Field(
+        None, ge=1, description="Workers that answer queries; one per GPU, else one per CPU socket or cluster node."
+    )
+    num_registrations: int = Field(
+        1, ge=1, description="Scans read at the same time; each takes the memory of a whole scan."
+    )
+    max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
+    max_image_bytes: int = Field(64 * 2**20, ge=1, description="Bytes of one uploaded panorama or mask.")
+    max_pixels: int = Field(100_000_000, ge=1, description="Pixels of a panorama; checked before it is decoded.")
+    max_points: int = Field(200_000_000, ge=1, description="Points of a scan; a scan with more is refused.")
+    max_points_used: int = Field(500_000, ge=1, description="Points of a scan that remain after thinning.")
+    max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
+    queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
+    default_timeout_s: float = Field(60.0, gt=0, description="Seconds for a query that names no `timeout_s` itself.")
+    max_timeout_s: float = Field(600.0, gt=0, description="Longest `timeout_s` that a query may ask for.")
+    result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
+    index_ttl_s: int = Field(
+        30 * 24 * 3600, ge=60, description="Seconds for which Redis keeps a map index after its last use."
+    )
+    resident_bytes: int = Field(2 * 2**30, ge=0, description="Bytes of map indexes that each worker keeps in memory.")
+    drain_s: float = Field(30.0, ge=0, description="Seconds that requests under way may take after SIGTERM.")
+    api_keys: str = Field(
+        "",
+        repr=False,
+        description="Keys that callers have to present: `key` for everything, `key:read` for all but changing maps; "
+        "separated by commas. Empty: no key is asked for.",
+    )
+    keep_images: bool = Field(False, description="Keep uploaded panoramas in the data folder, in `panoramas/`.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
+    log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
+
+    @field_validator("redis_url", "ray_address", mode="before")
+    @classmethod
+    def _empty_means_unset(cls, value: object) -> object:
+        return None if value == "" else value
+
+    @field_validator("api_keys")
+    @classmethod
+    def _keys_can_be_read(cls, value: str) -> str:
+        ApiKeys.parse(value)
+        return value
+
+    @cached_property
+    def keys(self) -> ApiKeys:
+        """Return the API keys and what each may do."""
+        return ApiKeys.parse(self.api_keys)
+
+    @property
+    def storage_url(self) -> str:
+        """Return where scans and map records live, for `service.storage.open_storage`."""
+        return str(self.data_dir.resolve())
