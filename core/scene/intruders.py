@@ -44,9 +44,9 @@ def show_hand(panorama: Panorama, seed: int = 0) -> tuple[Panorama, NDArray[np.b
     depth = np.maximum(-directions[:, 2], 1e-3)
     # Coordinates on a plane one unit below the camera.
     a, b = directions @ along / depth, directions @ across / depth
-    wobble = 0.05 * np.sin(9 * a) + 0.03 * np.sin(17 * np.arctan2(b, a))
-    fist = below & (np.hypot(a, b * 1.2) < rng.uniform(0.4, 0.6) + wobble)
-    arm = below & (a > 0) & (a < 2.4) & (np.abs(b) < 0.3 + 0.08 * a + wobble / 2)
+    wobble = 0.04 * np.sin(9 * a) + 0.03 * np.sin(5 * np.arctan2(b, a))
+    fist = below & (np.hypot(a, b * 1.2) < rng.uniform(0.3, 0.45) + wobble)
+    arm = below & (a > 0) & (a < 2.4) & (np.abs(b) < 0.2 + 0.08 * a + wobble / 2)
     skin, sleeve = (np.array(random_rgb(rng, 0.45, (0.5, 0.95), hue=0.06)), np.array(random_rgb(rng, 0.8, (0.1, 0.8))))
     shading = (1 - 0.35 * np.abs(np.sin(6 * b + 2 * a)) - 0.3 * np.clip(np.hypot(a, b) - 0.5, 0, 1))[:, None]
     pixels = panorama.color.reshape(-1, 3).copy()

@@ -17,6 +17,8 @@ _NUM_BOUNCES = 3
 _LIFT_M = 0.012
 _PULL = 0.3
 _REACH_M = 12.0
+_BURIED_SHARE = 0.4
+_NUM_FILLS = 2
 _SUN_REACH_M = 150.0
 
 
@@ -40,7 +42,7 @@ def bake_light(surface: Surface, lights: Sequence[Light], sky: Sky) -> NDArray[n
     direct = np.zeros_like(points)
     for light in lights:
         direct += _from_light(surface, points, normals, light)
-    return direct + _bounced(surface, points, normals, direct, sky)
+    return _bounced(surface, points, normals, direct, sky)
 
 
 def exposure_of(surface: Surface, irradiance: NDArray[np.float32], target: float = 0.3) -> float:
@@ -84,25 +86,38 @@ def _from_sun(
 
 
 def _bounced(
-    surface: Surface,
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    direct: NDArray[np.float32],
-    sky: Sky,
+    surface: Surface, points: NDArray[np.float32], normals: NDArray[np.float32], direct: NDArray[np.float32], sky: Sky
 ) -> NDArray[np.float32]:
-    directions = _cosine_directions(normals)
-    flat = directions.reshape(-1, 3)
-    hits = surface.cast(np.repeat(points, _NUM_BOUNCE_RAYS, axis=0), flat)
+    """Return direct light plus what other surfaces and the sky send; vertices inside solids take it from their neighbours."""
+    directions = _cosine_directions(normals).reshape(-1, 3)
+    hits = surface.cast(np.repeat(points, _NUM_BOUNCE_RAYS, axis=0), directions)
     met = np.maximum(hits.triangle, 0)
-    facing = hits.found & ((surface.normals[met] * flat).sum(1) < 0)
-    from_sky = np.where(hits.found[:, None], 0, sky.radiance(flat)).astype(np.float32)
+    facing = hits.found & ((surface.normals[met] * directions).sum(1) < 0)
+    buried = (hits.found & ~facing).reshape(-1, _NUM_BOUNCE_RAYS).mean(1) > _BURIED_SHARE
+    from_sky = np.where(hits.found[:, None], 0, sky.radiance(directions)).astype(np.float32)
     albedo = surface.atlas.mean_albedo[surface.texture].astype(np.float32)
-    gathered = np.zeros_like(direct)
+    total = _unburied(surface, direct, buried)
     for _ in range(_NUM_BOUNCES):
-        radiance = (direct + gathered)[surface.triangles].mean(1) * albedo
+        radiance = total[surface.triangles].mean(1) * albedo
         arriving = np.where(facing[:, None], radiance[met], 0) + from_sky
-        gathered = arriving.reshape(len(points), _NUM_BOUNCE_RAYS, 3).mean(1)
-    return gathered
+        total = _unburied(surface, direct + arriving.reshape(len(points), _NUM_BOUNCE_RAYS, 3).mean(1), buried)
+    return total
+
+
+def _unburied(surface: Surface, light: NDArray[np.float32], buried: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the light with that of vertices inside solids replaced by the mean of their triangles' other corners."""
+    known = (~buried).astype(np.float32)[:, None]
+    light = light * known
+    for _ in range(_NUM_FILLS):
+        total, count = np.zeros_like(light), np.zeros_like(known)
+        share = known[surface.triangles].sum(1), light[surface.triangles].sum(1)
+        for corner in range(3):
+            np.add.at(count, surface.triangles[:, corner], share[0])
+            np.add.at(total, surface.triangles[:, corner], share[1])
+        fill = (known == 0) & (count > 0)
+        light = np.where(fill, total / np.maximum(count, 1), light)
+        known = np.where(fill, 1, known).astype(np.float32)
+    return np.asarray(light, np.float32)
 
 
 def _pulled_inwards(surface: Surface) -> NDArray[np.float32]:

@@ -59,6 +59,7 @@ def box(
     center: Vector = (0.0, 0.0, 0.0),
     *,
     skip: Iterable[str] = (),
+    step_m: float = _GRID_STEP_M,
 ) -> list[Part]:
     """Return a box whose bottom centre is `center`.
 
@@ -81,7 +82,7 @@ def box(
     for name, (corner, edge_u, edge_v) in faces.items():
         if name not in skipped:
             chosen = texture if isinstance(texture, Texture) else texture.get(name, texture["sides"])
-            parts.append(quad(corner, edge_u, edge_v, chosen))
+            parts.append(quad(corner, edge_u, edge_v, chosen, step_m=step_m))
     return parts
 
 

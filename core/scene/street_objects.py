@@ -88,7 +88,7 @@ def bench(rng: Rng) -> Item:
 def facade(rng: Rng, width: float, height: float) -> tuple[Piece, ...]:
     """Return the front of a house, 6 m deep behind y = 0: wall, plinth, windows with sills, door, cornice, perhaps balconies."""
     wall = _facade_material(rng)
-    body = box((width, 6.0, height), wall, (0, -3.0, 0), skip=("bottom",))
+    body = box((width, 6.0, height), wall, (0, -3.0, 0), skip=("bottom",), step_m=0.6)
     stone = plain(np.full(3, rng.uniform(0.4, 0.8)))
     body += box((width, 0.06, rng.uniform(0.4, 0.9)), stone, (0, 0.03, 0), skip=("back",))
     body += box((width + 0.05, 0.3, 0.25), stone, (0, 0.1, height - 0.25))

@@ -127,11 +127,9 @@ def _houses(rng: Rng) -> list[SceneObject]:
 
 def _garden(rng: Rng, x: float, width: float, side: int) -> SceneObject:
     """Return a gap between houses: a wall with bushes behind it."""
-    parts = box(
-        (width, 0.3, rng.uniform(1.6, 2.4)),
-        patterns.bricks(rng, (0.5, 0.36, 0.3)),
-        (x + width / 2, side * (_HALF_WIDTH_M + 0.2), 0),
-    )
+    middle, behind = x + width / 2, side * (_HALF_WIDTH_M + 2.5)
+    brick = patterns.bricks(rng, (0.5, 0.36, 0.3))
+    parts = box((width, 0.3, rng.uniform(1.6, 2.4)), brick, (middle, side * (_HALF_WIDTH_M + 0.2), 0), step_m=0.6)
     green = artwork.foliage(rng, (0.24, 0.38, 0.16), (1.5, 1.5))
-    hedge = box((width, 2.0, rng.uniform(2.5, 4.5)), green, (x + width / 2, side * (_HALF_WIDTH_M + 2.5), 0))
+    hedge = box((width, 2.0, rng.uniform(2.5, 4.5)), green, (middle, behind, 0), step_m=0.6)
     return SceneObject(f"garden@{x:.2f},{side}", (Piece("building", tuple(parts)), Piece("tree", tuple(hedge))))
