@@ -7,6 +7,7 @@ thread that started them (a parent-death signal belongs to a thread, not to a pr
 import contextlib
 import logging
 import os
+import secrets
 import time
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,8 @@ _ENVIRONMENT = {
     "RAY_task_events_report_interval_ms": "0",
     "RAY_enable_metrics_collection": "0",
     "RAY_SERVE_LOG_TO_STDERR": "0",
+    # Ray would run every worker at niceness 15; only registrations give way to the others here.
+    "RAY_worker_niceness": "0",
     # A scan that does not fit into memory once will not fit the next time.
     "RAY_task_oom_retries": "1",
     # glibc keeps freed panoramas in up to eight heaps per core otherwise.
@@ -62,8 +65,10 @@ class RayCluster:
         if self._address is not None:
             ray.init(address=self._address, **quiet)
             return
+        _choose_token()
         ray.init(
             address="local",
+            _node_ip_address="127.0.0.1",
             # Logical: a worker, a registration and a rebuild have to find a place on a machine with one core, too.
             num_cpus=max(4, os.cpu_count() or 1),
             include_dashboard=False,
@@ -109,6 +114,15 @@ def _import_ray() -> Any:
     for name in ("ray", "ray.serve"):
         logging.getLogger(name).setLevel(logging.ERROR)
     return ray
+
+
+def _choose_token() -> None:
+    """Let nobody else on this machine run code in our workers: Ray's ports are open to all its users.
+
+    A cluster of our own asks for a token by default; without ours, Ray would write one into the home folder, which
+    a container's user may not have.
+    """
+    os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
 
 
 def _end_processes_that_nobody_needs(ray: Any) -> None:

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 class WorkerSettings:
     """Values that a worker takes from the service's settings.
 
-    redis_url and storage_url: reachable from every machine that runs a worker. num_threads: for torch, per worker.
-    resident_bytes: map indexes kept in memory, least recently used out. index_lifetime_s: of an index in Redis.
-    progress_lifetime_s: of a registration's progress in Redis.
+    redis_url and storage_url: reachable from every machine that runs a worker. workers_per_machine: that share its
+    processors. resident_bytes: map indexes kept in memory, least recently used out. index_lifetime_s: of an index in
+    Redis. progress_lifetime_s: of a registration's progress in Redis.
     """
 
     redis_url: str
     storage_url: str
-    num_threads: int
+    workers_per_machine: int = 1
     resident_bytes: int = 2 * 2**30
     max_pixels: int = 100_000_000
     max_points: int = 500_000

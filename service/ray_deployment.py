@@ -1,0 +1,111 @@
+"""What runs inside Ray: the replica that answers queries, and the task that builds a map's index.
+
+Imported by Ray's workers and, when the pool starts, by the HTTP process; the algorithm is imported by workers alone.
+"""
+
+import asyncio
+import importlib
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ray import serve
+
+from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from service.worker_reply import WorkerReply
+from service.worker_settings import WorkerSettings
+
+APP_NAME = "panoloc"
+_REGISTRATION_NICENESS = 10
+# A search checks its deadline often; one that is this late hangs in native code.
+_OVERDUE_S = 60.0
+_MAPS_KNOWN_TO_ROUTER = 1000
+
+
+class QueryWorker(Protocol):
+    """The body of a worker, without Ray."""
+
+    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        """Answer one query."""
+
+
+class MapRegistrar(Protocol):
+    """The body of a registration, without Ray."""
+
+    def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
+        """Build and store the index of one map."""
+
+    def rebuild(self, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+        """Build and store the index of a map whose record and scan are in storage."""
+
+
+@dataclass(frozen=True)
+class WorkerPlan:
+    """What runs inside Ray: two factories, each "module:function", called with the settings where the work is done."""
+
+    settings: WorkerSettings
+    worker: str = "service.worker:build_worker"
+    registrar: str = "service.registration:build_registrar"
+
+    def build_worker(self) -> QueryWorker:
+        """Import the factory of query workers and call it."""
+        worker: QueryWorker = _imported(self.worker)(self.settings)
+        return worker
+
+    def build_registrar(self) -> MapRegistrar:
+        """Import the factory of registrars and call it."""
+        registrar: MapRegistrar = _imported(self.registrar)(self.settings)
+        return registrar
+
+
+class LocalizationReplica:
+    """One worker behind a Serve deployment. Computes one query at a time, with all the threads it was given."""
+
+    def __init__(self, plan: WorkerPlan) -> None:
+        self._worker = plan.build_worker()
+        self._computing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="compute")
+        self._due_unix_s: float | None = None
+
+    async def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        """Answer one query after the ones that came before it."""
+        await self._mark_resident(serve.get_multiplexed_model_id())
+        return await asyncio.get_running_loop().run_in_executor(self._computing, self._compute, job)
+
+    def check_health(self) -> None:
+        """Raise when the query under way should have ended long ago; Serve then replaces this replica."""
+        due = self._due_unix_s
+        if due is not None and time.time() > due + _OVERDUE_S:
+            raise RuntimeError(f"a query is {time.time() - due:.0f} s past its deadline")
+
+    @serve.multiplexed(max_num_models_per_replica=_MAPS_KNOWN_TO_ROUTER)
+    async def _mark_resident(self, map_id: str) -> str:
+        # Only tells the router where a map was asked for, so that the next query goes there as well. What is held
+        # in memory is the worker's own matter, because it counts bytes and Serve counts models.
+        return map_id
+
+    def _compute(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        self._due_unix_s = job.deadline_unix_s
+        try:
+            return self._worker.localize(job)
+        finally:
+            self._due_unix_s = None
+
+
+def register_map(plan: WorkerPlan, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
+    """Register one map in a process of its own, so that queries come first and the memory is returned at the end."""
+    os.nice(_REGISTRATION_NICENESS)
+    return plan.build_registrar().register(job)
+
+
+def rebuild_map(plan: WorkerPlan, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+    """Build the lost index of one map in a process of its own; queries wait for it, so it is as important as they."""
+    return plan.build_registrar().rebuild(map_ref, request_id)
+
+
+def _imported(factory: str) -> Callable[[WorkerSettings], Any]:
+    module, _, name = factory.partition(":")
+    found: Callable[[WorkerSettings], Any] = getattr(importlib.import_module(module), name)
+    return found

@@ -1,0 +1,192 @@
+"""The worker pool on Ray Serve, called through its handle from our own process.
+
+Serve does not repeat a request whose replica died; this pool does, because a localization changes nothing.
+"""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from service.admission import Admission
+from service.errors import DeadlineError, NoWorkerError
+from service.map_builds import MapBuilds
+from service.pool import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
+from service.ray_cluster import RayCluster
+from service.ray_serving import RayServing
+from service.worker_failures import error_of
+from service.worker_reply import WorkerReply
+
+_log = logging.getLogger(__name__)
+Result = TypeVar("Result")
+
+_WATCH_PERIOD_S = 1.0
+_RESTART_PAUSE_S = 2.0
+_MAX_ATTEMPTS = 3
+_MAX_REBUILDS = 2
+
+
+class RayPool:
+    """Implements `service.pool.WorkerPool`. Used from one event loop."""
+
+    def __init__(
+        self, cluster: RayCluster, serving: RayServing, admission: Admission, num_registrations: int = 1
+    ) -> None:
+        """num_registrations: that run at the same time; each takes the memory of a whole scan."""
+        self._cluster = cluster
+        self._serving = serving
+        self._admission = admission
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="ray")
+        self._builds = MapBuilds(lambda *task: self._in_ray_thread(serving.submit, *task), num_registrations)
+        self._handle: Any = None
+        self._waiting_for: str | None = "the worker pool"
+        self._num_running = 0
+        self._draining = False
+        self._watch: asyncio.Task[None] | None = None
+        self._workers: dict[str, WorkerReply[Any]] = {}
+        self._index_loads: dict[str, int] = {}
+        self._num_retries = 0
+
+    async def start(self) -> None:
+        """Begin to bring the workers up and return at once; `state` tells when they are."""
+        self._watch = asyncio.create_task(self._keep_up())
+
+    async def stop(self, drain_s: float) -> None:
+        """Take nothing more, wait up to `drain_s` for what is under way, then end the workers."""
+        self.begin_drain()
+        deadline = time.monotonic() + drain_s
+        while self._admission.num_admitted and time.monotonic() < deadline:
+            await asyncio.sleep(0.05)
+        if self._watch is not None:
+            self._watch.cancel()
+            await asyncio.gather(self._watch, return_exceptions=True)
+        await self._builds.cancel()
+        await self._in_ray_thread(self._leave)
+        self._thread.shutdown()
+
+    def begin_drain(self) -> None:
+        """Refuse new requests from now on; those under way go on."""
+        self._draining = True
+
+    def state(self) -> PoolState:
+        """Return what readiness and metrics tell about the pool."""
+        waiting_for = "nothing: the service is shutting down" if self._draining else self._waiting_for
+        return PoolState(
+            ready=waiting_for is None,
+            waiting_for=waiting_for,
+            num_workers=self._num_running,
+            queue_depth=self._admission.queue_depth,
+            resident_bytes=sum(reply.resident_bytes for reply in self._workers.values()),
+        )
+
+    async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
+        """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
+        if self._draining or self._handle is None:
+            raise NoWorkerError(f"no worker can answer: waiting for {self.state().waiting_for}")
+        with self._admission.admit():
+            for _ in range(_MAX_REBUILDS + 1):
+                reply = await self._on_some_worker(job)
+                if not reply.missing:
+                    return self._outcome(reply)
+                await self._before_deadline(self._builds.rebuild(reply.missing, job.request_id), job)
+        raise NoWorkerError(f"the index of {job.maps[0].id} does not stay in Redis; is its maxmemory too small?")
+
+    async def register(self, job: RegisterJob) -> RegisterOutcome:
+        """Build and store a map's index in a process of its own, after the registrations that came before it."""
+        return self._outcome(await self._builds.register(job))
+
+    async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        from ray.exceptions import RayError
+        from ray.serve.exceptions import RayServeException
+
+        for attempt in range(1, _MAX_ATTEMPTS + 1):
+            response = self._handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
+            try:
+                reply: WorkerReply[LocalizeOutcome] = await self._before_deadline(_result_of(response), job)
+            except (RayError, RayServeException) as error:
+                self._num_retries += 1
+                lost = {"request_id": job.request_id, "attempt": attempt, "error": type(error).__name__}
+                _log.warning("a worker was lost", extra=lost)
+                continue
+            except BaseException:
+                with contextlib.suppress(Exception):
+                    response.cancel()
+                raise
+            self._note(reply)
+            return reply
+        raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while they computed this answer")
+
+    async def _before_deadline(self, work: Any, job: LocalizeJob) -> Any:
+        remaining_s = job.deadline_unix_s - time.time()
+        try:
+            async with asyncio.timeout(max(0.0, remaining_s)):
+                return await work
+        except TimeoutError as error:
+            raise DeadlineError(
+                "no answer within timeout_s; allow more time, or narrow the search with hints"
+            ) from error
+
+    def _outcome(self, reply: WorkerReply[Result]) -> Result:
+        if reply.failure is not None:
+            raise error_of(reply.failure)
+        assert reply.outcome is not None
+        return reply.outcome
+
+    def _note(self, reply: WorkerReply[Any]) -> None:
+        self._workers[reply.worker] = reply
+        for source, count in reply.index_loads.items():
+            self._index_loads[source] = self._index_loads.get(source, 0) + count
+        self._admission.note_duration(reply.duration_s)
+
+    async def _keep_up(self) -> None:
+        """Bring Ray and the workers up, look after them, and begin again when the cluster is lost."""
+        while True:
+            try:
+                if self._handle is None:
+                    await self._bring_up()
+                await self._look_after()
+                await asyncio.sleep(_WATCH_PERIOD_S)
+            except asyncio.CancelledError:
+                raise
+            except Exception as error:
+                _log.exception("the worker pool is down, starting it again")
+                self._waiting_for = f"workers ({error})"
+                self._handle = None
+                await self._in_ray_thread(self._cluster.disconnect)
+                await asyncio.sleep(_RESTART_PAUSE_S)
+
+    async def _bring_up(self) -> None:
+        self._waiting_for = "Ray"
+        await self._in_ray_thread(self._cluster.connect)
+        self._waiting_for = "workers"
+        handle, staffing = await self._in_ray_thread(self._serving.deploy)
+        self._admission.set_num_workers(staffing.num_workers)
+        self._handle = handle
+
+    async def _look_after(self) -> None:
+        missing = self._cluster.missing_process()
+        if missing:
+            raise RuntimeError(missing)
+        self._num_running = await self._in_ray_thread(self._serving.num_running)
+        self._waiting_for = None if self._num_running else "workers"
+
+    def _leave(self) -> None:
+        if self._handle is not None:
+            self._serving.retire()
+        self._cluster.disconnect()
+
+    async def _in_ray_thread(self, call: Callable[..., Result], *arguments: Any) -> Result:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
+
+
+async def _result_of(response: Any) -> Any:
+    """Wait for a Serve response; it is awaitable, but `asyncio.timeout` needs a coroutine."""
+    return await response
+
+
+def _residency_key(job: LocalizeJob) -> str:
+    """Name what has to be resident for `job`, so that the router sends it where that already is."""
+    return ",".join(f"{map_ref.id}:{map_ref.revision}" for map_ref in job.maps)

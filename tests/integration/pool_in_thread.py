@@ -1,0 +1,88 @@
+"""A pool in an event loop of its own, driven from ordinary test functions."""
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Coroutine
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, TypeVar
+
+from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob
+
+from service.admission import Admission
+from service.lifeline import Lifeline
+from service.ray_cluster import RayCluster
+from service.ray_deployment import WorkerPlan
+from service.ray_pool import RayPool
+from service.ray_serving import RayServing
+from service.worker_settings import WorkerSettings
+
+Result = TypeVar("Result")
+
+
+class PoolInThread:
+    """The real pool with a scripted worker."""
+
+    def __init__(self, folder: Path, ray_address: str | None = None) -> None:
+        self.folder = folder
+        self.lifeline = Lifeline()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        settings = WorkerSettings(redis_url="", storage_url=str(folder))
+        scripted = "tests.integration.scripted_worker:ScriptedWorker"
+        plan = WorkerPlan(settings, worker=scripted, registrar=scripted)
+        cluster = RayCluster(ray_address, folder / "ray", self.lifeline)
+        self.pool = self.run(self._build(cluster, RayServing(cluster, plan, "panoloc", None)))
+        self.run(self.pool.start())
+
+    async def _build(self, cluster: RayCluster, serving: RayServing) -> RayPool:
+        return RayPool(cluster, serving, Admission(queue_limit=10))
+
+    def begin(self, work: Coroutine[Any, Any, Result]) -> "Future[Result]":
+        return asyncio.run_coroutine_threadsafe(work, self._loop)
+
+    def run(self, work: Coroutine[Any, Any, Result], timeout_s: float = 60) -> Result:
+        return self.begin(work).result(timeout_s)
+
+    def wait_until_ready(self, within_s: float = 60) -> None:
+        deadline = time.monotonic() + within_s
+        while not self.pool.state().ready:
+            assert time.monotonic() < deadline, self.pool.state()
+            time.sleep(0.05)
+
+    def localize(self, job: LocalizeJob) -> LocalizeOutcome:
+        return self.run(self.pool.localize(job))
+
+    def localize_all(self, jobs: list[LocalizeJob]) -> list[LocalizeOutcome | BaseException]:
+        async def together() -> list[LocalizeOutcome | BaseException]:
+            return await asyncio.gather(*(self.pool.localize(job) for job in jobs), return_exceptions=True)
+
+        return self.run(together())
+
+    def stop(self, drain_s: float = 5) -> None:
+        self.run(self.pool.stop(drain_s))
+        self.lifeline.close()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+def query(name: str, maps: tuple[str, ...] = ("map_a",), timeout_s: float = 30, **script: Any) -> LocalizeJob:
+    """Return a job whose panorama tells the scripted worker what to do."""
+    return LocalizeJob(
+        localization_id=f"loc_{name}",
+        request_id=name,
+        panorama=json.dumps(script).encode(),
+        mask=None,
+        maps=tuple(MapRef(map_id, 1) for map_id in maps),
+        options={},
+        deadline_unix_s=time.time() + timeout_s,
+    )
+
+
+def registration(name: str, **script: Any) -> RegisterJob:
+    """Return a registration whose options tell the scripted worker what to do."""
+    return RegisterJob(MapRef(name, 1), f"maps/{name}/1/scan.ply", "scan.ply", script, f"register-{name}")

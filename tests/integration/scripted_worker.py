@@ -1,0 +1,58 @@
+"""A worker that does what the panorama's bytes say, so that the pool is tested without the algorithm's seconds."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+
+from service.worker_reply import WorkerFailure, WorkerReply
+from service.worker_settings import WorkerSettings
+
+
+class ScriptedWorker:
+    """Indexes are empty files in the folder that `storage_url` names."""
+
+    def __init__(self, settings: WorkerSettings) -> None:
+        self._folder = Path(settings.storage_url)
+        self._name = f"scripted-{os.getpid()}"
+
+    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        script = json.loads(job.panorama)
+        self._note("started", job.request_id)
+        missing = tuple(ref for ref in job.maps if script.get("needs_index") and not self._index(ref).exists())
+        if missing:
+            return WorkerReply(missing=missing, worker=self._name)
+        if script.get("crash_once") and self._note("crashed", job.request_id):
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(script.get("seconds", 0.0))
+        if "fail" in script:
+            return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
+        body = {"pid": os.getpid(), "request_id": job.request_id}
+        return WorkerReply(LocalizeOutcome(body, {}), worker=self._name, duration_s=0.1, resident_bytes=1234)
+
+    def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
+        if job.options.get("crash"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(job.options.get("seconds", 0.0))
+        self._index(job.map).touch()
+        stats = {"pid": os.getpid(), "nice": os.nice(0)}
+        return WorkerReply(RegisterOutcome(stats, [], b""), worker=self._name)
+
+    def rebuild(self, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+        time.sleep(0.3)
+        self._note("rebuilt", f"{map_ref.id}-{time.time_ns()}")
+        self._index(map_ref).touch()
+        return WorkerReply(worker=self._name)
+
+    def _index(self, ref: MapRef) -> Path:
+        return self._folder / f"{ref.id}.{ref.revision}.index"
+
+    def _note(self, what: str, name: str) -> bool:
+        """Leave a file behind that survives this process; tell whether it is new."""
+        file = self._folder / f"{name}.{what}"
+        is_new = not file.exists()
+        file.touch()
+        return is_new

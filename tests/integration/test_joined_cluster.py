@@ -1,0 +1,74 @@
+"""A pool that joins a Ray cluster which somebody else runs, and leaves it as it was."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import ray
+
+from service.process_tree import descendants
+from tests.integration.pool_in_thread import PoolInThread, query, registration
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture
+def cluster_address() -> Iterator[str]:
+    with socket.socket() as probe:
+        probe.bind(("", 0))
+        address = f"{ray.util.get_node_ip_address()}:{probe.getsockname()[1]}"
+    with tempfile.TemporaryDirectory(prefix="pl-", ignore_cleanup_errors=True) as folder:
+        command = [str(Path(sys.executable).with_name("ray")), "start", "--head", "--block", "--num-cpus=4",
+                   "--include-dashboard=false", "--object-store-memory=80000000", "--node-ip-address=127.0.0.1",
+                   f"--port={address.rpartition(':')[2]}", f"--temp-dir={folder}"]  # fmt: skip
+        environment = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled"}
+        head = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+        try:
+            wait_for_port(address)
+            yield address
+        finally:
+            family = descendants(head.pid)
+            head.kill()
+            head.wait()
+            for pid in family:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+
+
+def wait_for_port(address: str) -> None:
+    host, _, port = address.rpartition(":")
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        with socket.socket() as client:
+            if client.connect_ex((host, int(port))) == 0:
+                return
+        time.sleep(0.1)
+    raise AssertionError(f"no Ray at {address}")
+
+
+def test_a_running_cluster_is_joined_used_and_left_running(cluster_address: str) -> None:
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        running = PoolInThread(Path(folder), ray_address=cluster_address)
+        try:
+            running.wait_until_ready()
+            pid = running.localize(query("joined")).body["pid"]
+            assert running.run(running.pool.register(registration("map_joined"))).stats["nice"] >= 10
+        finally:
+            running.stop()
+    assert wait_until_gone(pid)
+    wait_for_port(cluster_address)
+
+
+def wait_until_gone(pid: int) -> bool:
+    deadline = time.monotonic() + 15
+    while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return not Path(f"/proc/{pid}").exists()

@@ -1,0 +1,96 @@
+"""The pool with real Ray processes and a scripted worker. One cluster for all tests of this module."""
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from service.errors import DeadlineError, ServiceError
+from service.pool import LocalizeOutcome
+
+from service.admission import QueueIsFullError
+from service.process_tree import descendants, process_name
+from tests.integration.pool_in_thread import PoolInThread, query, registration
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[PoolInThread]:
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        running = PoolInThread(Path(folder))
+        running.wait_until_ready()
+        yield running
+        running.stop()
+        assert [process_name(pid) for pid in descendants(os.getpid()) if "ray" in process_name(pid)] == []
+
+
+def test_a_query_is_answered_by_another_process(running: PoolInThread) -> None:
+    body = running.localize(query("first")).body
+    assert body["request_id"] == "first"
+    assert body["pid"] in descendants(os.getpid())
+    assert running.pool.state().resident_bytes == 1234
+
+
+def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: PoolInThread) -> None:
+    pid = running.localize(query("before-kill")).body["pid"]
+    jobs = [query(f"kill-{number}", seconds=0.2) for number in range(8)]
+    begun = [running.begin(running.pool.localize(each)) for each in jobs]
+    time.sleep(0.3)
+    os.kill(pid, signal.SIGKILL)
+    bodies = [each.result(30).body for each in begun]
+    assert [body["request_id"] for body in bodies] == [each.request_id for each in jobs]
+    assert any(body["pid"] != pid for body in bodies)
+
+
+def test_a_query_that_kills_its_worker_is_tried_again(running: PoolInThread) -> None:
+    assert running.localize(query("crash", crash_once=True)).body["request_id"] == "crash"
+
+
+def test_what_the_worker_could_not_do_becomes_a_service_error(running: PoolInThread) -> None:
+    with pytest.raises(ServiceError, match="as the script says"):
+        running.localize(query("bad", fail="PanoramaShapeError"))
+
+
+def test_a_full_queue_turns_the_next_query_away(running: PoolInThread) -> None:
+    outcomes = running.localize_all([query(f"full-{number}", seconds=0.1) for number in range(15)])
+    refused = [outcome for outcome in outcomes if isinstance(outcome, QueueIsFullError)]
+    assert len(refused) == 4
+    assert all(error.retry_after_s >= 1 for error in refused)
+    assert sum(isinstance(outcome, LocalizeOutcome) for outcome in outcomes) == 11
+
+
+def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(running: PoolInThread) -> None:
+    slow = [query(f"slow-{number}", seconds=0.7) for number in range(2)]
+    outcomes = running.localize_all([*slow, query("late", timeout_s=0.4)])
+    assert [type(outcome) for outcome in outcomes] == [LocalizeOutcome, LocalizeOutcome, DeadlineError]
+    time.sleep(0.5)
+    assert not (running.folder / "late.started").exists()
+
+
+def test_a_lost_index_is_built_once_for_all_who_wait(running: PoolInThread) -> None:
+    outcomes = running.localize_all(
+        [query(f"lost-{number}", maps=("map_lost",), needs_index=True) for number in range(5)]
+    )
+    assert all(isinstance(outcome, LocalizeOutcome) for outcome in outcomes), outcomes
+    assert len(list(running.folder.glob("map_lost-*.rebuilt"))) == 1
+
+
+def test_queries_are_answered_while_a_map_registers_and_its_process_ends(running: PoolInThread) -> None:
+    registering = running.begin(running.pool.register(registration("map_new", seconds=3)))
+    time.sleep(1)
+    began = time.monotonic()
+    running.localize(query("beside"))
+    assert time.monotonic() - began < 1
+    stats = registering.result(30).stats
+    assert stats["nice"] >= 10
+    time.sleep(1)
+    assert stats["pid"] not in descendants(os.getpid())
+
+
+def test_a_registration_that_keeps_killing_its_process_ends_in_an_error(running: PoolInThread) -> None:
+    with pytest.raises(ServiceError, match="too little memory"):
+        running.run(running.pool.register(registration("map_crash", crash=True)))
