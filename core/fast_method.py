@@ -7,7 +7,7 @@ Each judgement discards candidates, so that the costly steps see few of them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -22,8 +22,8 @@ from core.candidate_points import (
 )
 from core.config import LocalizerConfig
 from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, prepare_level, refine
-from core.hypotheses import Hypothesis, best_distinct, by_map, stacked_poses
-from core.judge import Agreement, agreement
+from core.hypotheses import Hypothesis, MethodResult, best_distinct, by_map, stacked_poses
+from core.judge import agreement, judged_hypotheses
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.panorama_pyramid import PanoramaLevel, PanoramaPyramid
@@ -36,24 +36,13 @@ from core.stage_clock import StageClock
 _RENDER_BATCH_BYTES = 300_000_000
 
 
-@dataclass(frozen=True)
-class FastResult:
-    """Hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log."""
-
-    hypotheses: list[Hypothesis]
-    comparison: Comparison | None
-    cloud: RenderedCloud | None
-    num_starts: int
-    num_poses: int
-
-
 class FastMethod:
     """Holds what does not change between queries: configuration and rotations."""
 
     def __init__(self, config: LocalizerConfig, device: torch.device, rotation_set: RotationSet) -> None:
         self.config, self.device, self.rotation_set = config, device, rotation_set
 
-    def run(self, panorama: Panorama, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> FastResult:
+    def run(self, panorama: Panorama, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
         """Return hypotheses over all maps, best first; none when the hints leave nothing to search."""
         sizes = self.config.refinement
         limits = [pose_limits(hints, index) for index in maps]
@@ -74,7 +63,7 @@ class FastMethod:
         order = sorted((i for i, h in enumerate(fine) if _allowed(h, limits)), key=lambda i: -fine[i].score)
         best = comparisons[order[0]] if order else (None, None)
         hypotheses = [fine[i] for i in order] + ranked[sizes.fine_candidates :]
-        return FastResult(hypotheses, best[0], best[1], num_starts, num_poses)
+        return MethodResult(hypotheses, best[0], best[1], num_starts, num_poses)
 
     def _search(self, query: "_Query", limits: Sequence[PoseLimits]) -> tuple[list[Hypothesis], int, int]:
         """Search every map and keep the best candidates over all of them."""
@@ -143,7 +132,7 @@ class FastMethod:
                 level = query.level_for(number, height, comparison.tables)
                 group = self._refined(level, points, group, iterations)
             final = self._compare(query, number, cloud, group, judge.final_height)
-            refined += _judged(group, agreement(final, judge.final_height))
+            refined += judged_hypotheses(group, agreement(final, judge.final_height))
             comparisons.append((final, cloud))
         return refined, comparisons
 
@@ -155,7 +144,7 @@ class FastMethod:
             size = max(1, _RENDER_BATCH_BYTES // (150 * len(cloud.positions)))
             for first in range(0, len(group), size):
                 part = group[first : first + size]
-                judged += _judged(part, agreement(self._compare(query, number, cloud, part, height), height))
+                judged += judged_hypotheses(part, agreement(self._compare(query, number, cloud, part, height), height))
         return judged
 
     def _compare(
@@ -227,21 +216,6 @@ class _Query:
         """Return a level with the colours of one candidate: its own equalization (1, 3, 256), or label codes."""
         level: PanoramaLevel = self._pyramids[number].level(height)
         return prepare_level(level.color if tables is None else level.recolored(tables[0]), level.valid)
-
-
-def _judged(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
-    table = {
-        "correlation": measured.correlation.tolist(),
-        "patch_correlation": measured.patch_correlation.tolist(),
-        "mutual_information": measured.mutual_information.tolist(),
-        "inlier_share": measured.inlier_share.tolist(),
-        "coverage": measured.coverage.tolist(),
-    }
-    scores = measured.score.tolist()
-    return [
-        replace(h, score=scores[k], measures={name: values[k] for name, values in table.items()})
-        for k, h in enumerate(group)
-    ]
 
 
 def _allowed(hypothesis: Hypothesis, limits: Sequence[PoseLimits]) -> bool:

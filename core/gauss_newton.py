@@ -133,7 +133,7 @@ def _linearize(
     corners, shares = bilinear_corners(u, v, level.height, level.width)
     sampled = (level.packed[corners] * shares[..., None]).sum(-2)
     color, valid = sampled[..., :3], sampled[..., 12]
-    gradient = sampled[..., 3:12].unflatten(-1, (3, 3))
+    gradient = sampled[..., 3:12].reshape(*sampled.shape[:-1], 3, 3)
     base = points.weights * (valid > 0.99)
     if fit_light:
         gain, offset = fit_gain_offset(color, points.colors, weights * (valid > 0.99))

@@ -1,4 +1,4 @@
-"""Hypotheses: poses on their way through the stages of the `fast` method."""
+"""Hypotheses: poses on their way through the stages of a method."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from core.candidate_points import Comparison, RenderedCloud
 from core.rotations import rotation_angle
 
 
@@ -17,7 +18,8 @@ class Hypothesis:
     map_number: which of the query's maps. start: number of the start it came from. rotation: (3, 3) map_from_camera. position: (3,) metres.
     search_score: of the search. score: of the judge, larger is better. measures: the judge's figures by name.
     loss: robust sampling loss of the last refinement. hessian: (6, 6), its curvature by turn (rad) and move (m) in the camera frame.
-    residual_scale, num_points: of the last refinement. iterations: Gauss-Newton steps so far.
+    residual_scale, num_points: of the last refinement. iterations: refinement steps so far.
+    color_model: how colours of scan and photo were brought together.
     """
 
     map_number: int
@@ -32,12 +34,24 @@ class Hypothesis:
     residual_scale: float = 1.0
     num_points: int = 0
     iterations: int = 0
+    color_model: str = "equalized"
 
     def is_near(self, other: "Hypothesis", distance_m: float, angle_deg: float) -> bool:
         """Tell whether both are the same place and orientation within the limits."""
         if self.map_number != other.map_number or float((self.position - other.position).norm()) >= distance_m:
             return False
         return float(rotation_angle(self.rotation, other.rotation)) < math.radians(angle_deg)
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log."""
+
+    hypotheses: list[Hypothesis]
+    comparison: Comparison | None
+    cloud: RenderedCloud | None
+    num_starts: int
+    num_poses: int
 
 
 def by_map(hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:

@@ -7,12 +7,14 @@ Deviation from the paper (smallest sampling loss wins): on the hardest shared qu
 the cases and the best agreement in 1.00 (docs/experiments.md).
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from core.candidate_points import Comparison
+from core.hypotheses import Hypothesis
 
 _INLIER_SCALE = 0.15  # canonical colour distance at which a pixel counts half
 _BINS = 16
@@ -92,3 +94,19 @@ def _mutual_information(first: Tensor, second: Tensor, share: Tensor) -> Tensor:
     joint = joint.view(-1, _BINS, _BINS)
     independent = joint.sum(2, keepdim=True) * joint.sum(1, keepdim=True)
     return (joint * ((joint + 1e-12) / (independent + 1e-12)).log()).sum((1, 2))
+
+
+def judged_hypotheses(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
+    """Return the hypotheses (K) with their score and measures."""
+    table = {
+        "correlation": measured.correlation.tolist(),
+        "patch_correlation": measured.patch_correlation.tolist(),
+        "mutual_information": measured.mutual_information.tolist(),
+        "inlier_share": measured.inlier_share.tolist(),
+        "coverage": measured.coverage.tolist(),
+    }
+    scores = measured.score.tolist()
+    return [
+        replace(h, score=scores[k], measures={name: values[k] for name, values in table.items()})
+        for k, h in enumerate(group)
+    ]

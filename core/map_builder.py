@@ -131,7 +131,7 @@ class _ViewCollector:
         sample = histograms[:: max(1, len(histograms) // 160)].float()
         basis = principal_basis(centered_roots(sample, solid)[0], self.descriptor_size)
         values, weights = [], []
-        for part in histograms.split(64):
+        for part in torch.split(histograms, 64):
             roots, weight = centered_roots(part.float(), solid)
             values.append(roots @ basis)
             weights.append(weight)

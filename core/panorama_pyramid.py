@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -44,8 +45,8 @@ class PanoramaPyramid:
     def __init__(
         self, panorama: Panorama, max_height: int, labels: LabelCodes | None, device: torch.device | str
     ) -> None:
-        color = torch.from_numpy(panorama.color).to(device)
-        valid = torch.from_numpy(panorama.valid).to(device)
+        color = torch.from_numpy(np.require(panorama.color, requirements=["C", "W"])).to(device)
+        valid = torch.from_numpy(np.require(panorama.valid, requirements=["C", "W"])).to(device)
         if labels is None:
             image = color.permute(2, 0, 1).float() / 255
         else:

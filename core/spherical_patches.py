@@ -27,7 +27,8 @@ class PatchGrid:
 
     def polar_sines(self, device: torch.device | str = "cpu") -> Tensor:
         """Return S (P,): the sine of the polar angle of each centre, the share of a full-width row (paper, supplement)."""
-        return self.centers(device)[:, :2].norm(dim=-1)
+        x, y, _ = self.centers(device).unbind(-1)
+        return torch.hypot(x, y)
 
     def solid_angles(self, device: torch.device | str = "cpu") -> Tensor:
         """Return the solid angles (P,) in steradians."""

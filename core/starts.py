@@ -143,8 +143,8 @@ def _thin(starts: Starts, distance: float) -> Starts:
 
 def _pool_any(grid: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
     x, y, z = grid.shape
-    pooled: NDArray[np.bool_] = grid.reshape(x // side, side, y // side, side, z // side, side).any(axis=(1, 3, 5))
-    return pooled
+    blocks = grid.reshape(x // side, side, y // side, side, z // side, side)
+    return np.asarray(np.any(blocks, axis=(1, 3, 5)), dtype=np.bool_)
 
 
 def _double(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,0 +1,154 @@
+"""Localize a panorama in one or several maps: the public entrance to the methods `fast` and `paper`."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from core.change_maps import ChangeMaps, change_maps
+from core.confidence import ConfidenceModel, error_radii, features_of, load_confidence_model
+from core.config import LocalizerConfig
+from core.errors import OptionsError
+from core.fast_method import FastMethod
+from core.hypotheses import Hypothesis, MethodResult
+from core.map_index import MapIndex
+from core.panorama import Panorama
+from core.paper_method import PaperMethod
+from core.pose import Pose
+from core.results import Candidate, Hints, Localization, Method, Status
+from core.search import make_rotation_set
+from core.stage_clock import StageClock
+
+_ELSEWHERE_M, _ELSEWHERE_DEG = 0.5, 15.0
+_AMBIGUOUS_MARGIN = 0.08  # of the judge's score, between two places that both fit well
+
+
+class Localizer:
+    """Finds poses. Holds no state of queries, so one object serves any number of maps and threads.
+
+    config: parameters of every step. device: "cpu", "cuda", ...; None chooses CUDA where it is there.
+    """
+
+    def __init__(self, config: LocalizerConfig | None = None, device: str | None = None) -> None:
+        self.config = config or LocalizerConfig()
+        self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        self._fast = FastMethod(self.config, self.device, make_rotation_set(self.config.search, self.device))
+        self._paper = PaperMethod(self.config.paper, self.device)
+        self._confidence = load_confidence_model()
+
+    def localize(
+        self,
+        panorama: Panorama,
+        maps: Sequence[MapIndex],
+        *,
+        method: Method = "fast",
+        hints: Hints | None = None,
+        top_k: int = 1,
+        timeout_s: float | None = None,
+    ) -> Localization:
+        """Find where the panorama was taken.
+
+        maps: at least one index, on this localizer's device. hints narrow the search; the answer never exceeds them.
+        top_k: how many poses to return in all; those after the best one come as alternatives.
+        Raises OptionsError for options out of range and DeadlineExceededError when `timeout_s` passes.
+        """
+        if not maps:
+            raise OptionsError("maps: expected at least one map to search")
+        if not 1 <= top_k <= 32:
+            raise OptionsError(f"top_k: expected 1 to 32, got {top_k}")
+        clock = StageClock(timeout_s, self.device)
+        with torch.inference_mode(method == "fast"):
+            if method == "fast":
+                result = self._fast.run(panorama, maps, hints, clock)
+            elif method == "paper":
+                result = self._paper.run(panorama, maps, hints, clock)
+            else:
+                raise OptionsError(f"method: expected fast or paper, got {method!r}")
+        with torch.inference_mode():
+            return self._answer(result, maps, method, top_k, clock)
+
+    def _answer(
+        self, result: MethodResult, maps: Sequence[MapIndex], method: Method, top_k: int, clock: StageClock
+    ) -> Localization:
+        """Turn hypotheses into an answer with confidence, accuracy and change maps."""
+        search: dict[str, Any] = {
+            "method": method,
+            "num_maps": len(maps),
+            "num_starts": result.num_starts,
+            "num_rotations": self.config.search.num_rotations if method == "fast" else self.config.paper.num_rotations,
+            "num_poses": result.num_poses,
+        }
+        if not result.hypotheses:
+            warning = "the hints leave no pose to search; widen them or leave them out"
+            return Localization(
+                "not_localized", None, (), None, None, None, None, None, None, clock.timings_s, search, (warning,)
+            )
+        with clock.stage("confidence"):
+            places = _elsewhere(result.hypotheses)
+            candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
+            status = self._status(places, candidates)
+            position_m, orientation_deg = error_radii(places[0], self._confidence)
+        changes: ChangeMaps | None = None
+        if result.comparison is not None and result.cloud is not None:
+            with clock.stage("change"):
+                changes = change_maps(result.comparison, result.cloud, places[0].rotation, places[0].position)
+        search |= {
+            "color_model": candidates[0].color_model,
+            "sampling_loss": places[0].loss,
+            "iterations": places[0].iterations,
+            "score": places[0].score,
+            "runner_up_score": places[1].score if len(places) > 1 else None,
+            "measures": places[0].measures,
+        }
+        shown = len(candidates) if status == "ambiguous" else top_k
+        return Localization(
+            status=status,
+            best=candidates[0],
+            alternatives=tuple(candidates[1:shown]),
+            accuracy_position_m=position_m,
+            accuracy_orientation_deg=orientation_deg,
+            panorama_changed_fraction=changes.panorama_changed_fraction if changes else None,
+            map_changed_fraction=changes.map_changed_fraction if changes else None,
+            score_map_2d=changes.score_map_2d if changes else None,
+            point_scores=changes.point_scores if changes else None,
+            timings_s=clock.timings_s,
+            search=search,
+        )
+
+    def _candidate(self, hypothesis: Hypothesis, places: Sequence[Hypothesis], maps: Sequence[MapIndex]) -> Candidate:
+        index = maps[hypothesis.map_number]
+        rival = max((h.score for h in places if h is not hypothesis), default=0.0)
+        pose = Pose(_orthonormal(hypothesis.rotation), hypothesis.position.double().cpu().numpy() + index.origin_offset)
+        return Candidate(
+            pose=pose,
+            map_position=hypothesis.map_number,
+            confidence=self._confidence.probability(features_of(hypothesis, rival)),
+            score=hypothesis.score,
+            sampling_loss=hypothesis.loss,
+            color_model="labels" if index.labels is not None else hypothesis.color_model,
+            num_iterations=hypothesis.iterations,
+        )
+
+    def _status(self, places: Sequence[Hypothesis], candidates: Sequence[Candidate]) -> Status:
+        """Say whether the best pose is sure, one of several equals, or a guess."""
+        model: ConfidenceModel = self._confidence
+        if len(places) > 1 and places[0].score - places[1].score < _AMBIGUOUS_MARGIN:
+            alone = model.probability(features_of(places[0], 0.0))
+            if alone >= model.threshold:
+                return "ambiguous"
+        return "localized" if candidates[0].confidence >= model.threshold else "not_localized"
+
+
+def _elsewhere(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Keep hypotheses in their order, leaving out those near one before."""
+    places: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        if not any(hypothesis.is_near(place, _ELSEWHERE_M, _ELSEWHERE_DEG) for place in places):
+            places.append(hypothesis)
+    return places
+
+
+def _orthonormal(rotation: torch.Tensor) -> Any:
+    """Return the nearest rotation (3, 3) float64 as numpy: products of float32 rotations drift by 1e-6."""
+    u, _, vt = torch.linalg.svd(rotation.double().cpu())
+    return (u @ vt).numpy()
