@@ -28,15 +28,11 @@ from service.pool import MapRef
 _TIMEOUT_S = 5.0
 _RETRIES = 3
 _RETRY_AFTER_S = 2
-# A server that is full or only a replica for now is as good as away.
-_LOST = (
-    redis.ConnectionError,
-    redis.TimeoutError,
-    redis.exceptions.BusyLoadingError,
-    redis.exceptions.OutOfMemoryError,
-    redis.exceptions.ReadOnlyError,
-    OSError,
+# A server that loads its data, is full, or is only a replica for now is as good as away.
+_TEMPORARY: tuple[type[Exception], ...] = tuple(
+    getattr(redis.exceptions, name) for name in ("BusyLoadingError", "OutOfMemoryError", "ReadOnlyError")
 )
+_LOST = (redis.ConnectionError, redis.TimeoutError, *_TEMPORARY, OSError)
 
 
 class WorkerCache:
