@@ -12,7 +12,7 @@ from core.scene.scene import Scene, kept_objects
 from core.scene.spherical_camera import View
 from core.scene.surface import Hits
 
-_COVER_M = 0.05
+_COVER_M = 0.03
 
 
 def changed_pixels(view: View, seen: Scene, scanned: Scene) -> NDArray[np.bool_]:

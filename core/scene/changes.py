@@ -37,7 +37,7 @@ def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs
                 moving.append((thing.room, thing.item))
     num_new = round(num_changed * _ADDED)
     added = _add(scene, kept, moving, num_new, rng)
-    return replace(scene, objects=unique_objects((*kept, *added)), fixed_exposure=scene.exposure)
+    return replace(scene, objects=unique_objects((*kept, *added)), exposed_like=scene)
 
 
 def _add(

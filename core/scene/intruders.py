@@ -29,7 +29,7 @@ def add_person(scene: Scene, pose: Pose, seed: int = 0) -> Scene:
             area = Footprint(x - 0.3, y - 0.3, x + 0.3, y + 0.3)
             yaw = float(angle + np.pi / 2 + rng.normal(0, 0.5))
             somebody = placed(person(rng), f"person@{x:.3f},{y:.3f}", yaw, (x, y, 0.0), area)
-            return replace(scene, objects=(*scene.objects, somebody), fixed_exposure=scene.exposure)
+            return replace(scene, objects=(*scene.objects, somebody), exposed_like=scene)
     return scene
 
 

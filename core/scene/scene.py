@@ -18,15 +18,15 @@ from core.scene.surface import Surface, assemble
 class Scene:
     """Objects with exact places, metres, z up, floor at z = 0.
 
-    rooms: rectangles in which a camera can stand. sky: light where nothing is hit. exposure: factor from light to image
-    values, None to choose it from the scene itself; a changed scene keeps the exposure of the scene that it came from.
+    rooms: rectangles in which a camera can stand. sky: light where nothing is hit. exposed_like: the scene whose exposure
+    this one keeps (a changed scene keeps that of the scene it came from), None to choose it from the scene itself.
     """
 
     objects: tuple[SceneObject, ...]
     rooms: tuple[Room, ...]
     style: Style
     sky: Sky = field(default_factory=Sky)
-    fixed_exposure: float | None = None
+    exposed_like: "Scene | None" = field(default=None, repr=False)
     outdoor: bool = False
 
     @cached_property
@@ -43,7 +43,9 @@ class Scene:
     @cached_property
     def exposure(self) -> float:
         """Return the factor from reflected light to linear image values."""
-        return self.fixed_exposure or exposure_of(self.surface, self.irradiance)
+        if self.exposed_like is not None:
+            return self.exposed_like.exposure
+        return exposure_of(self.surface, self.irradiance)
 
     @property
     def keys(self) -> tuple[str, ...]:
