@@ -14,6 +14,8 @@ from service.settings import Settings
 
 BEGIN = "<!-- settings: begin (scripts/update-docs writes this table) -->\n"
 END = "<!-- settings: end -->"
+# From here on digits are grouped; pydantic reads the groups.
+_LONG_NUMBER = 10_000
 
 
 def settings_table() -> str:
@@ -21,7 +23,8 @@ def settings_table() -> str:
     prefix = str(Settings.model_config.get("env_prefix", "")).upper()
     rows = ["| variable | default | meaning |", "|---|---|---|"]
     for name, field in Settings.model_fields.items():
-        rows.append(f"| `{' or '.join(_variables(prefix, name, field))}` | {_default(field)} | {_meaning(field)} |")
+        variables = " or ".join(f"`{variable}`" for variable in _variables(prefix, name, field))
+        rows.append(f"| {variables} | {_default(field)} | {_meaning(field)} |")
     return "\n".join(rows) + "\n"
 
 
@@ -53,8 +56,9 @@ def _default(field: FieldInfo) -> str:
         return "not set"
     if value == "":
         return "empty"
-    value = getattr(value, "value", value)
-    return f"`{value:_}`" if isinstance(value, int) and not isinstance(value, bool) else f"`{value}`"
+    if isinstance(value, bool):
+        return f"`{value}`".lower()
+    return f"`{value:_}`" if isinstance(value, int) and value >= _LONG_NUMBER else f"`{value}`"
 
 
 def _meaning(field: FieldInfo) -> str:

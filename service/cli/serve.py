@@ -66,11 +66,15 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
         settings = Settings(**overrides)
     except ValidationError as error:
         for problem in error.errors():
-            name = ".".join(str(part) for part in problem["loc"])
-            session.messages.print(
-                f"Setting PANOLOC_{name.upper()}: {problem['msg']}, got {problem['input']!r}", markup=False
-            )
+            session.messages.print(_explain(problem["loc"], problem["msg"], problem["input"]), markup=False)
         return ExitCode.USAGE
     from service.serve import run_service
 
     return int(run_service(settings) or 0)
+
+
+def _explain(location: tuple[int | str, ...], message: str, given: object) -> str:
+    variable = "PANOLOC_" + ".".join(map(str, location)).removeprefix("panoloc_").upper()
+    # Keys must not end up in the log of whatever started the service.
+    shown = "" if "KEY" in variable else f", got {given!r}"
+    return f"Setting {variable}: {message}{shown}"

@@ -1,0 +1,65 @@
+"""`panoloc serve` before the service starts: options, settings, and wrong ones."""
+
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+from service.settings import Settings
+from tests.service.cli.conftest import Panoloc
+
+
+@pytest.fixture
+def started_with(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
+    """Replace the service by one that only keeps its settings."""
+    kept: list[Settings] = []
+    module = types.ModuleType("service.serve")
+    module.run_service = kept.append  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "service.serve", module)
+    return kept
+
+
+def test_options_win_over_the_environment(
+    panoloc: Panoloc, started_with: list[Settings], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PANOLOC_PORT", "9001")
+    monkeypatch.setenv("PANOLOC_LOG_FORMAT", "json")
+    monkeypatch.setenv("RAY_ADDRESS", "ray.example:6379")
+    done = panoloc("serve", "--port", 9002, "--data-dir", tmp_path, "--workers", 3, "--log-level", "warning")
+    assert done.code == 0, done.err
+    (settings,) = started_with
+    assert settings.port == 9002
+    assert settings.log_format == "json"
+    assert settings.ray_address == "ray.example:6379"
+    assert settings.data_dir == tmp_path
+    assert settings.num_workers == 3
+    assert settings.log_level == "warning"
+
+
+def test_every_option_reaches_its_setting(panoloc: Panoloc, started_with: list[Settings]) -> None:
+    panoloc("serve", "--host", "::1", "--redis-url", "redis://r", "--ray-address", "a:1", "--log-format", "json")
+    (settings,) = started_with
+    assert (settings.host, settings.redis_url) == ("::1", "redis://r")
+    assert (settings.ray_address, settings.log_format) == ("a:1", "json")
+
+
+def test_a_wrong_setting_is_named_with_its_value(
+    panoloc: Panoloc, started_with: list[Settings], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PANOLOC_MAX_MAPS", "many")
+    done = panoloc("serve")
+    assert done.code == 2
+    assert "PANOLOC_MAX_MAPS" in done.err
+    assert "'many'" in done.err
+    assert started_with == []
+
+
+def test_a_wrong_key_is_never_printed(
+    panoloc: Panoloc, started_with: list[Settings], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PANOLOC_API_KEYS", "secret-key-1:everything")
+    done = panoloc("serve")
+    assert done.code == 2
+    assert "PANOLOC_API_KEYS" in done.err
+    assert "secret-key-1" not in done.err + done.out
