@@ -4,13 +4,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-
-class QueueIsFullError(Exception):
-    """Nothing more can wait; `retry_after_s` is when it is worth trying again."""
-
-    def __init__(self, message: str, retry_after_s: int) -> None:
-        super().__init__(message)
-        self.retry_after_s = retry_after_s
+from service.errors import QueueFullError
 
 
 class Admission:
@@ -52,9 +46,9 @@ class Admission:
 
     @contextmanager
     def admit(self) -> Iterator[None]:
-        """Hold a place for the duration of the block. Raises QueueIsFullError when there is none."""
+        """Hold a place for the duration of the block. Raises QueueFullError when there is none."""
         if self._num_admitted - self._num_workers >= self._queue_limit:
-            raise QueueIsFullError(
+            raise QueueFullError(
                 f"{self.queue_depth} requests are waiting, which is as many as may; try again in"
                 f" {self.retry_after_s} s or raise PANOLOC_QUEUE_LIMIT",
                 self.retry_after_s,

@@ -1,11 +1,10 @@
-"""Turns the exceptions of a worker into values, by the names of their classes."""
+"""Turns the exceptions of a worker into values, and on the other side into exceptions of the service."""
 
 import traceback
 from collections.abc import Callable
 from typing import TypeVar
 
-import redis
-
+from service import errors
 from service.worker_reply import WorkerFailure
 
 Outcome = TypeVar("Outcome")
@@ -15,7 +14,15 @@ def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure 
     """Return what `work` returns, or what it raised. Nothing passes through but what ends the process."""
     try:
         return work(), None
-    except redis.RedisError as error:
-        return None, WorkerFailure("CacheUnavailableError", f"a worker cannot reach Redis: {error}")
     except Exception as error:
         return None, WorkerFailure(type(error).__name__, str(error), traceback.format_exc())
+
+
+def error_of(failure: WorkerFailure) -> errors.ServiceError:
+    """Return the exception to raise in the HTTP process: one of the service's own by its name, else a WorkerError."""
+    if failure.kind == "DeadlineExceededError":
+        return errors.DeadlineError(failure.message)
+    own = getattr(errors, failure.kind, None)
+    if isinstance(own, type) and issubclass(own, errors.ServiceError) and own is not errors.WorkerError:
+        return own(failure.message)
+    return errors.WorkerError(failure.kind, failure.message)

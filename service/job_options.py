@@ -22,13 +22,14 @@ def hints_of(options: Options) -> Hints | None:
     return Hints(**given)
 
 
-def scan_options_of(options: Options, scan_name: str, max_points: int) -> ScanOptions:
+def scan_options_of(options: Options, scan_name: str, max_points: int, max_points_used: int) -> ScanOptions:
     """Return how to read the scan that was uploaded as `scan_name`."""
     return ScanOptions(
         unit=options.get("unit", "m"),
         up_axis=options.get("up_axis", "z"),
         color_kind=options.get("color_kind", "rgb"),
-        max_points=max_points,
+        max_points=max_points_used,
+        max_points_read=max_points,
         format=PurePosixPath(scan_name).suffix.lstrip(".").lower() or None,
     )
 

@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 from service.errors import NoWorkerError
+from service.guarded_work import error_of
 from service.pool import MapRef, RegisterJob, RegisterOutcome
-from service.worker_failures import error_of
 from service.worker_reply import WorkerReply
 
 # Starts a task of `service.ray_deployment` in a process of its own and returns its object reference.
@@ -31,12 +31,12 @@ class MapBuilds:
             reply: WorkerReply[RegisterOutcome] = await self._finished(register_map, job)
             return reply
 
-    async def rebuild(self, maps: Iterable[MapRef], request_id: str) -> None:
+    async def rebuild(self, maps: Iterable[MapRef]) -> None:
         """Wait until the lost indexes of `maps` are built; queries that miss the same one wait for the same build.
 
         A build goes on when the query that asked for it gives up. Raises what the worker raised.
         """
-        waiting = [asyncio.shield(self._running_rebuild(map_ref, request_id)) for map_ref in maps]
+        waiting = [asyncio.shield(self._running_rebuild(map_ref)) for map_ref in maps]
         for reply in await asyncio.gather(*waiting):
             if reply.failure is not None:
                 raise error_of(reply.failure)
@@ -48,19 +48,19 @@ class MapBuilds:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
 
-    def _running_rebuild(self, map_ref: MapRef, request_id: str) -> asyncio.Task[WorkerReply[None]]:
+    def _running_rebuild(self, map_ref: MapRef) -> asyncio.Task[WorkerReply[None]]:
         running = self._rebuilds.get(map_ref)
         if running is None:
-            running = asyncio.create_task(self._rebuild(map_ref, request_id))
+            running = asyncio.create_task(self._rebuild(map_ref))
             self._rebuilds[map_ref] = running
             running.add_done_callback(lambda _: self._rebuilds.pop(map_ref, None))
         return running
 
-    async def _rebuild(self, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+    async def _rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         from service.ray_deployment import rebuild_map
 
         async with self._rebuild_place:
-            reply: WorkerReply[None] = await self._finished(rebuild_map, map_ref, request_id)
+            reply: WorkerReply[None] = await self._finished(rebuild_map, map_ref)
             return reply
 
     async def _finished(self, task: Callable[..., Any], *arguments: Any) -> Any:

@@ -38,7 +38,7 @@ class MapRegistrar(Protocol):
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Build and store the index of one map."""
 
-    def rebuild(self, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+    def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         """Build and store the index of a map whose record and scan are in storage."""
 
 
@@ -80,7 +80,7 @@ class LocalizationReplica:
         if due is not None and time.time() > due + _OVERDUE_S:
             raise RuntimeError(f"a query is {time.time() - due:.0f} s past its deadline")
 
-    @serve.multiplexed(max_num_models_per_replica=_MAPS_KNOWN_TO_ROUTER)
+    @serve.multiplexed(max_num_models_per_replica=_MAPS_KNOWN_TO_ROUTER)  # type: ignore[untyped-decorator]
     async def _mark_resident(self, map_id: str) -> str:
         # Only tells the router where a map was asked for, so that the next query goes there as well. What is held
         # in memory is the worker's own matter, because it counts bytes and Serve counts models.
@@ -100,9 +100,9 @@ def register_map(plan: WorkerPlan, job: RegisterJob) -> WorkerReply[RegisterOutc
     return plan.build_registrar().register(job)
 
 
-def rebuild_map(plan: WorkerPlan, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+def rebuild_map(plan: WorkerPlan, map_ref: MapRef) -> WorkerReply[None]:
     """Build the lost index of one map in a process of its own; queries wait for it, so it is as important as they."""
-    return plan.build_registrar().rebuild(map_ref, request_id)
+    return plan.build_registrar().rebuild(map_ref)
 
 
 def _imported(factory: str) -> Callable[[WorkerSettings], Any]:

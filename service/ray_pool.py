@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 
 from service.admission import Admission
 from service.errors import DeadlineError, NoWorkerError
+from service.guarded_work import error_of
 from service.map_builds import MapBuilds
 from service.pool import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
 from service.ray_cluster import RayCluster
 from service.ray_serving import RayServing
-from service.worker_failures import error_of
 from service.worker_reply import WorkerReply
 
 _log = logging.getLogger(__name__)
@@ -80,6 +80,8 @@ class RayPool:
             num_workers=self._num_running,
             queue_depth=self._admission.queue_depth,
             resident_bytes=sum(reply.resident_bytes for reply in self._workers.values()),
+            index_loads=dict(self._index_loads),
+            num_retries=self._num_retries,
         )
 
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
@@ -91,7 +93,7 @@ class RayPool:
                 reply = await self._on_some_worker(job)
                 if not reply.missing:
                     return self._outcome(reply)
-                await self._before_deadline(self._builds.rebuild(reply.missing, job.request_id), job)
+                await self._before_deadline(self._builds.rebuild(reply.missing), job)
         raise NoWorkerError(f"the index of {job.maps[0].id} does not stay in Redis; is its maxmemory too small?")
 
     async def register(self, job: RegisterJob) -> RegisterOutcome:

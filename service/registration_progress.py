@@ -1,11 +1,10 @@
 """How far a registration has come, told through Redis so that `GET /maps/{id}` moves while it runs."""
 
 import contextlib
-import json
 import time
 
-import redis
-
+from service.cache import WorkerCache
+from service.errors import CacheDownError
 from service.pool import MapRef
 
 _REPORT_PERIOD_S = 0.2
@@ -25,11 +24,10 @@ _SECONDS = {"reading": "read", "finding starts": "starts", "rendering starts": "
 class RegistrationProgress:
     """Reports stages at most five times a second, and measures them. A Redis that is away stops nobody."""
 
-    def __init__(self, client: "redis.Redis[bytes] | None", map_ref: MapRef, lifetime_s: int) -> None:
-        """client: None to measure only."""
-        self._client = client
-        self._key = progress_key(map_ref)
-        self._lifetime_s = lifetime_s
+    def __init__(self, cache: WorkerCache | None, map_ref: MapRef) -> None:
+        """cache: None to measure only."""
+        self._cache = cache
+        self._map_ref = map_ref
         self._stage: str | None = None
         self._stage_began = 0.0
         self._reported = 0.0
@@ -46,12 +44,9 @@ class RegistrationProgress:
         self._write(stage, share)
 
     def finish(self) -> dict[str, float]:
-        """Return the seconds of every stage, and take the report away."""
+        """Return the seconds of every stage."""
         self._end_stage()
         self._stage = None
-        if self._client is not None:
-            with contextlib.suppress(redis.RedisError):
-                self._client.delete(self._key)
         return self._seconds
 
     def _end_stage(self) -> None:
@@ -60,15 +55,9 @@ class RegistrationProgress:
             self._seconds[name] = self._seconds.get(name, 0.0) + time.monotonic() - self._stage_began
 
     def _write(self, stage: str, share: float) -> None:
-        if self._client is None:
+        if self._cache is None:
             return
         begin, end = _SHARES.get(stage, (0.0, 1.0))
         status = "reading" if stage == "reading" else "indexing"
-        report = {"status": status, "stage": stage, "progress": round(begin + (end - begin) * share, 3)}
-        with contextlib.suppress(redis.RedisError):
-            self._client.set(self._key, json.dumps(report), ex=self._lifetime_s)
-
-
-def progress_key(map_ref: MapRef) -> str:
-    """Return the key under which a registration reports."""
-    return f"progress:{map_ref.id}:{map_ref.revision}"
+        with contextlib.suppress(CacheDownError):
+            self._cache.report_progress(self._map_ref, status, stage, begin + (end - begin) * share)

@@ -9,7 +9,7 @@ class WorkerSettings:
 
     redis_url and storage_url: reachable from every machine that runs a worker. workers_per_machine: that share its
     processors. resident_bytes: map indexes kept in memory, least recently used out. index_lifetime_s: of an index in
-    Redis. progress_lifetime_s: of a registration's progress in Redis.
+    Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
     """
 
     redis_url: str
@@ -17,6 +17,6 @@ class WorkerSettings:
     workers_per_machine: int = 1
     resident_bytes: int = 2 * 2**30
     max_pixels: int = 100_000_000
-    max_points: int = 500_000
+    max_points: int = 200_000_000
+    max_points_used: int = 500_000
     index_lifetime_s: int = 30 * 24 * 3600
-    progress_lifetime_s: int = 600

@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-
 from service.worker_reply import WorkerFailure, WorkerReply
 from service.worker_settings import WorkerSettings
 
@@ -41,7 +40,7 @@ class ScriptedWorker:
         stats = {"pid": os.getpid(), "nice": os.nice(0)}
         return WorkerReply(RegisterOutcome(stats, [], b""), worker=self._name)
 
-    def rebuild(self, map_ref: MapRef, request_id: str) -> WorkerReply[None]:
+    def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         time.sleep(0.3)
         self._note("rebuilt", f"{map_ref.id}-{time.time_ns()}")
         self._index(map_ref).touch()

@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from service.errors import DeadlineError, ServiceError
-from service.pool import LocalizeOutcome
 
-from service.admission import QueueIsFullError
+from service.errors import DeadlineError, QueueFullError, ServiceError
+from service.pool import LocalizeOutcome
 from service.process_tree import descendants, process_name
 from tests.integration.pool_in_thread import PoolInThread, query, registration
 
@@ -57,7 +56,7 @@ def test_what_the_worker_could_not_do_becomes_a_service_error(running: PoolInThr
 
 def test_a_full_queue_turns_the_next_query_away(running: PoolInThread) -> None:
     outcomes = running.localize_all([query(f"full-{number}", seconds=0.1) for number in range(15)])
-    refused = [outcome for outcome in outcomes if isinstance(outcome, QueueIsFullError)]
+    refused = [outcome for outcome in outcomes if isinstance(outcome, QueueFullError)]
     assert len(refused) == 4
     assert all(error.retry_after_s >= 1 for error in refused)
     assert sum(isinstance(outcome, LocalizeOutcome) for outcome in outcomes) == 11

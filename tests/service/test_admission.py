@@ -1,20 +1,21 @@
 import pytest
 
-from service.admission import Admission, QueueIsFullError
+from service.admission import Admission
+from service.errors import QueueFullError
 
 
 def test_as_many_are_admitted_as_run_and_wait() -> None:
     admission = Admission(queue_limit=2)
     with admission.admit(), admission.admit(), admission.admit():
         assert admission.queue_depth == 2
-        with pytest.raises(QueueIsFullError, match="2 requests are waiting"), admission.admit():
+        with pytest.raises(QueueFullError, match="2 requests are waiting"), admission.admit():
             pass
     assert admission.num_admitted == 0
 
 
 def test_without_a_queue_one_request_per_worker_still_runs() -> None:
     admission = Admission(queue_limit=0)
-    with admission.admit(), pytest.raises(QueueIsFullError), admission.admit():
+    with admission.admit(), pytest.raises(QueueFullError), admission.admit():
         pass
 
 

@@ -1,0 +1,27 @@
+"""The pictures that show a person whether a pose is right."""
+
+from collections.abc import Iterable, Sequence
+
+from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png
+
+from core.map_index import MapIndex
+from core.panorama import Panorama
+from core.results import Localization
+
+
+def localization_pictures(
+    panorama: Panorama, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
+) -> dict[str, bytes]:
+    """Return PNGs by the names in `wanted`: "score_map_2d", "score_map_3d", "overlay".
+
+    Without any pose there is nothing to draw, so the result is empty; the body says why.
+    """
+    if localization.best is None:
+        return {}
+    index = maps[localization.best.map_position]
+    draw = {
+        "score_map_2d": lambda: draw_score_map_2d(panorama, localization),
+        "score_map_3d": lambda: draw_score_map_3d(index, localization),
+        "overlay": lambda: draw_overlay(panorama, index, localization),
+    }
+    return {name: encode_png(draw[name]()) for name in wanted}

@@ -1,0 +1,134 @@
+"""The 200 body of a localization, from a hand-made result of the search."""
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.pose import Frame, Pose
+from core.results import Candidate, Localization, Status
+from service.answers import json_safe, localization_body, pose_body
+from service.pool import MapRef
+
+MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
+
+
+def turned_left(degrees: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def candidate(map_position: int = 0, confidence: float = 0.9) -> Candidate:
+    return Candidate(
+        pose=Pose(turned_left(90), np.array([1.0, 2.0, 3.0])),
+        map_position=map_position,
+        confidence=confidence,
+        score=5.0,
+        sampling_loss=0.11,
+        color_model="none",
+        num_iterations=60,
+    )
+
+
+def localization(status: Status = "localized", best: Candidate | None = None) -> Localization:
+    return Localization(
+        status=status,
+        best=best or candidate(),
+        alternatives=(candidate(map_position=1, confidence=0.04),),
+        accuracy_position_m=0.02,
+        accuracy_orientation_deg=0.3,
+        panorama_changed_fraction=0.18,
+        map_changed_fraction=np.float32(0.25),  # type: ignore[arg-type]
+        score_map_2d=None,
+        point_scores=None,
+        timings_s={"search": 0.06, "refine": 0.4},
+        search={"num_starts": np.int64(412), "runner_up": math.nan},
+        warnings=("dark image",),
+    )
+
+
+def body_of(found: Localization, frame: Frame = "ros") -> dict[str, Any]:
+    return localization_body(found, MAPS, frame, {"decode": 0.03})
+
+
+def test_a_body_survives_strict_json() -> None:
+    body = body_of(localization())
+    assert json.loads(json.dumps(body, allow_nan=False)) == body
+
+
+def test_a_localized_panorama_names_its_map_and_pose() -> None:
+    body = body_of(localization())
+    assert (body["status"], body["map_id"], body["map_revision"]) == ("localized", "map_a", 1)
+    assert body["pose"]["map_from_camera"]["position_m"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    assert body["confidence"] == 0.9
+    assert body["accuracy"] == {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68}
+    assert body["change"] == {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.25}
+    assert body["timings_s"] == {"decode": 0.03, "search": 0.06, "refine": 0.4}
+    assert body["search"]["num_starts"] == 412
+    assert body["search"]["sampling_loss"] == 0.11
+    assert body["warnings"] == ["dark image"]
+
+
+def test_an_alternative_says_which_map_it_lies_in() -> None:
+    (alternative,) = body_of(localization())["alternatives"]
+    assert alternative["map_id"] == "map_b"
+    assert alternative["confidence"] == 0.04
+
+
+def test_without_a_fitting_pose_the_best_guess_leads_the_alternatives() -> None:
+    body = body_of(localization("not_localized", candidate(confidence=0.2)))
+    assert body["pose"] is None
+    assert body["map_id"] is None
+    assert body["accuracy"] is None
+    assert body["confidence"] == 0.2
+    assert [alternative["confidence"] for alternative in body["alternatives"]] == [0.2, 0.04]
+
+
+def test_when_nothing_could_be_searched_the_answer_is_empty_but_complete() -> None:
+    nothing = replace(localization("not_localized"), best=None, alternatives=(), accuracy_position_m=None)
+    body = body_of(nothing)
+    assert body["pose"] is None
+    assert body["alternatives"] == []
+    assert body["confidence"] == 0.0
+
+
+def test_an_ambiguous_answer_keeps_its_pose_and_its_alternatives() -> None:
+    body = body_of(localization("ambiguous"))
+    assert body["pose"] is not None
+    assert len(body["alternatives"]) == 1
+
+
+def test_angles_are_in_degrees_and_quaternions_have_w_last() -> None:
+    pose = pose_body(Pose(turned_left(90), np.zeros(3)), "ros")
+    assert pose["yaw_deg"] == pytest.approx(90)
+    assert pose["pitch_deg"] == pytest.approx(0)
+    assert pose["roll_deg"] == pytest.approx(0)
+    half = math.sqrt(0.5)
+    assert list(pose["map_from_camera"]["quaternion"]) == ["x", "y", "z", "w"]
+    assert list(pose["map_from_camera"]["quaternion"].values()) == pytest.approx([0, 0, half, half])
+
+
+def test_a_pose_in_webxr_has_y_up_and_says_so() -> None:
+    pose = pose_body(Pose(np.eye(3), np.array([1.0, 2.0, 3.0])), "webxr")
+    assert pose["frame"] == "webxr"
+    assert pose["map_from_camera"]["position_m"]["y"] == 3.0
+    assert pose["yaw_deg"] == pytest.approx(0)
+
+
+def test_the_matrix_is_homogeneous_and_holds_the_same_pose() -> None:
+    transform = pose_body(Pose(turned_left(30), np.array([1.0, 2.0, 3.0])), "ros")["map_from_camera"]
+    matrix = np.array(transform["matrix"])
+    assert matrix.shape == (4, 4)
+    assert matrix[3].tolist() == [0, 0, 0, 1]
+    assert matrix[:3, 3].tolist() == list(transform["position_m"].values())
+    assert np.allclose(matrix[:3, :3], turned_left(30))
+
+
+def test_json_has_no_infinity() -> None:
+    assert json_safe({"a": (math.inf, np.array([1.0, math.nan])), 3: np.bool_(True)}) == {
+        "a": [None, [1.0, None]],
+        "3": True,
+    }

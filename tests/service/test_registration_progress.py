@@ -1,0 +1,60 @@
+import time
+from typing import Any
+
+from service.errors import CacheDownError
+from service.pool import MapRef
+from service.registration_progress import RegistrationProgress
+
+MAP = MapRef("map_a", 1)
+
+
+class RecordingCache:
+    """Remembers what was reported."""
+
+    def __init__(self) -> None:
+        self.reports: list[dict[str, Any]] = []
+
+    def report_progress(self, ref: MapRef, status: str, stage: str, progress: float) -> None:
+        assert ref == MAP
+        self.reports.append({"status": status, "stage": stage, "progress": progress})
+
+
+class AbsentCache(RecordingCache):
+    def report_progress(self, ref: MapRef, status: str, stage: str, progress: float) -> None:
+        raise CacheDownError("no Redis")
+
+
+def run_through(cache: RecordingCache) -> dict[str, float]:
+    progress = RegistrationProgress(cache, MAP)  # type: ignore[arg-type]
+    for stage in ("reading", "finding starts", "rendering starts", "describing views", "storing"):
+        for share in (0.0, 0.5, 1.0):
+            progress.report(stage, share)
+            time.sleep(0.005)
+    return progress.finish()
+
+
+def test_progress_only_grows_and_names_status_and_stage() -> None:
+    cache = RecordingCache()
+    run_through(cache)
+    shares = [report["progress"] for report in cache.reports]
+    assert shares == sorted(shares)
+    assert shares[0] == 0.0
+    assert [report["status"] for report in cache.reports] == ["reading"] + 4 * ["indexing"]
+
+
+def test_within_a_stage_it_reports_at_most_five_times_a_second() -> None:
+    cache = RecordingCache()
+    progress = RegistrationProgress(cache, MAP)  # type: ignore[arg-type]
+    for step in range(1000):
+        progress.report("reading", step / 1000)
+    assert len(cache.reports) == 1
+
+
+def test_every_stage_is_measured_by_the_name_that_stats_give_it() -> None:
+    seconds = run_through(RecordingCache())
+    assert list(seconds) == ["read", "starts", "render", "describe", "store"]
+    assert all(0.01 < value < 1 for value in seconds.values())
+
+
+def test_a_redis_that_is_away_stops_no_registration() -> None:
+    assert len(run_through(AbsentCache())) == 5
