@@ -1,0 +1,74 @@
+"""The content decides which format a file has; its name is only the second sign."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.errors import ScanDamagedError, ScanFormatError
+from core.point_cloud import PointCloud
+from core.scan import ScanOptions, encode_ply, read_scan
+
+ScanFile = Callable[[str, bytes | str], Path]
+
+
+@pytest.mark.parametrize("name", ["scan.las", "scan.PCD", "scan.xyz", "scan.jpg", "scan.e57"])
+def test_a_wrong_extension_is_resolved_by_the_content_and_said(
+    cloud: PointCloud, scan_file: ScanFile, name: str
+) -> None:
+    read = read_scan(scan_file(name, encode_ply(cloud)))
+    np.testing.assert_array_equal(read.positions, cloud.positions)
+    assert read.diagnostics[0].code == "extension_mismatch"
+    assert read.diagnostics[0].severity == "warning"
+    assert "PLY" in read.diagnostics[0].message
+
+
+@pytest.mark.parametrize("name", ["scan.ply", "SCAN.PLY", "scan"])
+def test_a_fitting_extension_or_none_needs_no_remark(cloud: PointCloud, scan_file: ScanFile, name: str) -> None:
+    path = scan_file(name, encode_ply(cloud))
+    assert read_scan(path, ScanOptions(format="ply")).diagnostics == ()
+    assert read_scan(path).diagnostics == ()
+
+
+@pytest.mark.parametrize("name", ["scan.ply", "scan.pcd", "scan.las", "scan.laz", "scan.e57"])
+def test_text_under_a_binary_name_is_an_unresolved_disagreement(scan_file: ScanFile, name: str) -> None:
+    with pytest.raises(ScanFormatError, match=rf"named \.{name[-3:]}.*plain text"):
+        read_scan(scan_file(name, "0 0 0 1 2 3\n1 1 1 4 5 6\n"))
+
+
+def test_the_format_option_stands_in_for_a_missing_extension(scan_file: ScanFile) -> None:
+    path = scan_file("upload", "0 0 0 1 2 3\n1 1 1 4 5 6\n")
+    assert len(read_scan(path, ScanOptions(format=".xyz"))) == 2
+    with pytest.raises(ScanFormatError, match=r"named \.ply.*plain text"):
+        read_scan(path, ScanOptions(format=".ply"))
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        (b"\x89PNG\r\n\x1a\n", "PNG image"),
+        (b"\xff\xd8\xff\xe0", "JPEG image"),
+        (b"PK\x03\x04", "ZIP archive: unpack"),
+        (b"\x1f\x8b\x08", "gzip archive"),
+        (b"%PDF-1.7", "PDF"),
+        (b"glTF\x02", "glTF"),
+        (b"\x00\x01\x02\x03", "unknown binary data"),
+    ],
+)
+@pytest.mark.parametrize("name", ["scan.ply", "scan.xyz", "scan"])
+def test_other_files_are_named(scan_file: ScanFile, start: bytes, said: str, name: str) -> None:
+    with pytest.raises(ScanFormatError, match=said):
+        read_scan(scan_file(name, start + bytes(100)))
+
+
+@pytest.mark.parametrize("name", ["scan.ply", "scan.laz", "scan.xyz", "scan"])
+def test_an_empty_file_is_said_to_be_empty(scan_file: ScanFile, name: str) -> None:
+    with pytest.raises(ScanDamagedError, match=r"empty \(0 bytes\)"):
+        read_scan(scan_file(name, b""))
+
+
+@pytest.mark.parametrize("content", [b"\n\n\n", b" ", b"\xef\xbb\xbf", b"\r"])
+def test_white_space_is_not_a_scan(scan_file: ScanFile, content: bytes) -> None:
+    with pytest.raises(ScanFormatError):
+        read_scan(scan_file("scan.xyz", content))

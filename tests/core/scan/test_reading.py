@@ -1,0 +1,164 @@
+"""What is checked, converted and said whatever the format is."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.errors import CancelledError, OptionsError, ScanContentError
+from core.point_cloud import PointCloud
+from core.scan import ScanOptions, encode_ply, read_scan
+
+ScanFile = Callable[[str, bytes | str], Path]
+
+
+def codes(cloud: PointCloud) -> list[str]:
+    return [note.code for note in cloud.diagnostics]
+
+
+def text_scan(positions: np.ndarray, color: str = "10 200 30") -> str:
+    return "\n".join(f"{x!r} {y!r} {z!r} {color}" for x, y, z in positions.tolist()) + "\n"
+
+
+ROOM = np.array([[0, 0, 0], [4, 3, 2.5], [1, 2, 0.5], [3.5, 0.25, 1.25]])
+
+
+def test_points_that_are_not_finite_are_dropped_and_counted(cloud: PointCloud, scan_file: ScanFile) -> None:
+    positions = cloud.positions.copy()
+    positions[[1, 5, 9], [0, 1, 2]] = [np.nan, np.inf, -np.inf]
+    positions[11, 0] = 3e38
+    read = read_scan(scan_file("scan.ply", encode_ply(PointCloud(positions, cloud.colors))))
+    np.testing.assert_array_equal(read.positions, np.delete(cloud.positions, [1, 5, 9, 11], axis=0))
+    assert codes(read) == ["non_finite_points"]
+    assert "4 of 60 points were dropped" in read.diagnostics[0].message
+    assert read.num_points_read == 60
+
+
+@pytest.mark.parametrize(
+    ("positions", "said"),
+    [
+        (np.full((5, 3), np.nan), "None of the 5 points"),
+        (np.array([[1.0, 2.0, 3.0]]), "a single usable point"),
+        (np.array([[1.0, 2.0, 3.0], [np.nan, 0, 0]]), "a single usable point"),
+        (np.full((5, 3), 2.0), "same position"),
+    ],
+)
+def test_a_scan_without_extent_or_finite_points_is_refused(
+    scan_file: ScanFile, positions: np.ndarray, said: str
+) -> None:
+    colors = np.full((len(positions), 3), 99, np.uint8)
+    with pytest.raises(ScanContentError, match=said):
+        read_scan(scan_file("scan.ply", encode_ply(PointCloud(positions.astype(np.float32), colors))))
+
+
+def test_colours_that_are_all_zero_are_refused(cloud: PointCloud, scan_file: ScanFile) -> None:
+    with pytest.raises(ScanContentError, match=r"colour \(0, 0, 0\)"):
+        read_scan(scan_file("scan.ply", encode_ply(PointCloud(cloud.positions, np.zeros_like(cloud.colors)))))
+
+
+@pytest.mark.parametrize(
+    ("color", "expected", "noted"),
+    [
+        ("0.2 1 0", (51, 255, 0), ["color_range"]),
+        ("51 255 0", (51, 255, 0), []),
+        ("2 6 0", (2, 6, 0), ["dark_colors"]),
+        ("13107 65535 0", (51, 255, 0), ["color_range"]),
+    ],
+)
+def test_colour_ranges_are_found_and_said(
+    scan_file: ScanFile, color: str, expected: tuple[int, int, int], noted: list[str]
+) -> None:
+    read = read_scan(scan_file("scan.xyz", text_scan(ROOM, color)))
+    assert (read.colors == expected).all()
+    assert codes(read) == noted
+
+
+@pytest.mark.parametrize("color", ["-20 10 10", "1 2 70000"])
+def test_colours_in_no_known_range_are_refused(scan_file: ScanFile, color: str) -> None:
+    header = "x y z r g b\n"
+    with pytest.raises(ScanContentError, match=r"expected 0\.\.1, 0\.\.255 or 0\.\.65535"):
+        read_scan(scan_file("scan.xyz", header + text_scan(ROOM, color)))
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("ft", 0.3048)])
+def test_units_become_metres(scan_file: ScanFile, unit: str, metres: float) -> None:
+    read = read_scan(scan_file("scan.xyz", text_scan(ROOM / metres)), ScanOptions(unit=unit))  # type: ignore[arg-type]
+    np.testing.assert_allclose(read.positions, ROOM, atol=1e-6)
+    assert codes(read) == ([] if unit == "m" else ["unit_converted"])
+
+
+def test_y_up_becomes_z_up_and_stays_right_handed(scan_file: ScanFile) -> None:
+    read = read_scan(scan_file("scan.xyz", text_scan(ROOM)), ScanOptions(up_axis="y"))
+    x, y, z = ROOM.T
+    np.testing.assert_allclose(read.positions, np.stack([x, -z, y], axis=1), atol=1e-6)
+    assert codes(read) == ["axes_converted"]
+
+
+def test_large_coordinates_lose_nothing_to_float32(scan_file: ScanFile) -> None:
+    origin = np.array([691_000.1234, 5_335_000.5678, 520.0])
+    read = read_scan(scan_file("scan.xyz", text_scan(ROOM + origin)))
+    np.testing.assert_allclose(read.positions + read.origin_offset, ROOM + origin, atol=1e-6, rtol=0)
+    np.testing.assert_array_equal(read.origin_offset, np.rint(read.origin_offset))
+    assert codes(read) == ["large_coordinates"]
+
+
+def test_small_coordinates_keep_the_frame_of_the_file(scan_file: ScanFile) -> None:
+    read = read_scan(scan_file("scan.xyz", text_scan(ROOM + np.array([900, -900, 0]))))
+    np.testing.assert_array_equal(read.origin_offset, 0)
+    assert codes(read) == []
+
+
+@pytest.mark.parametrize("factor", [1000, 0.001])
+def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_unit(
+    scan_file: ScanFile, factor: float
+) -> None:
+    read = read_scan(scan_file("scan.xyz", text_scan(ROOM * factor)))
+    note = next(note for note in read.diagnostics if note.code == "suspicious_extent")
+    assert note.severity == "warning"
+    assert "is that the right unit?" in note.message
+
+
+def test_thinning_is_said_with_its_voxel_size(cloud: PointCloud, scan_file: ScanFile) -> None:
+    read = read_scan(scan_file("scan.ply", encode_ply(cloud)), ScanOptions(max_points=20))
+    assert len(read) <= 20
+    assert "60 points were thinned to" in next(note.message for note in read.diagnostics if note.code == "thinned")
+
+
+def test_progress_rises_from_zero_to_one(scan_file: ScanFile) -> None:
+    text = text_scan(np.random.default_rng(0).random((150_000, 3)))
+    seen: list[float] = []
+    read_scan(scan_file("scan.xyz", text), progress=seen.append)
+    assert seen == sorted(seen)
+    assert (seen[0], seen[-1]) == (0.0, 1.0)
+    assert len(seen) >= 4
+
+
+def test_what_the_progress_callback_raises_passes_through(cloud: PointCloud, scan_file: ScanFile) -> None:
+    def cancel(fraction: float) -> None:
+        if fraction > 0:
+            raise CancelledError("withdrawn")
+
+    with pytest.raises(CancelledError, match="withdrawn"):
+        read_scan(scan_file("scan.ply", encode_ply(cloud)), progress=cancel)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"unit": "inch"}, {"up_axis": "x"}, {"color_kind": "gray"}, {"max_points": 0}, {"max_points_read": -1}]
+)
+def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(OptionsError, match=next(iter(wrong))):
+        ScanOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_reading_a_ply_imports_no_heavy_library(cloud: PointCloud, scan_file: ScanFile) -> None:
+    path = scan_file("scan.ply", encode_ply(cloud))
+    program = (
+        "import sys; from pathlib import Path; from core.scan import read_scan; read_scan(Path(sys.argv[1])); "
+        "print(sorted({'open3d', 'torch', 'laspy', 'pye57'} & set(sys.modules)))"
+    )
+    root = Path(__file__).parents[3]
+    done = subprocess.run([sys.executable, "-c", program, path], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
