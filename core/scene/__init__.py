@@ -22,6 +22,7 @@ from core.scene.free_space import RotationKind, random_rotation, sample_pose
 from core.scene.generator import FAMILIES, SceneKind, SceneSpec, build_scene
 from core.scene.intruders import add_person, show_hand
 from core.scene.labels import LABEL_COLORS
+from core.scene.relighting import day, night, relit
 from core.scene.scanning import Scan, scan_scene, scan_with_truth
 from core.scene.scene import Scene
 from core.scene.spherical_camera import View, take_panorama, take_view
@@ -51,8 +52,11 @@ __all__ = [
     "change_scene",
     "changed_pixels",
     "changed_points",
+    "day",
+    "night",
     "random_look",
     "random_rotation",
+    "relit",
     "sample_pose",
     "scan_scene",
     "scan_with_truth",

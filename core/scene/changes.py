@@ -8,6 +8,7 @@ import numpy as np
 from core.scene.furnishing import Furnisher
 from core.scene.objects import Item, SceneObject
 from core.scene.scene import Scene, unique_objects
+from core.scene.solids import moved
 from core.scene.street_scene import StreetDresser
 
 # Of the changed things, these shares move and vanish; the rest is replaced by something else.
@@ -16,7 +17,7 @@ _ADDED = 0.6
 
 
 def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs: bool = True) -> Scene:
-    """Return the scene with about `fraction` of its movable things changed, new things added and all rugs gone.
+    """Return the scene with about `fraction` of its movable things changed, new ones added, doors swung and all rugs gone.
 
     The building, its lamps and the exposure stay; light is baked again, so shadows follow the furniture.
     """
@@ -25,7 +26,9 @@ def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs
     moving: list[tuple[int, Item]] = []
     num_changed = 0
     for thing in scene.objects:
-        if thing.item is None or not thing.movable or thing.item.anchor == "ceiling":
+        if thing.hinge and rng.random() < fraction:
+            kept.append(_swung(thing, rng.uniform(0.3, 0.9)))
+        elif thing.item is None or not thing.movable or thing.item.anchor == "ceiling":
             kept.append(thing)
         elif remove_rugs and thing.item.anchor == "floor":
             num_changed += 1
@@ -38,6 +41,17 @@ def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs
     num_new = round(num_changed * _ADDED)
     added = _add(scene, kept, moving, num_new, rng)
     return replace(scene, objects=unique_objects((*kept, *added)), exposed_like=scene)
+
+
+def _swung(leaf: SceneObject, angle: float) -> SceneObject:
+    """Return a door leaf partly closed, by `angle` radians."""
+    assert leaf.hinge is not None
+    hinge = np.array([*leaf.hinge, 0.0])
+    pieces = []
+    for piece in leaf.pieces:
+        at_origin = moved(piece.parts, 0.0, -hinge)
+        pieces.append(replace(piece, parts=tuple(moved(at_origin, angle, hinge))))
+    return replace(leaf, key=f"{leaf.key}~{angle:.3f}", pieces=tuple(pieces))
 
 
 def _add(

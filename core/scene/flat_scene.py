@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from core.scene.furnishing import Furnisher
-from core.scene.objects import SceneObject, fixed
+from core.scene.objects import Piece, SceneObject
 from core.scene.patterns import Rng
 from core.scene.room_scene import random_door, random_windows
 from core.scene.room_shell import Opening, Room, build_shell, door_panel
@@ -131,7 +131,8 @@ def _open_leaf(rng: Rng, style: Style, room: Room, hole: Opening, key: str) -> S
     yaw = float(np.arctan2(along[1], along[0]) - rng.uniform(np.radians(75), np.radians(100)))
     hinge = origin + (hole.start_m + 0.01) * along + 0.03 * inward
     # Turning from `along` by −90° about z must point inwards: along x up = inward.
-    return fixed(key, "door", moved(leaf, yaw, hinge))
+    swinging = (Piece("door", tuple(moved(leaf, yaw, hinge))),)
+    return SceneObject(key, swinging, hinge=(float(hinge[0]), float(hinge[1])))
 
 
 def _open_outwards(rng: Rng, cells: list[Cell], rooms: list[Room]) -> None:

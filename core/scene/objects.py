@@ -65,7 +65,10 @@ class Item:
 
 @dataclass(frozen=True, eq=False)
 class SceneObject:
-    """A thing at its place in the map frame. Two objects with the same key are the same thing at the same place."""
+    """A thing at its place in the map frame. Two objects with the same key are the same thing at the same place.
+
+    hinge: (x, y) around which a door leaf turns; it closes counter-clockwise seen from above.
+    """
 
     key: str
     pieces: tuple[Piece, ...]
@@ -74,6 +77,7 @@ class SceneObject:
     item: Item | None = None
     room: int = 0
     lights: tuple[Light, ...] = ()
+    hinge: tuple[float, float] | None = None
 
 
 def placed(

@@ -90,8 +90,8 @@ def facade(rng: Rng, width: float, height: float) -> tuple[Piece, ...]:
     wall = _facade_material(rng)
     body = box((width, 6.0, height), wall, (0, -3.0, 0), skip=("bottom",), step_m=0.6)
     stone = plain(np.full(3, rng.uniform(0.4, 0.8)))
-    body += box((width, 0.06, rng.uniform(0.4, 0.9)), stone, (0, 0.03, 0), skip=("back",))
-    body += box((width + 0.05, 0.3, 0.25), stone, (0, 0.1, height - 0.25))
+    body += box((width, 0.06, rng.uniform(0.4, 0.9)), stone, (0, 0.03, 0), skip=("back",), step_m=1.0)
+    body += box((width + 0.05, 0.3, 0.25), stone, (0, 0.1, height - 0.25), step_m=0.8)
     windows, doors = [], []
     floors, columns = max(2, int(height / 3.0)), max(2, int(width / rng.uniform(1.9, 2.6)))
     pitch, w, h = width / columns, rng.uniform(0.9, 1.3), rng.uniform(1.3, 1.8)
@@ -104,10 +104,10 @@ def facade(rng: Rng, width: float, height: float) -> tuple[Piece, ...]:
                 doors += _front_door(rng, x)
                 continue
             windows.append(quad((x + w / 2, 0.02, z), (-w, 0, 0), (0, 0, h), _window(rng, frame, (w, h))))
-            body += box((w + 0.2, 0.16, 0.07), stone, (x, 0.08, z - 0.07), skip=("back",))
+            body += box((w + 0.2, 0.16, 0.07), stone, (x, 0.08, z - 0.07), skip=("back",), step_m=1.0)
             if balconies and floor > 0 and column % 2 == 0:
                 rail = plain((0.2, 0.2, 0.22))
-                body += box((1.7, 0.8, 0.12), stone, (x, 0.4, z - 0.3)) + box(
+                body += box((1.7, 0.8, 0.12), stone, (x, 0.4, z - 0.3), step_m=1.0) + box(
                     (1.7, 0.04, 0.7), rail, (x, 0.78, z - 0.18)
                 )
     return Piece("building", tuple(body)), Piece("window", tuple(windows)), Piece("door", tuple(doors))

@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 
 from core.panorama import Panorama
-from core.scene import DIM, GAMMA_3, WHITE_BALANCE, CameraLook, View, apply_look, show_hand
+from core.scene import (
+    DIM,
+    GAMMA_3,
+    WHITE_BALANCE,
+    CameraLook,
+    Scene,
+    View,
+    apply_look,
+    changed_pixels,
+    night,
+    show_hand,
+    take_view,
+)
+from core.scene.labels import label_number
 
 
 @pytest.fixture
@@ -54,3 +67,16 @@ def test_a_hand_covers_the_nadir_and_nothing_else(room_view: View) -> None:
     assert covered[-4:].all()
     assert not covered[: covered.shape[0] // 2].any()
     np.testing.assert_array_equal(panorama.color[~covered], room_view.panorama.color[~covered])
+
+
+def test_at_night_windows_are_dark_and_nothing_counts_as_changed(room: Scene, room_view: View) -> None:
+    dark = night(room)
+    view = take_view(dark, room_view.pose, 512)
+    window = room.surface.label[room_view.hits.triangle] == label_number("window")
+    assert window.any()
+    brightness = [shown.panorama.color.reshape(-1, 3)[window].mean() for shown in (room_view, view)]
+    assert brightness[1] < 0.4 * brightness[0]
+    assert not changed_pixels(view, dark, room).any()
+    # The camera exposes anew, so the rest of the room does not turn dark as a whole.
+    rest = [shown.panorama.color.reshape(-1, 3)[~window].mean() for shown in (room_view, view)]
+    assert rest[1] > 0.6 * rest[0]

@@ -90,6 +90,21 @@ def test_walls_floors_and_lamps_never_change(room: Scene, changed_room: Scene) -
     assert fixed <= set(changed_room.keys)
 
 
+def test_doors_of_a_flat_swing_around_their_hinges(flat: Scene) -> None:
+    now = change_scene(flat, 1.0, seed=1)
+    before = {thing.key: thing for thing in flat.objects if thing.hinge}
+    after = {thing.key.split("~")[0]: thing for thing in now.objects if thing.hinge}
+    assert before
+    for key, leaf in before.items():
+        reach = []
+        for thing in (leaf, after[key]):
+            assert thing.hinge is not None
+            corners = np.concatenate([part.vertices for part in thing.pieces[0].parts])
+            reach.append(np.hypot(*(corners[:, :2] - thing.hinge).T).max())
+        assert abs(reach[0] - reach[1]) < 1e-9
+        assert after[key].key != key
+
+
 def test_a_street_changes_its_cars_but_not_its_houses() -> None:
     scene = build_scene(SceneSpec("street", 1))
     now = change_scene(scene, 0.6, 1)
