@@ -28,7 +28,7 @@ def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs
     for thing in scene.objects:
         if thing.hinge and rng.random() < fraction:
             kept.append(_swung(thing, rng.uniform(0.3, 0.9)))
-        elif thing.item is None or not thing.movable or thing.item.anchor == "ceiling":
+        elif thing.item is None or not thing.movable:
             kept.append(thing)
         elif remove_rugs and thing.item.anchor == "floor":
             num_changed += 1

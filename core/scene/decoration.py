@@ -73,7 +73,9 @@ def ceiling_lamp(rng: Rng, style: Style, power: float) -> Item:
         Light(np.array(below), np.asarray(style.lamp) * power, np.array([0.0, 0, -1])),
         Light(np.array(around), np.asarray(style.lamp) * power * 0.3),
     )
-    return Item("ceiling_lamp", (Piece("lamp", tuple(parts)),), (2 * radius, 2 * radius, drop), "ceiling", lights)
+    return Item(
+        "ceiling_lamp", (Piece("lamp", tuple(parts)),), (2 * radius, 2 * radius, drop), "ceiling", lights, fixture=True
+    )
 
 
 def radiator(rng: Rng, width_m: float) -> Item:
@@ -83,7 +85,7 @@ def radiator(rng: Rng, width_m: float) -> Item:
     ribs[:, :3], ribs[:, 3:5] = tone * 0.62, tone * 0.85
     texture = patterns.finished(ribs, (0.08, 0.5))
     parts = box((width_m, 0.09, 0.5), {"sides": texture, "top": plain((tone, tone, tone))}, (0, 0.065, 0.14))
-    return item("radiator", "radiator", parts, (width_m, 0.12, 0.64), "wall")
+    return item("radiator", "radiator", parts, (width_m, 0.12, 0.64), "wall", fixture=True)
 
 
 def curtain(rng: Rng, style: Style, height_m: float) -> Item:

@@ -38,7 +38,15 @@ def kitchen(rng: Rng, style: Style) -> Item:
         paint = plain(np.array(artwork.random_rgb(rng, 0.8, (0.2, 1))) / 255)
         spot = (rng.uniform(-0.45, 0.45) * w, rng.uniform(0.1, 0.3), h + 0.006)
         machines += cylinder(rng.uniform(0.03, 0.08), rng.uniform(0.08, 0.3), paint, spot)
-    return item("kitchen", "cabinet", parts, (w + 0.02, d + 0.03, 2.1), "wall", Piece("appliance", tuple(machines)))
+    return item(
+        "kitchen",
+        "cabinet",
+        parts,
+        (w + 0.02, d + 0.03, 2.1),
+        "wall",
+        Piece("appliance", tuple(machines)),
+        fixture=True,
+    )
 
 
 def bathtub(rng: Rng, style: Style) -> Item:
@@ -59,7 +67,7 @@ def bathtub(rng: Rng, style: Style) -> Item:
     size = (w, 1.4)
     wall = patterns.tiles(rng, (0.90, 0.91, 0.90), pick(rng, style.accents), size, 0.14, "mosaic")
     parts.append(quad((w / 2, 0.004, h), (-w, 0, 0), (0, 0, size[1]), wall))
-    return item("bathtub", "appliance", parts, (w, d, 2.0), "wall")
+    return item("bathtub", "appliance", parts, (w, d, 2.0), "wall", fixture=True)
 
 
 def washbasin(rng: Rng, style: Style) -> Item:
@@ -70,7 +78,7 @@ def washbasin(rng: Rng, style: Style) -> Item:
     parts = box((w, 0.42, 0.6), {"sides": plain(color), "front": _fronts(rng, color, 2, (w, 0.6))}, (0, 0.22, 0.2))
     parts += box((w + 0.04, 0.48, 0.1), white, (0, 0.24, 0.8)) + cylinder(0.015, 0.2, steel, (0, 0.08, 0.9))
     parts += box((w, 0.12, 0.65), {"sides": white, "front": plain((0.68, 0.74, 0.76))}, (0, 0.06, 1.3))
-    return item("washbasin", "cabinet", parts, (w + 0.04, 0.5, 1.95), "wall")
+    return item("washbasin", "cabinet", parts, (w + 0.04, 0.5, 1.95), "wall", fixture=True)
 
 
 def toilet(rng: Rng, style: Style) -> Item:
@@ -80,7 +88,7 @@ def toilet(rng: Rng, style: Style) -> Item:
     parts = box((0.4, 0.18, 0.38), white, (0, 0.09, 0.42)) + box((0.36, 0.3, 0.42), white, (0, 0.2, 0))
     parts += cylinder(0.14, 0.38, white, (0, 0.42, 0), top_radius=0.2)
     parts += cylinder(0.2, 0.04, plain((0.85, 0.85, 0.84)), (0, 0.42, 0.38))
-    return item("toilet", "appliance", parts, (0.42, 0.64, 0.8), "wall")
+    return item("toilet", "appliance", parts, (0.42, 0.64, 0.8), "wall", fixture=True)
 
 
 def socket(rng: Rng, kind: str) -> Item:
@@ -95,7 +103,7 @@ def socket(rng: Rng, kind: str) -> Item:
     for x in np.arange(-width / 2 + 0.0425, width / 2, 0.085):
         mark = (0.05, 0.004, 0.05) if kind == "switch" else (0.03, 0.004, 0.012)
         parts += box(mark, white if kind == "switch" else grey, (float(x), 0.014, height + 0.0425 - mark[2] / 2))
-    return item(kind, "trim", parts, (width, 0.02, height + 0.1), "hung")
+    return item(kind, "trim", parts, (width, 0.02, height + 0.1), "hung", fixture=True)
 
 
 def _fronts(rng: Rng, color: Color, units: int, size_m: tuple[float, float]) -> Texture:

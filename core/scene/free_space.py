@@ -53,10 +53,11 @@ def free_position(
     raise OptionsError("scene: expected free space for a camera, found none; use fewer or smaller objects")
 
 
-def scanner_positions(scene: Scene, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return (N, 3) positions spread over the rooms by area, at least one per room, N >= count."""
+def scanner_positions(scene: Scene, count: int | None, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return (N, 3) positions spread over the rooms by area, at least one per room; count None: two and more per room."""
     areas = np.array([room.size_m[0] * room.size_m[1] for room in scene.rooms])
-    shares = np.maximum(1, np.round(count * areas / areas.sum())).astype(int)
+    wanted = np.minimum(2 + areas / 12, 12) if count is None else np.maximum(1, count * areas / areas.sum())
+    shares = np.round(wanted).astype(int)
     chosen = []
     for room, share in zip(scene.rooms, shares, strict=True):
         drawn = rng.uniform((room.x0, room.y0, 1.3), (room.x1, room.y1, 1.7), (400, 3))

@@ -11,10 +11,16 @@ from core.scene.texture import plain
 
 
 def item(
-    name: str, label: str, parts: list[Part], size_m: tuple[float, float, float], anchor: str, *more: Piece
+    name: str,
+    label: str,
+    parts: list[Part],
+    size_m: tuple[float, float, float],
+    anchor: str,
+    *more: Piece,
+    fixture: bool = False,
 ) -> Item:
     """Return an Item of one main piece and possibly others."""
-    return Item(name, (Piece(label, tuple(parts)), *more), size_m, anchor)
+    return Item(name, (Piece(label, tuple(parts)), *more), size_m, anchor, fixture=fixture)
 
 
 def table(rng: Rng, style: Style) -> Item:

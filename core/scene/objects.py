@@ -53,7 +53,7 @@ class Item:
     """A thing in its own frame: origin on the floor at the middle of its back, +y towards its front.
 
     size_m: width (x), depth (y), height (z). anchor: where it goes, "wall", "middle", "corner",
-    "hung", "floor" or "ceiling".
+    "hung", "floor" or "ceiling". fixture: belongs to the building, so it never moves.
     """
 
     name: str
@@ -61,6 +61,7 @@ class Item:
     size_m: tuple[float, float, float]
     anchor: str
     lights: tuple[Light, ...] = ()
+    fixture: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def placed(
     """Return the item as an object turned by `yaw` radians with its origin at `position`."""
     pieces = tuple(replace(piece, parts=tuple(moved(piece.parts, yaw, position))) for piece in item.pieces)
     lights = tuple(_moved_light(light, yaw, position) for light in item.lights)
-    return SceneObject(key, pieces, True, footprint, item, room, lights)
+    return SceneObject(key, pieces, not item.fixture, footprint, item, room, lights)
 
 
 def fixed(key: str, label: str, parts: Iterable[Part], lights: tuple[Light, ...] = ()) -> SceneObject:

@@ -29,13 +29,13 @@ class Scan:
 
 def scan_with_truth(
     scene: Scene,
-    num_stations: int = 4,
+    num_stations: int | None = None,
     num_points: int = 300_000,
     noise_m: float = 0.004,
     seed: int = 0,
     color_kind: str = "rgb",
 ) -> Scan:
-    """Scan the scene from `num_stations` places spread over its free space.
+    """Scan the scene from `num_stations` places spread over its free space, None for as many as its area asks for.
 
     Points are thinned so that near and far surfaces are about equally dense, as merged survey scans are.
     noise_m: standard deviation of the range. color_kind "labels" gives exact label colors.
@@ -63,7 +63,7 @@ def scan_with_truth(
 
 def scan_scene(
     scene: Scene,
-    num_stations: int = 4,
+    num_stations: int | None = None,
     num_points: int = 300_000,
     noise_m: float = 0.004,
     seed: int = 0,
