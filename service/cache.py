@@ -32,7 +32,7 @@ _RETRY_AFTER_S = 2
 _TEMPORARY: tuple[type[Exception], ...] = tuple(
     getattr(redis.exceptions, name) for name in ("BusyLoadingError", "OutOfMemoryError", "ReadOnlyError")
 )
-_LOST = (redis.ConnectionError, redis.TimeoutError, *_TEMPORARY, OSError)
+_LOST: tuple[type[Exception], ...] = (redis.ConnectionError, redis.TimeoutError, *_TEMPORARY, OSError)
 
 
 class WorkerCache:

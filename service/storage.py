@@ -86,7 +86,7 @@ class FolderStorage:
     def replace(self, key: str, data: bytes) -> None:
         """Store bytes over older ones in one step."""
         target = self._path(key)
-        target.parent.mkdir(parents=True, exist_ok=True)
+        _make_folder(target.parent)
         temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
         try:
             with temporary.open("wb") as stream:
@@ -176,6 +176,14 @@ class FolderStorage:
 
 def _missing(key: str) -> StoredFileMissingError:
     return StoredFileMissingError(f"{key}: expected a stored file, found none; was the data folder changed by hand?")
+
+
+def _make_folder(folder: Path) -> None:
+    if folder.is_dir():
+        return
+    _make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    _sync_folder(folder.parent)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,0 +1,72 @@
+"""Size and kind of an image from its first bytes, so that a bomb is refused before anything is decoded."""
+
+import struct
+from dataclasses import dataclass
+
+from service.errors import UnknownImageError
+
+_JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_BARE_MARKERS = frozenset({0x01, *range(0xD0, 0xD9)})
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What an image says of itself. kind: "jpeg", "png" or "webp"; width, height: pixels as stored."""
+
+    kind: str
+    width: int
+    height: int
+
+
+def read_image_header(data: bytes) -> ImageHeader:
+    """Return kind and size of a JPEG, PNG or WebP image. Raises UnknownImageError for anything else."""
+    try:
+        if data.startswith(b"\x89PNG\r\n\x1a\n") and data[12:16] == b"IHDR":
+            return ImageHeader("png", *struct.unpack(">II", data[16:24]))
+        if data.startswith(b"\xff\xd8\xff"):
+            return _jpeg(data)
+        if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+            return _webp(data)
+    except (struct.error, IndexError) as error:
+        raise UnknownImageError(
+            f"expected an image, got one that ends within its header ({len(data):,} bytes); send the whole file"
+        ) from error
+    raise UnknownImageError(f"expected a JPEG, PNG or WebP image, got {_description(data)}; convert it to one of them")
+
+
+def _jpeg(data: bytes) -> ImageHeader:
+    at = 2
+    while True:
+        if data[at] != 0xFF:
+            raise IndexError
+        marker = data[at + 1]
+        if marker == 0xFF:
+            at += 1
+        elif marker in _JPEG_BARE_MARKERS:
+            at += 2
+        elif marker in _JPEG_SIZE_MARKERS:
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return ImageHeader("jpeg", width, height)
+        else:
+            (length,) = struct.unpack(">H", data[at + 2 : at + 4])
+            at += 2 + length
+
+
+def _webp(data: bytes) -> ImageHeader:
+    chunk = data[12:16]
+    if chunk == b"VP8X":
+        return ImageHeader("webp", 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little"))
+    if chunk == b"VP8L":
+        (bits,) = struct.unpack("<I", data[21:25])
+        return ImageHeader("webp", 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF))
+    if chunk == b"VP8 ":
+        width, height = struct.unpack("<HH", data[26:30])
+        return ImageHeader("webp", width & 0x3FFF, height & 0x3FFF)
+    raise IndexError
+
+
+def _description(data: bytes) -> str:
+    if not data:
+        return "an empty file"
+    head = data[:12]
+    return f"text ({head!r})" if head.isascii() and head.decode().isprintable() else f"bytes that begin {head.hex(' ')}"

@@ -1,0 +1,36 @@
+"""Numbers and boxes that many models share. Metres unless a name says otherwise."""
+
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+# Nothing on Earth lies farther from the origin of its coordinates; also keeps float32 finite.
+_FARTHEST_M = 1e8
+
+Coordinate = Annotated[float, Field(ge=-_FARTHEST_M, le=_FARTHEST_M, allow_inf_nan=False)]
+Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]
+
+
+class Model(BaseModel):
+    """A model that takes nothing it does not know, so that a misspelt field is an error and not ignored."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Answer(BaseModel):
+    """A model of what the service sends; fields may be added to it."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class Box(Model):
+    """A box along the axes of the map's own frame, metres."""
+
+    min: Vector
+    max: Vector
+
+    @model_validator(mode="after")
+    def _has_volume(self) -> Self:
+        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"expected min below max on every axis, got min {self.min} and max {self.max}")
+        return self
