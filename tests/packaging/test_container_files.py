@@ -7,6 +7,9 @@ from typing import Any
 
 import pytest
 
+from service.metrics import Metrics
+from service.pool import PoolState
+
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"
@@ -69,3 +72,15 @@ def test_the_monitoring_files_are_well_formed() -> None:
         assert read(path), path
     for path in DOCKER.rglob("*.json"):
         assert json.loads(path.read_text(encoding="utf-8")), path
+
+
+def test_the_dashboard_shows_only_metrics_that_the_service_has() -> None:
+    metrics = Metrics(lambda: PoolState(ready=True, waiting_for=None), dict)
+    metrics.note_request("GET", "/maps", 200, 0.1)
+    metrics.note_localization("fast", "localized", {"total": 0.1})
+    offered = set(re.findall(r"^(\w+)[{ ]", metrics.text().decode(), re.MULTILINE))
+    dashboard = json.loads((DOCKER / "grafana" / "dashboards" / "panoloc.json").read_text(encoding="utf-8"))
+    expressions = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+    shown = {name for text in expressions for name in re.findall(r"\b(?:panoloc|process)_\w+", text)}
+    assert len(shown) > 10
+    assert shown - offered == set()
