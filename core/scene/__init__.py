@@ -16,6 +16,7 @@ from core.scene.camera_look import (
     random_look,
 )
 from core.scene.case_folder import Query, write_case, write_case_folder, write_ply
+from core.scene.cases import Case, Suite, make_case
 from core.scene.change_truth import changed_pixels, changed_points
 from core.scene.changes import change_scene
 from core.scene.free_space import RotationKind, random_rotation, sample_pose
@@ -26,7 +27,7 @@ from core.scene.relighting import day, night, relit
 from core.scene.scanning import Scan, scan_scene, scan_with_truth
 from core.scene.scene import Scene
 from core.scene.spherical_camera import View, take_panorama, take_view
-from core.scene.suites import Case, Suite, suite_cases, suite_names
+from core.scene.suites import suite_cases, suite_names
 
 __all__ = [
     "DIM",
@@ -53,6 +54,7 @@ __all__ = [
     "changed_pixels",
     "changed_points",
     "day",
+    "make_case",
     "night",
     "random_look",
     "random_rotation",

@@ -11,8 +11,9 @@ from core.scene.room_scene import bare_room, furnished_room
 from core.scene.scene import Scene
 from core.scene.street_scene import street
 from core.scene.style import STYLES, style_of
+from core.scene.twin_scene import twin_rooms
 
-SceneKind = Literal["room", "flat", "bare", "street"]
+SceneKind = Literal["room", "flat", "bare", "street", "twins"]
 FAMILIES: tuple[str, ...] = tuple(STYLES)
 
 
@@ -31,7 +32,7 @@ class SceneSpec:
 
 def build_scene(spec: SceneSpec) -> Scene:
     """Build the scene of a specification; raises OptionsError for an unknown kind or family."""
-    kinds = {"room": 0, "flat": 1, "bare": 2, "street": 3}
+    kinds = {"room": 0, "flat": 1, "bare": 2, "street": 3, "twins": 4}
     if spec.kind not in kinds:
         raise OptionsError(f"kind: expected one of {', '.join(kinds)}, got {spec.kind!r}")
     rng = np.random.default_rng((spec.seed, kinds[spec.kind]))
@@ -39,6 +40,8 @@ def build_scene(spec: SceneSpec) -> Scene:
     style = style_of(spec.family or drawn)
     if spec.kind == "flat":
         return furnished_flat(rng, style)
+    if spec.kind == "twins":
+        return twin_rooms(rng, style, spec.area_m2)
     if spec.kind == "street":
         return street(rng, style)
     if spec.kind == "bare":

@@ -18,10 +18,15 @@ from core.scene.style import Style, pick
 def furnished_room(rng: Rng, style: Style, area_m2: float | None) -> Scene:
     """Return one furnished room."""
     room = random_room(rng, area_m2)
-    shell = [*build_shell(rng, style, room, "room0"), *projections(rng, style, room)]
-    furnisher = Furnisher(rng, style, room, 0, shell)
+    return Scene(tuple(furnished(rng, style, room, 0)), (room,), style)
+
+
+def furnished(rng: Rng, style: Style, room: Room, number: int) -> list[SceneObject]:
+    """Return walls and furniture of the room with the given number in its scene."""
+    shell = [*build_shell(rng, style, room, f"room{number}"), *projections(rng, style, room)]
+    furnisher = Furnisher(rng, style, room, number, shell)
     furnisher.furnish(style.density * rng.uniform(0.8, 1.2))
-    return Scene((*shell, *furnisher.objects), (room,), style)
+    return [*shell, *furnisher.objects]
 
 
 def bare_room(rng: Rng, style: Style, area_m2: float | None) -> Scene:

@@ -20,6 +20,7 @@ class Scene:
 
     rooms: rectangles in which a camera can stand. sky: light where nothing is hit. exposed_like: the scene whose exposure
     this one keeps (a changed scene keeps that of the scene it came from), None to choose it from the scene itself.
+    outdoor: a street, where cars and not sofas change. twins: all rooms are equal, shifted along x.
     """
 
     objects: tuple[SceneObject, ...]
@@ -28,6 +29,7 @@ class Scene:
     sky: Sky = field(default_factory=Sky)
     exposed_like: "Scene | None" = field(default=None, repr=False)
     outdoor: bool = False
+    twins: bool = False
 
     @cached_property
     def surface(self) -> Surface:

@@ -9,8 +9,20 @@ import pytest
 from PIL import Image
 
 from core.errors import OptionsError
-from core.scene import LABEL_COLORS, Case, suite_cases, suite_names, write_case
-from core.scene.suites import SUITES, make_case
+from core.scene import (
+    LABEL_COLORS,
+    Case,
+    SceneSpec,
+    build_scene,
+    make_case,
+    sample_pose,
+    suite_cases,
+    suite_names,
+    take_panorama,
+    write_case,
+)
+from core.scene.suites import SUITES
+from core.scene.twin_scene import twin_poses
 
 SHARED_CASES = Path(__file__).parents[4] / "shared" / "cases"
 
@@ -29,8 +41,9 @@ def test_every_suite_gives_complete_cases(name: str) -> None:
     assert case.changed_points.shape == (4000,)
     assert np.isfinite(case.cloud.positions).all()
     low, high = case.cloud.bounds
-    assert (low <= case.pose.position).all()
-    assert (case.pose.position <= high).all()
+    position = case.pose.position - case.cloud.origin_offset
+    assert (low <= position).all()
+    assert (position <= high).all()
     assert bool(case.changed_points.any()) == (SUITES[name].change > 0)
     if case.color_kind == "labels":
         shown = set(map(tuple, np.unique(case.panorama.color.reshape(-1, 3), axis=0).tolist()))
@@ -97,6 +110,46 @@ def test_label_panoramas_are_written_without_loss(tmp_path: Path) -> None:
     truth = json.loads(write_case(case, tmp_path).read_text())
     assert truth["color_kind"] == "labels"
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / truth["queries"][0]["image"])), case.panorama.color)
+
+
+def test_survey_coordinates_keep_their_millimetres_on_disk(tmp_path: Path) -> None:
+    import open3d
+
+    case = make_case("survey", replace(SUITES["survey"], num_points=2000), 2, width=64)
+    assert case.cloud.origin_offset[1] > 1e6
+    truth = json.loads(write_case(case, tmp_path).read_text())
+    cloud = open3d.t.io.read_point_cloud(tmp_path / truth["scans"][0])
+    read = cloud.point.positions.numpy() - case.cloud.origin_offset
+    np.testing.assert_allclose(read, case.cloud.positions, atol=1e-6)
+    assert np.abs(read - (np.array(truth["queries"][0]["position_m"]) - case.cloud.origin_offset)).max() < 15
+
+
+def test_turning_the_frame_turns_cloud_and_pose_alike() -> None:
+    plain, turned = (
+        make_case("x", replace(SUITES["rooms"], num_points=500, survey_frame=s), 2, width=64) for s in (False, True)
+    )
+    seen = [
+        (case.cloud.positions + case.cloud.origin_offset - case.pose.position) @ case.pose.rotation
+        for case in (plain, turned)
+    ]
+    np.testing.assert_allclose(seen[0], seen[1], atol=2e-6)
+    assert not np.allclose(plain.pose.rotation, turned.pose.rotation)
+
+
+def test_both_poses_in_twin_rooms_show_the_same_picture() -> None:
+    scene = build_scene(SceneSpec("twins", 3, area_m2=10.0))
+    pose = sample_pose(scene, np.random.default_rng(1), "any")
+    (other,) = twin_poses(scene, pose)
+    assert np.linalg.norm(other.position - pose.position) > 2
+    first, second = (take_panorama(scene, where, 256, "labels").color for where in (pose, other))
+    assert (first == second).all(-1).mean() > 0.995
+
+
+def test_a_partial_panorama_masks_what_it_does_not_show() -> None:
+    case = make_case("partial", replace(SUITES["partial"], num_points=500), 1, width=64)
+    assert case.panorama.valid[8:24].all()
+    assert not case.panorama.valid[:8].any()
+    assert not case.panorama.valid[24:].any()
 
 
 @pytest.mark.skipif(not SHARED_CASES.is_dir(), reason="the shared cases are not here")
