@@ -4,61 +4,21 @@ Imported by Ray's workers and, when the pool starts, by the HTTP process; the al
 """
 
 import asyncio
-import importlib
 import os
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Protocol
 
 from ray import serve
 
 from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from service.worker_plan import WorkerPlan
 from service.worker_reply import WorkerReply
-from service.worker_settings import WorkerSettings
 
 APP_NAME = "panoloc"
 _REGISTRATION_NICENESS = 10
 # A search checks its deadline often; one that is this late hangs in native code.
 _OVERDUE_S = 60.0
 _MAPS_KNOWN_TO_ROUTER = 1000
-
-
-class QueryWorker(Protocol):
-    """The body of a worker, without Ray."""
-
-    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        """Answer one query."""
-
-
-class MapRegistrar(Protocol):
-    """The body of a registration, without Ray."""
-
-    def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
-        """Build and store the index of one map."""
-
-    def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
-        """Build and store the index of a map whose record and scan are in storage."""
-
-
-@dataclass(frozen=True)
-class WorkerPlan:
-    """What runs inside Ray: two factories, each "module:function", called with the settings where the work is done."""
-
-    settings: WorkerSettings
-    worker: str = "service.worker:build_worker"
-    registrar: str = "service.registration:build_registrar"
-
-    def build_worker(self) -> QueryWorker:
-        """Import the factory of query workers and call it."""
-        worker: QueryWorker = _imported(self.worker)(self.settings)
-        return worker
-
-    def build_registrar(self) -> MapRegistrar:
-        """Import the factory of registrars and call it."""
-        registrar: MapRegistrar = _imported(self.registrar)(self.settings)
-        return registrar
 
 
 class LocalizationReplica:
@@ -103,9 +63,3 @@ def register_map(plan: WorkerPlan, job: RegisterJob) -> WorkerReply[RegisterOutc
 def rebuild_map(plan: WorkerPlan, map_ref: MapRef) -> WorkerReply[None]:
     """Build the lost index of one map in a process of its own; queries wait for it, so it is as important as they."""
     return plan.build_registrar().rebuild(map_ref)
-
-
-def _imported(factory: str) -> Callable[[WorkerSettings], Any]:
-    module, _, name = factory.partition(":")
-    found: Callable[[WorkerSettings], Any] = getattr(importlib.import_module(module), name)
-    return found

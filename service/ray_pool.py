@@ -24,8 +24,9 @@ _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 _WATCH_PERIOD_S = 1.0
-_RESTART_PAUSE_S = 2.0
+_RESTART_PAUSE_S = 5.0
 _MAX_ATTEMPTS = 3
+_LEAVE_S = 10.0
 _MAX_REBUILDS = 2
 
 
@@ -58,14 +59,23 @@ class RayPool:
         """Take nothing more, wait up to `drain_s` for what is under way, then end the workers."""
         self.begin_drain()
         deadline = time.monotonic() + drain_s
-        while self._admission.num_admitted and time.monotonic() < deadline:
+        while self.num_under_way and time.monotonic() < deadline:
             await asyncio.sleep(0.05)
         if self._watch is not None:
             self._watch.cancel()
             await asyncio.gather(self._watch, return_exceptions=True)
         await self._builds.cancel()
-        await self._in_ray_thread(self._leave)
-        self._thread.shutdown()
+        try:
+            async with asyncio.timeout(_LEAVE_S):
+                await self._in_ray_thread(self._leave)
+        except TimeoutError:
+            _log.warning("Ray does not end, leaving it to the lifeline")
+        self._thread.shutdown(wait=False)
+
+    @property
+    def num_under_way(self) -> int:
+        """Return how many queries wait or run."""
+        return self._admission.num_admitted
 
     def begin_drain(self) -> None:
         """Refuse new requests from now on; those under way go on."""
@@ -154,16 +164,20 @@ class RayPool:
             except asyncio.CancelledError:
                 raise
             except Exception as error:
-                _log.exception("the worker pool is down, starting it again")
+                _log.warning("the worker pool is down, starting it again", extra={"error": str(error)}, exc_info=True)
                 self._waiting_for = f"workers ({error})"
-                self._handle = None
-                await self._in_ray_thread(self._cluster.disconnect)
+                self._handle, self._num_running = None, 0
+                with contextlib.suppress(Exception):
+                    await self._in_ray_thread(self._cluster.disconnect)
                 await asyncio.sleep(_RESTART_PAUSE_S)
 
     async def _bring_up(self) -> None:
         self._waiting_for = "Ray"
         await self._in_ray_thread(self._cluster.connect)
         self._waiting_for = "workers"
+        problems = await self._in_ray_thread(self._serving.unreachable)
+        if problems:
+            raise RuntimeError("; ".join(problems))
         handle, staffing = await self._in_ray_thread(self._serving.deploy)
         self._admission.set_num_workers(staffing.num_workers)
         self._handle = handle

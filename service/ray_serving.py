@@ -1,5 +1,6 @@
 """The blocking half of the pool: what is asked of Ray, in the one thread that Ray's processes are tied to."""
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,7 +8,8 @@ from typing import Any
 
 from service.cpu_share import num_sockets
 from service.ray_cluster import RayCluster
-from service.ray_deployment import LocalizationReplica, WorkerPlan
+from service.reachability import leave_token, missing_here
+from service.worker_plan import WorkerPlan
 
 _DEPLOYMENT = "localizer"
 # One computes, one more is already there when it ends: the router would take up to half a second to bring the next.
@@ -34,17 +36,19 @@ class Staffing:
 class RayServing:
     """Workers behind one Serve application, and tasks beside them."""
 
-    def __init__(self, cluster: RayCluster, plan: WorkerPlan, app_name: str, num_workers: int | None) -> None:
+    def __init__(self, cluster: RayCluster, plan: WorkerPlan, num_workers: int | None) -> None:
         """num_workers: None for one per GPU, else one per CPU socket (per node of a cluster that we joined)."""
         self._cluster = cluster
         self._plan = plan
-        self._app_name = app_name
+        self._app_name = _app_name(cluster, plan)
         self._num_workers = num_workers
 
     def deploy(self) -> tuple[Any, Staffing]:
         """Start Serve and ask for the workers, without waiting for them; return the handle that calls them."""
         from ray import serve
         from ray.serve.schema import LoggingConfig
+
+        from service.ray_deployment import LocalizationReplica
 
         quiet = LoggingConfig(log_level="WARNING", enable_access_log=False)
         serve.start(proxy_location="Disabled", logging_config=quiet)
@@ -68,6 +72,24 @@ class RayServing:
         target = serve.RunTarget(worker, name=self._app_name, route_prefix=None)
         handle = serve.run_many([target], wait_for_applications_running=False)[0]
         return handle, staffing
+
+    def unreachable(self) -> list[str]:
+        """Return what machines of a cluster that we joined cannot reach, one sentence each."""
+        if self._cluster.is_ours:
+            return []
+        import ray
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        settings = self._plan.settings
+        token = leave_token(settings)
+        checks = {
+            node["NodeManagerAddress"]: ray.remote(num_cpus=0, max_calls=1)(missing_here)
+            .options(scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False))
+            .remote(settings, token)
+            for node in ray.nodes()
+            if node["Alive"]
+        }
+        return [f"machine {name}: {fault}" for name, check in checks.items() for fault in ray.get(check, timeout=60)]
 
     def num_running(self) -> int:
         """Return how many workers are up. Raises RuntimeError with Serve's message when they cannot start."""
@@ -113,3 +135,10 @@ class RayServing:
     def _environment(self) -> dict[str, Any]:
         # The processes of a cluster of our own inherit it.
         return {} if self._cluster.is_ours else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2"}}}
+
+
+def _app_name(cluster: RayCluster, plan: WorkerPlan) -> str:
+    """Return a name that a restarted service finds again, and that no other service in the same cluster has."""
+    if cluster.is_ours:
+        return "panoloc"
+    return "panoloc-" + hashlib.sha256(plan.settings.storage_url.encode()).hexdigest()[:8]

@@ -9,14 +9,14 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob
-
 from service.admission import Admission
+from service.embedded_redis import EmbeddedRedis
 from service.lifeline import Lifeline
+from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob
 from service.ray_cluster import RayCluster
-from service.ray_deployment import WorkerPlan
 from service.ray_pool import RayPool
 from service.ray_serving import RayServing
+from service.worker_plan import WorkerPlan
 from service.worker_settings import WorkerSettings
 
 Result = TypeVar("Result")
@@ -25,17 +25,19 @@ Result = TypeVar("Result")
 class PoolInThread:
     """The real pool with a scripted worker."""
 
-    def __init__(self, folder: Path, ray_address: str | None = None) -> None:
+    def __init__(self, folder: Path, ray_address: str | None = None, **settings: str) -> None:
         self.folder = folder
         self.lifeline = Lifeline()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        settings = WorkerSettings(redis_url="", storage_url=str(folder))
+        self.redis = EmbeddedRedis(folder, self.lifeline)
+        self.redis.start()
+        given = {"redis_url": self.redis.url, "storage_url": str(folder), **settings}
         scripted = "tests.integration.scripted_worker:ScriptedWorker"
-        plan = WorkerPlan(settings, worker=scripted, registrar=scripted)
+        plan = WorkerPlan(WorkerSettings(**given), worker=scripted, registrar=scripted)
         cluster = RayCluster(ray_address, folder / "ray", self.lifeline)
-        self.pool = self.run(self._build(cluster, RayServing(cluster, plan, "panoloc", None)))
+        self.pool = self.run(self._build(cluster, RayServing(cluster, plan, None)))
         self.run(self.pool.start())
 
     async def _build(self, cluster: RayCluster, serving: RayServing) -> RayPool:
@@ -64,6 +66,7 @@ class PoolInThread:
 
     def stop(self, drain_s: float = 5) -> None:
         self.run(self.pool.stop(drain_s))
+        self.redis.stop()
         self.lifeline.close()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()

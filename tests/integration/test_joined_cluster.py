@@ -20,7 +20,7 @@ from tests.integration.pool_in_thread import PoolInThread, query, registration
 pytestmark = pytest.mark.integration
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cluster_address() -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("", 0))
@@ -65,6 +65,21 @@ def test_a_running_cluster_is_joined_used_and_left_running(cluster_address: str)
             running.stop()
     assert wait_until_gone(pid)
     wait_for_port(cluster_address)
+
+
+def test_machines_that_cannot_reach_redis_are_named_until_they_can(cluster_address: str) -> None:
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        running = PoolInThread(Path(folder), ray_address=cluster_address, redis_url="redis://127.0.0.1:1")
+        try:
+            deadline = time.monotonic() + 40
+            while "Redis" not in (running.pool.state().waiting_for or "") and time.monotonic() < deadline:
+                time.sleep(0.1)
+            state = running.pool.state()
+        finally:
+            running.stop()
+    assert not state.ready
+    assert state.waiting_for is not None
+    assert "expected an answer from Redis at redis://127.0.0.1:1" in state.waiting_for
 
 
 def wait_until_gone(pid: int) -> bool:

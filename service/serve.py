@@ -1,0 +1,88 @@
+"""`panoloc serve`: the HTTP process with its embedded Redis and its workers, from start to end."""
+
+import contextlib
+import logging
+import os
+import threading
+
+import uvicorn
+
+from service.admission import Admission
+from service.app import create_app
+from service.draining_server import DrainingServer
+from service.embedded_redis import EmbeddedRedis, EmbeddedRedisError
+from service.lifeline import Lifeline
+from service.logging import configure_logging
+from service.ray_cluster import RayCluster
+from service.ray_pool import RayPool
+from service.ray_serving import RayServing
+from service.run_folder import DataFolderInUseError, RunFolder
+from service.settings import Settings
+from service.worker_plan import WorkerPlan
+from service.worker_settings import WorkerSettings
+
+_log = logging.getLogger(__name__)
+
+# A thread that hangs inside Ray would keep the process; everything that could be lost is stored by then.
+_LEAVE_S = 10.0
+
+
+def run_service(settings: Settings) -> int:
+    """Run until SIGTERM or SIGINT; return the exit code: 0, or 1 when the service could not start."""
+    configure_logging(settings.log_level, settings.log_format)
+    with contextlib.ExitStack() as stack:
+        try:
+            folder = RunFolder(settings.data_dir)
+            stack.callback(folder.close)
+            lifeline = Lifeline()
+            stack.callback(lifeline.close)
+            redis_url = settings.redis_url or _start_redis(folder, lifeline, stack)
+        except (DataFolderInUseError, EmbeddedRedisError, OSError) as error:
+            _log.error("the service cannot start", extra={"error": str(error)})
+            return 1
+        _serve(settings.model_copy(update={"redis_url": redis_url}), folder, lifeline)
+    _leave_even_if_a_thread_hangs()
+    return 0
+
+
+def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:
+    """Put the pool together from the settings; nothing starts yet."""
+    cluster = RayCluster(settings.ray_address, folder.path / "ray", lifeline)
+    worker_settings = WorkerSettings(
+        redis_url=redis_url,
+        storage_url=settings.storage_url,
+        resident_bytes=settings.resident_bytes,
+        max_pixels=settings.max_pixels,
+        max_points=settings.max_points,
+        max_points_used=settings.max_points_used,
+        index_lifetime_s=settings.index_ttl_s,
+    )
+    serving = RayServing(cluster, WorkerPlan(worker_settings), settings.num_workers)
+    return RayPool(cluster, serving, Admission(settings.queue_limit), settings.num_registrations)
+
+
+def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitStack) -> str:
+    server = EmbeddedRedis(folder.path, lifeline)
+    stack.callback(server.stop)
+    server.start()
+    return server.url
+
+
+def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> None:
+    assert settings.redis_url is not None
+    pool = build_pool(settings, settings.redis_url, folder, lifeline)
+    config = uvicorn.Config(
+        create_app(settings, pool),
+        host=settings.host,
+        port=settings.port,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+    )
+    DrainingServer(config, pool, settings.drain_s).run()
+
+
+def _leave_even_if_a_thread_hangs() -> None:
+    timer = threading.Timer(_LEAVE_S, os._exit, args=(0,))
+    timer.daemon = True
+    timer.start()

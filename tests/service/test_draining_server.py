@@ -1,0 +1,80 @@
+"""Signals against the real uvicorn, with an application of four lines and a pool that counts."""
+
+import asyncio
+import os
+import signal
+import time
+from typing import Any
+
+import pytest
+import uvicorn
+
+from service.draining_server import DrainingServer
+
+
+class CountingPool:
+    """Has as many requests under way as it is told."""
+
+    def __init__(self) -> None:
+        self.num_under_way = 0
+        self.is_draining = False
+
+    def begin_drain(self) -> None:
+        self.is_draining = True
+
+
+async def application(scope: dict[str, Any], receive: Any, send: Any) -> None:
+    while scope["type"] == "lifespan":
+        event = (await receive())["type"]
+        await send({"type": f"{event}.complete"})
+        if event == "lifespan.shutdown":
+            return
+
+
+async def run_until_stopped(pool: CountingPool, drain_s: float, *steps: Any) -> float:
+    """Start the server, perform the steps 0.2 s apart, and return the seconds from the first step to the end."""
+    server = DrainingServer(uvicorn.Config(application, port=0, log_config=None), pool, drain_s)
+    serving = asyncio.create_task(server.serve())
+    while not server.started:
+        await asyncio.sleep(0.01)
+    began = time.monotonic()
+    for step in steps:
+        step()
+        await asyncio.sleep(0.2)
+    await asyncio.wait_for(serving, 10)
+    return time.monotonic() - began
+
+
+def send(received: signal.Signals) -> Any:
+    return lambda: os.kill(os.getpid(), received)
+
+
+@pytest.mark.parametrize("received", [signal.SIGTERM, signal.SIGINT])
+def test_an_idle_service_ends_at_once(received: signal.Signals) -> None:
+    pool = CountingPool()
+    assert asyncio.run(run_until_stopped(pool, 30, send(received))) < 2
+    assert pool.is_draining
+
+
+def test_what_is_under_way_is_finished_first() -> None:
+    pool = CountingPool()
+    pool.num_under_way = 1
+
+    def finish() -> None:
+        assert pool.is_draining
+        pool.num_under_way = 0
+
+    took = asyncio.run(run_until_stopped(pool, 30, send(signal.SIGTERM), lambda: None, lambda: None, finish))
+    assert 0.6 <= took < 3
+
+
+def test_what_takes_too_long_is_left() -> None:
+    pool = CountingPool()
+    pool.num_under_way = 1
+    assert 0.5 <= asyncio.run(run_until_stopped(pool, 0.5, send(signal.SIGTERM))) < 3
+
+
+def test_a_second_signal_ends_the_drain() -> None:
+    pool = CountingPool()
+    pool.num_under_way = 1
+    assert asyncio.run(run_until_stopped(pool, 30, send(signal.SIGINT), send(signal.SIGINT))) < 3

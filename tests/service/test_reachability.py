@@ -1,0 +1,41 @@
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from service.embedded_redis import EmbeddedRedis
+from service.lifeline import Lifeline
+from service.reachability import leave_token, missing_here
+from service.worker_settings import WorkerSettings
+
+
+@pytest.fixture
+def settings() -> Iterator[WorkerSettings]:
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        lifeline = Lifeline()
+        server = EmbeddedRedis(Path(folder), lifeline)
+        server.start()
+        yield WorkerSettings(redis_url=server.url, storage_url=folder)
+        server.stop()
+        lifeline.close()
+
+
+def test_where_both_are_reached_nothing_is_missing(settings: WorkerSettings) -> None:
+    assert missing_here(settings, leave_token(settings)) == []
+
+
+def test_an_absent_redis_is_named_without_its_password(settings: WorkerSettings) -> None:
+    absent = replace(settings, redis_url="redis://:secret@127.0.0.1:1/0")
+    (fault,) = missing_here(absent, leave_token(settings))
+    assert "127.0.0.1:1/0" in fault
+    assert "PANOLOC_REDIS_URL" in fault
+    assert "secret" not in fault
+
+
+def test_another_folder_under_the_same_name_is_noticed(settings: WorkerSettings, tmp_path: Path) -> None:
+    elsewhere = replace(settings, storage_url=str(tmp_path))
+    leave_token(elsewhere)
+    (fault,) = missing_here(elsewhere, leave_token(settings))
+    assert "PANOLOC_DATA_DIR" in fault
