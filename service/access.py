@@ -1,0 +1,38 @@
+"""Asks callers for an API key, when the operator has set any."""
+
+from collections.abc import Awaitable, Callable
+
+from fastapi import Request, Security
+from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
+
+from service.api_keys import Scope
+from service.errors import KeyMissingError, ScopeMissingError
+from service.services import services_of
+
+_bearer = HTTPBearer(auto_error=False, description="Asked for only where the operator has set PANOLOC_API_KEYS.")
+_header = APIKeyHeader(
+    name="X-API-Key", auto_error=False, description="The same key, for clients without bearer tokens."
+)
+
+
+def require(scope: Scope) -> Callable[..., Awaitable[None]]:
+    """Return a dependency that lets only callers with this scope through."""
+
+    async def check(
+        request: Request,
+        bearer: HTTPAuthorizationCredentials | None = Security(_bearer),  # noqa: B008
+        header: str | None = Security(_header),
+    ) -> None:
+        keys = services_of(request).settings.keys
+        if not keys.required:
+            return
+        key = bearer.credentials if bearer else header
+        if key is None:
+            raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
+        scopes = keys.scopes_of(key)
+        if scopes is None:
+            raise KeyMissingError("expected a known API key, got an unknown one; ask the operator for a key")
+        if scope not in scopes:
+            raise ScopeMissingError(f"expected a key with the scope {scope!r}, got one without it; use another key")
+
+    return check

@@ -1,0 +1,46 @@
+"""Puts the HTTP application together. Imports neither torch nor Ray nor the algorithm, so that it answers at once."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+
+from service.cache import Cache
+from service.error_handlers import install_error_handlers
+from service.openapi import install_openapi
+from service.pool import WorkerPool
+from service.request_context import RequestContext
+from service.routes import ROUTERS
+from service.routes.health import service_version
+from service.services import Services
+from service.settings import Settings
+from service.storage import Storage
+
+_DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
+
+1. `POST /maps` with a coloured scan; poll `GET /maps/{id}` until it is `ready`.
+2. `POST /localize` with a panorama and the map's id.
+
+Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
+
+
+def create_app(settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> FastAPI:
+    """Return the application; its lifespan starts and stops the pool and closes the cache."""
+    services = Services.build(settings, pool, cache, storage)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        await services.start()
+        try:
+            yield
+        finally:
+            await services.stop()
+
+    app = FastAPI(title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan)
+    app.state.services = services
+    app.add_middleware(RequestContext, metrics=services.metrics)
+    install_error_handlers(app)
+    for router in ROUTERS:
+        app.include_router(router)
+    install_openapi(app)
+    return app

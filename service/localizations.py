@@ -1,0 +1,200 @@
+"""Queries: from map ids to workers, and from outcomes to answers that can be fetched for a while."""
+
+import asyncio
+import contextlib
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import structlog
+
+from service.cache import Cache
+from service.errors import DeadlineError, LocalizationNotFoundError, ServiceError
+from service.identity import new_id, now
+from service.image_header import read_image_header
+from service.map_choice import ChosenMaps, MapChoice
+from service.map_registry import MapRegistry
+from service.metrics import Metrics
+from service.pool import ARTIFACTS, LocalizeJob, LocalizeOutcome, WorkerPool
+from service.problems import problem_document, problem_of
+from service.settings import Settings
+from service.storage import Storage
+
+_log = structlog.get_logger(__name__)
+Document = dict[str, Any]
+
+# A refusal comes at once; what is still under way after this has been accepted.
+_ADMISSION_S = 0.05
+# The pool keeps the deadline; this much later nothing will come any more.
+_OVERDUE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Query:
+    """What a caller asks. options: validated and JSON-safe, as in `LocalizeJob`."""
+
+    panorama: bytes
+    mask: bytes | None
+    maps: MapChoice
+    options: Document
+    request_id: str
+
+
+class Localizations:
+    """Used from one event loop."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        registry: MapRegistry,
+        pool: WorkerPool,
+        cache: Cache,
+        storage: Storage,
+        metrics: Metrics,
+    ) -> None:
+        self._settings = settings
+        self._registry = registry
+        self._pool = pool
+        self._cache = cache
+        self._storage = storage
+        self._metrics = metrics
+        self._under_way: set[asyncio.Task[Document]] = set()
+
+    async def answer(self, query: Query) -> Document:
+        """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapFailedError and what the pool raises."""
+        chosen = query.maps.resolve(self._registry)
+        await self._cache.check()
+        return await self._answer(query, chosen, new_id("loc"))
+
+    async def begin(self, query: Query) -> Document:
+        """Begin a query whose answer is fetched later, and return its state. Raises as `answer` does."""
+        chosen = query.maps.resolve(self._registry)
+        pending = {"id": new_id("loc"), "status": "queued", "created_at": now(), "error": None}
+        await self._put_pending(pending, query)
+        task = asyncio.create_task(self._answer_later(query, chosen, pending))
+        self._under_way.add(task)
+        task.add_done_callback(self._under_way.discard)
+        task.add_done_callback(lambda done: done.cancelled() or done.exception())
+        await asyncio.wait({task}, timeout=_ADMISSION_S)
+        if task.done() and not task.cancelled() and task.exception() is not None:
+            task.result()
+        return pending
+
+    async def get(self, localization_id: str) -> Document:
+        """Return an answer or its state. Raises LocalizationNotFoundError."""
+        found = await self._cache.get_localization(localization_id)
+        if found is None:
+            raise _unknown(localization_id, self._settings.result_ttl_s)
+        due_unix_s = found.pop("due_unix_s", None)
+        if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:
+            error = DeadlineError("the service was restarted before there was an answer; localize again")
+            return {**found, "status": "failed", "error": problem_document(error, found["id"])}
+        return found
+
+    async def picture(self, localization_id: str, name: str) -> bytes:
+        """Return a PNG of an answer. Raises LocalizationNotFoundError, also when it was not asked for."""
+        data = await self._cache.get_picture(localization_id, name)
+        if data is None:
+            await self.get(localization_id)
+            raise LocalizationNotFoundError(
+                f"expected a picture that was asked for, but {localization_id} has no {name}; name it under `artifacts`"
+                " of the query's options, or wait until the query is done"
+            )
+        return data
+
+    async def stop(self, drain_s: float) -> None:
+        """Wait for the queries whose answer is fetched later, at most `drain_s`, then end them."""
+        under_way = set(self._under_way)
+        if under_way:
+            await asyncio.wait(under_way, timeout=drain_s)
+        for task in under_way:
+            task.cancel()
+        await asyncio.gather(*under_way, return_exceptions=True)
+
+    async def _answer(self, query: Query, chosen: ChosenMaps, localization_id: str) -> Document:
+        began = time.monotonic()
+        try:
+            outcome, chosen = await self._outcome(query, chosen, localization_id)
+        except ServiceError as error:
+            self._metrics.note_localization(query.options["method"], problem_of(error).slug, {})
+            raise
+        body = self._body(localization_id, outcome, chosen, time.monotonic() - began)
+        await self._cache.put_pictures(localization_id, outcome.artifacts)
+        await self._cache.put_localization(localization_id, body, [ref.id for ref in chosen.refs])
+        if self._settings.keep_images:
+            await self._keep(localization_id, query.panorama)
+        self._metrics.note_localization(query.options["method"], body["status"], body["timings_s"])
+        return body
+
+    async def _outcome(
+        self, query: Query, chosen: ChosenMaps, localization_id: str
+    ) -> tuple[LocalizeOutcome, ChosenMaps]:
+        timeout_s = query.options["timeout_s"]
+        deadline_unix_s = time.time() + timeout_s
+        while True:
+            job = LocalizeJob(
+                localization_id,
+                query.request_id,
+                query.panorama,
+                query.mask,
+                chosen.refs,
+                query.options,
+                deadline_unix_s,
+            )
+            try:
+                async with asyncio.timeout(max(0.0, deadline_unix_s - time.time()) + _OVERDUE_S):
+                    return await self._pool.localize(job), chosen
+            except TimeoutError as error:
+                raise DeadlineError(f"expected an answer within {timeout_s:g} s, got none; allow more time") from error
+            except ServiceError:
+                # A revision may have been replaced, with its index and its scan, since the query came.
+                former, chosen = chosen, query.maps.resolve(self._registry)
+                if chosen.refs == former.refs:
+                    raise
+
+    async def _answer_later(self, query: Query, chosen: ChosenMaps, pending: Document) -> Document:
+        await self._put_pending({**pending, "status": "running"}, query)
+        try:
+            return await self._answer(query, chosen, pending["id"])
+        except Exception as error:
+            if not isinstance(error, ServiceError):
+                _log.exception("a query met an unexpected fault")
+            failed = {**pending, "status": "failed", "error": problem_document(error, query.request_id)}
+            # Without Redis nobody can ask for the state either.
+            with contextlib.suppress(ServiceError):
+                await self._cache.put_localization(pending["id"], failed)
+            raise
+
+    async def _put_pending(self, pending: Document, query: Query) -> None:
+        timeout_s = query.options["timeout_s"]
+        state = {**pending, "due_unix_s": time.time() + timeout_s}
+        await self._cache.put_localization(
+            pending["id"], state, lifetime_s=self._settings.result_ttl_s + int(timeout_s)
+        )
+
+    def _body(self, localization_id: str, outcome: LocalizeOutcome, chosen: ChosenMaps, total_s: float) -> Document:
+        stages = {name: seconds for name, seconds in outcome.body["timings_s"].items() if name != "total"}
+        waited_s = max(0.0, total_s - outcome.body["timings_s"].get("total", sum(stages.values())))
+        return {
+            "id": localization_id,
+            **outcome.body,
+            "artifacts": {name: picture_path(localization_id, name) for name in ARTIFACTS if name in outcome.artifacts},
+            "timings_s": {"queue": round(waited_s, 6), **stages, "total": round(total_s, 6)},
+            "warnings": [*outcome.body["warnings"], *chosen.warnings],
+        }
+
+    async def _keep(self, localization_id: str, panorama: bytes) -> None:
+        kind = read_image_header(panorama).kind
+        await asyncio.to_thread(self._storage.put, f"panoramas/{localization_id}.{kind}", panorama)
+
+
+def picture_path(localization_id: str, name: str) -> str:
+    """Return the path of one PNG of an answer."""
+    return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"
+
+
+def _unknown(localization_id: str, lifetime_s: int) -> LocalizationNotFoundError:
+    return LocalizationNotFoundError(
+        f"expected the id of a localization, got {localization_id[:80]!r}, which is unknown or older than {lifetime_s} s"
+        " (PANOLOC_RESULT_TTL_S); localize again"
+    )

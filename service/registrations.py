@@ -1,0 +1,150 @@
+"""Brings every uploaded scan to `ready` or `failed`: after an upload, and again after a restart.
+
+One task per map waits for the pool. A newer scan or the end of the map cancels it.
+"""
+
+import asyncio
+import json
+import time
+from dataclasses import replace
+from typing import Any
+
+import structlog
+
+from service.cache import Cache
+from service.errors import CacheDownError, NoWorkerError, ServiceError, TryAgainError
+from service.map_registry import MapRegistry
+from service.metrics import Metrics
+from service.pool import MapRef, RegisterJob, RegisterOutcome, WorkerPool
+from service.problems import problem_document
+from service.records import MapRecord, Revision, key_of
+from service.storage import Storage
+
+_log = structlog.get_logger(__name__)
+
+_MAX_ATTEMPTS = 5
+_POLL_S = 0.1
+_LONGEST_PAUSE_S = 30.0
+
+
+class Registrations:
+    """Used from one event loop."""
+
+    def __init__(
+        self, registry: MapRegistry, pool: WorkerPool, cache: Cache, storage: Storage, metrics: Metrics
+    ) -> None:
+        self._registry = registry
+        self._pool = pool
+        self._cache = cache
+        self._storage = storage
+        self._metrics = metrics
+        self._running: dict[str, asyncio.Task[None]] = {}
+
+    def resume(self) -> None:
+        """Begin again with every scan that has not come to an end."""
+        for record in self._registry.all():
+            if record.newest.status == "queued":
+                self.begin(record.newest_ref, request_id=f"resume-{record.id}")
+
+    def begin(self, ref: MapRef, request_id: str) -> None:
+        """Register a revision whose record and scan are stored, after whatever the pool has to do before."""
+        task = asyncio.create_task(self._run(ref, request_id), name=f"register {ref.id}")
+        self._running[ref.id] = task
+        task.add_done_callback(lambda done: self._running.pop(ref.id) if self._running.get(ref.id) is done else None)
+
+    async def cancel(self, map_id: str) -> None:
+        """End the registration of a map, when there is one, and wait until it has ended."""
+        task = self._running.get(map_id)
+        if task is not None:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            self._metrics.note_registration("cancelled")
+
+    async def stop(self) -> None:
+        """End all registrations; their scans are taken up again at the next start."""
+        running = list(self._running.values())
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+    async def _run(self, ref: MapRef, request_id: str) -> None:
+        structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
+        began = time.monotonic()
+        try:
+            outcome = await self._outcome_of(ref, request_id)
+            await self._store_files(ref, outcome)
+            await self._finish(ref, outcome)
+            result = "ready"
+        except Exception as error:
+            if not isinstance(error, ServiceError):
+                _log.exception("a registration met an unexpected fault")
+            await self._fail(ref, problem_document(error, request_id))
+            result = "failed"
+        duration_s = time.monotonic() - began
+        self._metrics.note_registration(result, duration_s)
+        _log.info("registration ended", result=result, duration_s=round(duration_s, 3))
+
+    async def _outcome_of(self, ref: MapRef, request_id: str) -> RegisterOutcome:
+        """Let a worker do it; what is only a matter of time is tried again, a few times."""
+        attempt = 1
+        while True:
+            await self._wait_until_possible()
+            try:
+                return await self._pool.register(_job(self._registry.get(ref.id).newest, ref, request_id))
+            except TryAgainError as error:
+                if attempt == _MAX_ATTEMPTS:
+                    raise
+                _log.warning("a registration is tried again", attempt=attempt, error=str(error))
+                await asyncio.sleep(min(error.retry_after_s * attempt, _LONGEST_PAUSE_S))
+            attempt += 1
+
+    async def _wait_until_possible(self) -> None:
+        while True:
+            try:
+                if self._pool.state().ready:
+                    await self._cache.check()
+                    return
+            except CacheDownError:
+                await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_POLL_S)
+
+    async def _store_files(self, ref: MapRef, outcome: RegisterOutcome) -> None:
+        files = {
+            "preview.png": outcome.preview_png,
+            "points.ply": outcome.points_ply,
+            "starts.json": json.dumps(outcome.starts).encode(),
+        }
+        for name, data in files.items():
+            await asyncio.to_thread(self._storage.put, key_of(ref, name), data)
+
+    async def _finish(self, ref: MapRef, outcome: RegisterOutcome) -> None:
+        former = self._registry.get(ref.id).serving_ref
+
+        def ready(record: MapRecord) -> MapRecord:
+            newest = replace(
+                record.newest, status="ready", stats=outcome.stats, diagnostics=outcome.diagnostics, error=None
+            )
+            return replace(record, newest=newest, serving=newest)
+
+        await self._registry.change(ref.id, ready)
+        if former is not None and former != ref:
+            await self._forget(former)
+
+    async def _fail(self, ref: MapRef, error: dict[str, Any]) -> None:
+        await self._registry.change(
+            ref.id, lambda record: replace(record, newest=replace(record.newest, status="failed", error=error))
+        )
+
+    async def _forget(self, ref: MapRef) -> None:
+        """Remove a revision that serves no more. A query that still holds it is sent to the new one."""
+        await self._registry.remove_revision(ref)
+        try:
+            await self._cache.forget_revision(ref)
+        except CacheDownError as error:
+            _log.warning("an old revision stays in Redis until its lifetime ends", error=str(error))
+
+
+def _job(revision: Revision, ref: MapRef, request_id: str) -> RegisterJob:
+    if revision.number != ref.revision:
+        raise NoWorkerError(f"revision {ref.revision} was replaced by revision {revision.number}")
+    return RegisterJob(ref, revision.scan_key, revision.scan_name, revision.options, request_id)

@@ -1,0 +1,80 @@
+"""Fetch answers and their pictures, as long as they live."""
+
+from typing import Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from service.access import require
+from service.openapi import picture_response
+from service.problems import error_responses
+from service.schemas import Localization, PendingLocalization
+from service.schemas.localization import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
+from service.services import services_of
+
+router = APIRouter(tags=["localization"], dependencies=[Depends(require("read"))])
+
+_ERRORS = error_responses(401, 403, 404, 503)
+_EITHER: dict[str, Any] = {
+    "description": "The answer; or, while `status` is `queued`, `running` or `failed`, the state of the query.",
+    "model": Localization | PendingLocalization,
+    "content": {
+        "application/json": {
+            "examples": {
+                "done": {"value": LOCALIZATION_EXAMPLE},
+                "running": {"value": PENDING_EXAMPLE},
+            }
+        }
+    },
+}
+
+
+@router.get(
+    "/localizations/{localization_id}",
+    summary="Fetch an answer",
+    response_model=None,
+    responses={200: _EITHER, **_ERRORS},
+)
+async def get_localization(request: Request, localization_id: str) -> Response:
+    """Return the answer to a query, or how far it is."""
+    found = await services_of(request).localizations.get(localization_id)
+    waiting = found["status"] in ("queued", "running")
+    return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
+
+
+@router.get(
+    "/localizations/{localization_id}/score-map-2d.png",
+    summary="The panorama tinted by its score map",
+    response_class=Response,
+    responses={200: picture_response("The picture."), **_ERRORS},
+)
+async def get_score_map_2d(request: Request, localization_id: str) -> Response:
+    """Return where the panorama fits the scan."""
+    return await _picture(request, localization_id, "score_map_2d")
+
+
+@router.get(
+    "/localizations/{localization_id}/score-map-3d.png",
+    summary="The scan at the found pose, tinted by its score map",
+    response_class=Response,
+    responses={200: picture_response("The picture."), **_ERRORS},
+)
+async def get_score_map_3d(request: Request, localization_id: str) -> Response:
+    """Return where the scan fits the panorama."""
+    return await _picture(request, localization_id, "score_map_3d")
+
+
+@router.get(
+    "/localizations/{localization_id}/overlay.png",
+    summary="The panorama above the scan at the found pose",
+    response_class=Response,
+    responses={200: picture_response("The picture."), **_ERRORS},
+)
+async def get_overlay(request: Request, localization_id: str) -> Response:
+    """Return a picture in which a person sees whether the pose is right."""
+    return await _picture(request, localization_id, "overlay")
+
+
+async def _picture(request: Request, localization_id: str, name: str) -> Response:
+    data = await services_of(request).localizations.picture(localization_id, name)
+    return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600, immutable"})

@@ -1,0 +1,149 @@
+"""Upload a scan: as a new map, or as a new revision of one."""
+
+import asyncio
+from dataclasses import replace
+from typing import Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from service.access import require
+from service.errors import InvalidOptionsError
+from service.identity import new_id, now
+from service.map_document import map_document
+from service.openapi import binary_part, json_part, multipart
+from service.pool import MapRef
+from service.problems import error_responses
+from service.records import MapRecord, Revision, key_of
+from service.request_context import current_request_id
+from service.scan_sniffing import check_scan_file, scan_extension
+from service.schemas import Map, MapOptions, ScanOptions
+from service.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.schemas.maps import QUEUED_MAP_EXAMPLE
+from service.services import Services, services_of
+from service.spool import PartRule, SpooledScan, disk_error
+from service.uploads import Form, read_form
+from service.validation import parse_json
+
+router = APIRouter(tags=["maps"])
+
+_RETRY_AFTER_S = 1
+_LONGEST_NAME = 200
+_SCAN_PART = binary_part("The scan: PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS, with colours.")
+_ACCEPTED: dict[int | str, dict[str, Any]] = {
+    202: {
+        "model": Map,
+        "description": "The scan is stored; poll the map until it is ready.",
+        "headers": {
+            "Location": {"description": "Path of the map", "required": True, "schema": {"type": "string"}},
+            "Retry-After": {
+                "description": "Seconds until a look is worth it",
+                "required": True,
+                "schema": {"type": "integer"},
+            },
+        },
+        "content": {"application/json": {"example": QUEUED_MAP_EXAMPLE}},
+    }
+}
+
+
+@router.post(
+    "/maps",
+    summary="Register a scan",
+    dependencies=[Depends(require("write"))],
+    status_code=202,
+    response_model=None,
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 409, 413, 415, 422, 503)},
+    openapi_extra=multipart(
+        {"file": _SCAN_PART, "options": json_part(MapOptions)},
+        ["file"],
+        {"a floor": {"value": {"file": "(the bytes of office.ply)", "options": MAP_OPTIONS_EXAMPLE}}},
+    ),
+)
+async def post_map(request: Request) -> Response:
+    """Store a scan durably, then build a map from it in the background."""
+    services = services_of(request)
+    services.registry.check_room()
+    with await _read(request, services) as form:
+        options = parse_json(MapOptions, form.single("options"), "options")
+        scan = await _checked_scan(form, services)
+        ref = MapRef(new_id("map"), 1)
+        try:
+            revision = await _store(services, ref, scan, options.scan_options())
+            record = MapRecord(
+                id=ref.id,
+                name=options.name or scan.name[:_LONGEST_NAME] or ref.id,
+                created_at=(created_at := now()),
+                updated_at=created_at,
+                newest=revision,
+                tags=options.tags,
+                georeference=None if options.georeference is None else options.georeference.model_dump(mode="json"),
+            )
+            await services.registry.add(record)
+        except BaseException:
+            await asyncio.shield(services.registry.remove_revision(ref))
+            raise
+    return _accepted(services, record)
+
+
+@router.put(
+    "/maps/{map_id}/scan",
+    summary="Replace a map's scan by a newer one",
+    dependencies=[Depends(require("write"))],
+    status_code=202,
+    response_model=None,
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 413, 415, 422, 503)},
+    openapi_extra=multipart({"file": _SCAN_PART, "options": json_part(ScanOptions)}, ["file"]),
+)
+async def put_scan(request: Request, map_id: str) -> Response:
+    """Store a new revision under the same id. The old one answers queries until the new one is ready.
+
+    Options that are left out are as they were for the revision before.
+    """
+    services = services_of(request)
+    services.registry.get(map_id)
+    with await _read(request, services) as form:
+        given = parse_json(ScanOptions, form.single("options"), "options")
+        scan = await _checked_scan(form, services)
+        await services.registrations.cancel(map_id)
+        former = services.registry.get(map_id)
+        ref = MapRef(map_id, former.newest.number + 1)
+        options = {**former.newest.options, **given.model_dump(mode="json", include=given.model_fields_set)}
+        revision = await _store(services, ref, scan, options)
+        record = await services.registry.change(map_id, lambda record: replace(record, newest=revision))
+    if former.newest_ref != record.serving_ref:
+        await services.registry.remove_revision(former.newest_ref)
+    return _accepted(services, record)
+
+
+async def _read(request: Request, services: Services) -> Form:
+    rules = {
+        "file": PartRule(services.settings.max_upload_bytes, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True),
+        "options": PartRule(),
+    }
+    folder = await asyncio.to_thread(services.storage.spool_folder)
+    return await read_form(request.stream(), request.headers, rules, folder)
+
+
+async def _checked_scan(form: Form, services: Services) -> SpooledScan:
+    if form.scan is None:
+        message = "expected the scan in a part of this name, got none; send -F file=@scan.ply"
+        raise InvalidOptionsError(f"file: {message}", [{"field": "file", "message": message}])
+    await asyncio.to_thread(check_scan_file, form.scan.path, services.settings.max_points)
+    return form.scan
+
+
+async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: dict[str, Any]) -> Revision:
+    key = key_of(ref, f"scan{scan_extension(scan.name)}")
+    try:
+        await asyncio.to_thread(services.storage.adopt, key, scan.path, scan.sha256)
+    except OSError as error:
+        raise disk_error(error) from error
+    services.metrics.note_upload(scan.num_bytes)
+    return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options)
+
+
+def _accepted(services: Services, record: MapRecord) -> Response:
+    services.registrations.begin(record.newest_ref, current_request_id())
+    headers = {"Location": f"/maps/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
+    return JSONResponse(map_document(record, None), 202, headers)

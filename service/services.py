@@ -1,0 +1,71 @@
+"""Everything that routes work with, put together once per application."""
+
+import time
+from dataclasses import dataclass, field
+
+from starlette.requests import HTTPConnection
+
+from service.cache import Cache
+from service.localizations import Localizations
+from service.map_registry import MapRegistry
+from service.metrics import Metrics
+from service.pool import WorkerPool
+from service.registrations import Registrations
+from service.settings import Settings
+from service.storage import Storage
+
+
+@dataclass
+class Services:
+    """The collaborators of one application.
+
+    started: whether start-up is over, so that requests can be served. began: monotonic seconds.
+    """
+
+    settings: Settings
+    pool: WorkerPool
+    cache: Cache
+    storage: Storage
+    registry: MapRegistry
+    metrics: Metrics
+    registrations: Registrations
+    localizations: Localizations
+    started: bool = False
+    began: float = field(default_factory=time.monotonic)
+
+    @classmethod
+    def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
+        """Put the services of an application together; nothing runs before `start`."""
+        registry = MapRegistry(storage, settings.max_maps)
+        metrics = Metrics(pool.state, registry.num_by_status)
+        return cls(
+            settings,
+            pool,
+            cache,
+            storage,
+            registry,
+            metrics,
+            Registrations(registry, pool, cache, storage, metrics),
+            Localizations(settings, registry, pool, cache, storage, metrics),
+        )
+
+    async def start(self) -> None:
+        """Read the maps, begin to bring the workers up, and take up unfinished registrations."""
+        await self.registry.load()
+        await self.pool.start()
+        self.registrations.resume()
+        self.started = True
+
+    async def stop(self) -> None:
+        """Let queries end within the drain time, then stop everything."""
+        deadline = time.monotonic() + self.settings.drain_s
+        await self.registrations.stop()
+        await self.localizations.stop(self.settings.drain_s)
+        await self.pool.stop(max(0.0, deadline - time.monotonic()))
+        await self.cache.close()
+
+
+def services_of(connection: HTTPConnection) -> Services:
+    """Return the services of the application that a request came to."""
+    found: Services = connection.app.state.services
+    return found

@@ -1,0 +1,44 @@
+"""JSON from callers, checked against a model; every mistake is named by its field."""
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from service.errors import InvalidOptionsError, MalformedRequestError
+
+ModelType = TypeVar("ModelType", bound=BaseModel)
+
+_LONGEST_VALUE = 80
+_MOST_MISTAKES = 10
+
+
+def parse_json(model: type[ModelType], data: bytes | None, where: str) -> ModelType:
+    """Read JSON into a model; None and nothing count as `{}`. where: what it is called in messages.
+
+    Raises MalformedRequestError for what is no JSON, InvalidOptionsError for what does not fit the model.
+    """
+    try:
+        return model.model_validate_json(data or b"{}")
+    except ValidationError as error:
+        raise mistakes_error(error.errors(include_url=False), where=where) from error
+
+
+def mistakes_error(
+    mistakes: Sequence[Any], *, skip: int = 0, where: str = ""
+) -> MalformedRequestError | InvalidOptionsError:
+    """Return the error for mistakes that pydantic found; skip: parts of the location that mean nothing to callers."""
+    if any(mistake["type"] == "json_invalid" for mistake in mistakes):
+        reason = next(mistake["msg"] for mistake in mistakes if mistake["type"] == "json_invalid")
+        return MalformedRequestError(f"{where or 'body'}: expected JSON, but {reason}; send valid JSON")
+    fields = [_field(mistake, skip, where) for mistake in mistakes[:_MOST_MISTAKES]]
+    text = "; ".join(f"{each['field']}: {each['message']}" for each in fields)
+    return InvalidOptionsError(f"{text}. Correct the fields named, see /docs", fields)
+
+
+def _field(mistake: Any, skip: int, where: str) -> dict[str, Any]:
+    name = ".".join(str(part) for part in mistake["loc"][skip:]) or where or "body"
+    message = str(mistake["msg"]).removeprefix("Value error, ")
+    got = repr(mistake.get("input"))
+    shown = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
+    return {"field": name, "message": message if ", got " in message else f"{message}, got {shown}"}
