@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from core.scene.objects import Light
 from core.scene.surface import Surface
 
-_NUM_BOUNCE_RAYS = 40
+_NUM_BOUNCE_RAYS = 32
 _NUM_BOUNCES = 3
 _LIFT_M = 0.012
 _PULL = 0.3

@@ -88,7 +88,7 @@ def bench(rng: Rng) -> Item:
 def facade(rng: Rng, width: float, height: float) -> tuple[Piece, ...]:
     """Return the front of a house, 6 m deep behind y = 0: wall, plinth, windows with sills, door, cornice, perhaps balconies."""
     wall = _facade_material(rng)
-    body = box((width, 6.0, height), wall, (0, -3.0, 0), skip=("bottom",), step_m=0.6)
+    body = box((width, 6.0, height), wall, (0, -3.0, 0), skip=("bottom", "back"), step_m=0.7)
     stone = plain(np.full(3, rng.uniform(0.4, 0.8)))
     body += box((width, 0.06, rng.uniform(0.4, 0.9)), stone, (0, 0.03, 0), skip=("back",), step_m=1.0)
     body += box((width + 0.05, 0.3, 0.25), stone, (0, 0.1, height - 0.25), step_m=0.8)
@@ -103,7 +103,7 @@ def facade(rng: Rng, width: float, height: float) -> tuple[Piece, ...]:
             if floor == 0 and column == door_column:
                 doors += _front_door(rng, x)
                 continue
-            windows.append(quad((x + w / 2, 0.02, z), (-w, 0, 0), (0, 0, h), _window(rng, frame, (w, h))))
+            windows.append(quad((x + w / 2, 0.02, z), (-w, 0, 0), (0, 0, h), _window(rng, frame, (w, h)), step_m=1.0))
             body += box((w + 0.2, 0.16, 0.07), stone, (x, 0.08, z - 0.07), skip=("back",), step_m=1.0)
             if balconies and floor > 0 and column % 2 == 0:
                 rail = plain((0.2, 0.2, 0.22))
@@ -144,7 +144,7 @@ def _front_door(rng: Rng, x: float) -> list[Part]:
     color = np.array(artwork.random_rgb(rng, 0.8, (0.15, 0.6))) / 255
     leaf = patterns.wood(rng, color, (1.1, 2.2))
     return [
-        quad((x + 0.55, 0.07, 0.05), (-1.1, 0, 0), (0, 0, 2.2), leaf),
+        quad((x + 0.55, 0.07, 0.05), (-1.1, 0, 0), (0, 0, 2.2), leaf, step_m=1.0),
         *box((1.4, 0.3, 0.15), plain((0.6, 0.6, 0.58)), (x, 0.15, 0)),
     ]
 

@@ -1,7 +1,6 @@
 """Changes between scan and photo, and the truth about them."""
 
 import numpy as np
-import pytest
 
 from core.pose import Pose
 from core.scene import (
@@ -73,15 +72,15 @@ def test_points_of_removed_things_are_changed_and_those_of_walls_are_not(
     assert 0.02 < truth.mean() < 0.8
 
 
-@pytest.mark.parametrize("fraction", [0.3, 0.6])
-def test_about_the_asked_fraction_of_the_furniture_changes(fraction: float) -> None:
-    changed, total = 0, 0
-    for seed in range(8):
+def test_about_the_asked_fraction_of_the_furniture_changes() -> None:
+    changed, total = np.zeros(2), 0
+    fractions = (0.3, 0.6)
+    for seed in range(7):
         scene = build_scene(SceneSpec("room", seed))
         movable = {t.key for t in scene.objects if t.item and t.movable and t.item.anchor != "floor"}
-        changed += len(movable - set(change_scene(scene, fraction, seed).keys))
+        changed += [len(movable - set(change_scene(scene, fraction, seed).keys)) for fraction in fractions]
         total += len(movable)
-    assert abs(changed / total - fraction) < 0.12
+    assert np.abs(changed / total - fractions).max() < 0.12
 
 
 def test_walls_floors_lamps_radiators_and_sockets_never_change(room: Scene, changed_room: Scene) -> None:
