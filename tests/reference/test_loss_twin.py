@@ -1,0 +1,160 @@
+"""The sampling loss, its gradient, and the Jacobian of the second-order refinement against finite differences."""
+
+import numpy as np
+import pytest
+import torch
+
+from core import gauss_newton
+from core.gauss_newton import CandidatePoints, prepare_level
+from core.projection import pixel_directions
+from core.rotations import rotation_from_vector, uniform_rotations
+from core.sampling_loss import SamplingProblem, sampling_loss
+from core.spherical_patches import PatchGrid
+from tests.reference import loss_twin
+from tests.reference.spherical_twin import direction_of
+
+ROTATION = uniform_rotations(7)[3].double().numpy()
+ROTATION = np.linalg.svd(ROTATION)[0] @ np.linalg.svd(ROTATION)[2]
+POSITION = np.array([0.2, -0.3, 0.1])
+
+
+def painted(directions: np.ndarray) -> np.ndarray:
+    """Return smooth colours (..., 3) on the sphere."""
+    x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
+    red, green, blue = 0.5 + 0.3 * x * y + 0.1 * z, 0.5 + 0.3 * y * z - 0.1 * x, 0.5 + 0.2 * (x * x - z * z) + 0.1 * y
+    return np.stack((red, green, blue), axis=-1)
+
+
+@pytest.fixture(scope="module")
+def problem() -> tuple[SamplingProblem, np.ndarray]:
+    rng = np.random.default_rng(0)
+    image = rng.uniform(size=(12, 24, 3))
+    points = rng.normal(size=(60, 3))
+    points *= rng.uniform(1.5, 4, (60, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+    made = SamplingProblem(
+        torch.from_numpy(image).permute(2, 0, 1).contiguous(),
+        torch.ones((12, 24), dtype=torch.float64),
+        torch.from_numpy(points),
+        torch.from_numpy(rng.uniform(size=(60, 3))),
+        torch.from_numpy(rng.uniform(size=60)),
+        torch.from_numpy(rng.uniform(size=18)),
+        PatchGrid(3, 6),
+    )
+    return made, image
+
+
+def twin_loss(problem: SamplingProblem, image: np.ndarray, step: np.ndarray) -> float:
+    return loss_twin.sampling_loss(
+        image,
+        problem.positions.numpy(),
+        problem.colors.numpy(),
+        problem.point_weights.numpy(),
+        problem.patch_scores.numpy(),
+        problem.grid.rows,
+        problem.grid.columns,
+        loss_twin.turned(ROTATION, step[:3]),
+        POSITION + step[3:],
+    )
+
+
+def test_the_sampling_loss_agrees_with_a_loop_over_points(problem: tuple[SamplingProblem, np.ndarray]) -> None:
+    made, image = problem
+    found = sampling_loss(made, torch.from_numpy(ROTATION), torch.from_numpy(POSITION))
+    assert abs(float(found) - twin_loss(made, image, np.zeros(6))) < 1e-9
+
+
+def test_the_gradient_of_the_sampling_loss_agrees_with_finite_differences(
+    problem: tuple[SamplingProblem, np.ndarray],
+) -> None:
+    made, image = problem
+    step = torch.zeros(6, dtype=torch.float64)
+    step[0] = 1e-7  # the derivative of the exponential map at exactly zero angle is a limit
+    step.requires_grad_()
+    turned = torch.from_numpy(ROTATION) @ rotation_from_vector(step[:3])
+    sampling_loss(made, turned, torch.from_numpy(POSITION) + step[3:]).backward()  # type: ignore[no-untyped-call]
+    assert step.grad is not None
+    expected = np.zeros(6)
+    for axis in range(6):
+        ahead, behind = np.zeros(6), np.zeros(6)
+        ahead[axis], behind[axis] = 1e-6, -1e-6
+        expected[axis] = (twin_loss(made, image, ahead) - twin_loss(made, image, behind)) / 2e-6
+    np.testing.assert_allclose(step.grad.numpy(), expected, rtol=1e-3, atol=1e-6)
+
+
+def test_masked_points_have_no_part_in_the_sampling_loss(problem: tuple[SamplingProblem, np.ndarray]) -> None:
+    made, _ = problem
+    valid = torch.ones_like(made.valid)
+    valid[3:9, 5:12] = 0
+    image = made.image.clone()
+    image[:, 3:9, 5:12] = 77.0
+    with_mask = SamplingProblem(
+        made.image, valid, made.positions, made.colors, made.point_weights, made.patch_scores, made.grid
+    )
+    repainted = SamplingProblem(
+        image, valid, made.positions, made.colors, made.point_weights, made.patch_scores, made.grid
+    )
+    pose = torch.from_numpy(ROTATION), torch.from_numpy(POSITION)
+    assert float(sampling_loss(with_mask, *pose)) == pytest.approx(float(sampling_loss(repainted, *pose)), abs=1e-9)
+
+
+def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProblem, np.ndarray]) -> None:
+    from core.sampling_loss import minimize_by_adam
+
+    made, _ = problem
+    single = SamplingProblem(
+        made.image.float(),
+        made.valid.float(),
+        made.positions.float(),
+        made.colors.float(),
+        made.point_weights.float(),
+        made.patch_scores.float(),
+        made.grid,
+    )
+    rotation, position = torch.from_numpy(ROTATION).float(), torch.from_numpy(POSITION).float()
+    first = float(sampling_loss(single, rotation, position))
+    _, _, best = minimize_by_adam(single, rotation, position, 15, 0.05)
+    assert best <= first
+
+
+HEIGHT = 128
+
+
+def linearized(positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return residuals (N, 3) and Jacobians (N, 3, 6) of the code at the pose moved by `step` in the camera frame."""
+    image = torch.from_numpy(painted(pixel_directions(HEIGHT, 2 * HEIGHT).numpy())).float().permute(2, 0, 1)
+    level = prepare_level(image, torch.ones(image.shape[1:]))
+    points = CandidatePoints(
+        torch.from_numpy(positions).float()[None], torch.zeros((1, len(positions), 3)), torch.ones((1, len(positions)))
+    )
+    rotation = torch.from_numpy(loss_twin.turned(ROTATION, step[:3])).float()[None]
+    position = torch.from_numpy(POSITION + ROTATION @ step[3:]).float()[None]
+    residual, jacobian, _ = gauss_newton._linearize(level, points, rotation, position, points.weights, False)
+    return residual[0].numpy(), jacobian[0].numpy()
+
+
+def test_the_jacobian_of_refinement_agrees_with_finite_differences_of_a_painted_sphere() -> None:
+    rng = np.random.default_rng(1)
+    in_camera = np.array([direction_of(u, v, 64, 128) for u, v in rng.uniform((0, 6), (128, 58), (80, 2))])
+    positions = in_camera * rng.uniform(1, 4, (80, 1)) @ ROTATION.T + POSITION
+    _, jacobian = linearized(positions, np.zeros(6))
+
+    def color(step: np.ndarray) -> np.ndarray:
+        turned = loss_twin.turned(ROTATION, step[:3])
+        seen = (positions - POSITION - ROTATION @ step[3:]) @ turned
+        return painted(seen / np.linalg.norm(seen, axis=1, keepdims=True))
+
+    for axis in range(6):
+        ahead = np.zeros(6)
+        ahead[axis] = 1e-5
+        expected = (color(ahead) - color(-ahead)) / 2e-5
+        np.testing.assert_allclose(jacobian[:, :, axis], expected, atol=0.01)
+
+
+def test_the_image_gradient_next_to_a_mask_does_not_see_what_is_under_it() -> None:
+    image = torch.rand((3, 16, 32), generator=torch.Generator().manual_seed(1))
+    valid = torch.ones((16, 32))
+    valid[5:9, 10:15] = 0
+    repainted = torch.where(valid.bool(), image, torch.zeros(()))
+    one, other = prepare_level(image, valid), prepare_level(repainted, valid)
+    inside = one.packed[:, 12] > 0.99
+    torch.testing.assert_close(one.packed[inside], other.packed[inside])

@@ -1,0 +1,141 @@
+"""Histograms, intersections, score maps and pose scores against loops over their definitions."""
+
+import numpy as np
+import pytest
+import torch
+
+from core.intersection import bin_major, intersection_tensor
+from core.patch_descriptors import centered_roots, normalize_per_view, similarity_tensor
+from core.patch_histograms import hard_histograms, soft_histograms
+from core.pose_scores import score_poses
+from core.rotations import uniform_rotations
+from core.score_maps import pairing_counts, sample_patch_map, score_map_2d, score_map_3d, view_patch_scores
+from core.spherical_patches import PatchGrid, rotation_table
+from tests.reference import search_twin as twin
+from tests.reference.spherical_twin import patch_of
+
+ROWS, COLUMNS = 3, 6
+PATCHES = ROWS * COLUMNS
+
+
+@pytest.fixture(scope="module")
+def rotations() -> np.ndarray:
+    return uniform_rotations(12).double().numpy()
+
+
+@pytest.fixture(scope="module")
+def table(rotations: np.ndarray) -> np.ndarray:
+    return twin.patch_table(rotations, ROWS, COLUMNS)
+
+
+@pytest.fixture(scope="module")
+def tensor() -> np.ndarray:
+    return np.random.default_rng(0).uniform(size=(4, PATCHES, PATCHES))
+
+
+@pytest.mark.parametrize(
+    ("fast", "slow"), [(hard_histograms, twin.hard_histogram), (soft_histograms, twin.soft_histogram)]
+)
+def test_histograms_agree_with_counting_pixel_by_pixel(fast: object, slow: object) -> None:
+    rng = np.random.default_rng(1)
+    colors, weights = rng.uniform(size=(2, 40, 3)), rng.uniform(size=(2, 40))
+    weights[rng.uniform(size=weights.shape) < 0.3] = 0.0
+    patch = rng.integers(0, 4, 40)
+    weights[0, patch == 2] = 0.0
+    colors[0, :4] = [[0, 0, 0], [1, 1, 1], [0.25, 0.5, 0.75], [0.999, 0.001, 1]]
+    found = fast(  # type: ignore[operator]
+        torch.from_numpy(colors).float(),
+        torch.from_numpy(weights).float(),
+        torch.from_numpy(patch).expand(2, -1),
+        5,
+        4,
+    ).numpy()
+    for view in range(2):
+        for number in range(5):
+            here = patch == number
+            expected = slow(colors[view, here], weights[view, here], 4)  # type: ignore[operator]
+            np.testing.assert_allclose(found[view, number], expected, atol=2e-6)
+
+
+def test_a_patch_without_a_valid_pixel_has_the_zero_histogram() -> None:
+    found = hard_histograms(torch.zeros((1, 3, 3)), torch.zeros((1, 3)), torch.zeros((1, 3), dtype=torch.long), 2, 4)
+    assert float(found.abs().sum()) == 0.0
+
+
+def test_the_intersection_tensor_agrees_with_sums_of_minima() -> None:
+    rng = np.random.default_rng(2)
+    query = rng.dirichlet(np.full(20, 0.1), size=5)
+    views = rng.dirichlet(np.full(20, 0.1), size=(3, 5))
+    query[rng.uniform(size=query.shape) < 0.5] = 0.0
+    query[4] = 0.0
+    found = intersection_tensor(torch.from_numpy(query), bin_major(torch.from_numpy(views)), 3)
+    np.testing.assert_allclose(found.numpy(), twin.intersections(query, views), atol=1e-12)
+
+
+def test_the_rotation_table_agrees_with_brute_force_over_all_centres(rotations: np.ndarray, table: np.ndarray) -> None:
+    found = rotation_table(PatchGrid(ROWS, COLUMNS), torch.from_numpy(rotations).float()).numpy()
+    assert (found != table).mean() < 0.01  # float32 against float64 at the border of two cells
+
+
+def test_pose_scores_agree_with_the_weighted_sum(tensor: np.ndarray, table: np.ndarray) -> None:
+    weights = np.random.default_rng(3).uniform(size=PATCHES)
+    found = score_poses(torch.from_numpy(tensor), torch.from_numpy(table), torch.from_numpy(weights))
+    np.testing.assert_allclose(found.numpy(), twin.pose_scores(tensor, table, weights), atol=1e-9)
+
+
+def test_the_2d_score_map_is_the_best_match_over_views_and_rotations(tensor: np.ndarray, table: np.ndarray) -> None:
+    found = score_map_2d(torch.from_numpy(tensor), torch.from_numpy(table))
+    np.testing.assert_allclose(found.numpy(), twin.score_map_2d(tensor, table), atol=1e-12)
+
+
+def test_the_3d_score_map_is_the_mean_over_views(tensor: np.ndarray, table: np.ndarray) -> None:
+    rng = np.random.default_rng(4)
+    points, starts = rng.uniform(-3, 3, (60, 3)), rng.uniform(-0.5, 0.5, (4, 3))
+    scores = view_patch_scores(torch.from_numpy(tensor), torch.from_numpy(table))
+    found = score_map_3d(scores, torch.from_numpy(points), torch.from_numpy(starts), PatchGrid(ROWS, COLUMNS), chunk=7)
+    expected = twin.score_map_3d(tensor, table, points, starts, ROWS, COLUMNS)
+    np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
+
+
+def test_the_3d_score_map_does_not_depend_on_the_order_of_views(tensor: np.ndarray, table: np.ndarray) -> None:
+    tensor = tensor.copy()
+    tensor[1] = 0.0  # a score of zero is a score, not a gap to fill with a running mean
+    rng = np.random.default_rng(5)
+    points = torch.from_numpy(rng.uniform(-3, 3, (50, 3)))
+    starts = torch.from_numpy(rng.uniform(-0.5, 0.5, (4, 3)))
+    scores = view_patch_scores(torch.from_numpy(tensor), torch.from_numpy(table))
+    one = score_map_3d(scores, points, starts, PatchGrid(ROWS, COLUMNS))
+    other = score_map_3d(scores.flip(0), points, starts.flip(0), PatchGrid(ROWS, COLUMNS))
+    torch.testing.assert_close(one, other)
+
+
+def test_pairing_counts_count_every_patch_of_every_rotation_once(table: np.ndarray) -> None:
+    counts = pairing_counts(torch.from_numpy(table)).numpy()
+    expected = np.zeros((PATCHES, PATCHES), int)
+    for row in table:
+        for i, j in enumerate(row):
+            expected[i, j] += 1
+    np.testing.assert_array_equal(counts, expected)
+
+
+def test_patch_scores_are_read_where_points_project() -> None:
+    scores, points = np.random.default_rng(6).uniform(size=PATCHES), np.random.default_rng(7).normal(size=(100, 3))
+    found = sample_patch_map(torch.from_numpy(scores), PatchGrid(ROWS, COLUMNS), torch.from_numpy(points))
+    np.testing.assert_array_equal(found.numpy(), [scores[patch_of(point, ROWS, COLUMNS)] for point in points])
+
+
+def test_the_centred_search_is_the_tensor_centred_twice_and_divided_by_its_deviation() -> None:
+    rng = np.random.default_rng(8)
+    query = torch.from_numpy(rng.dirichlet(np.full(27, 0.2), size=PATCHES)).float()
+    views = torch.from_numpy(rng.dirichlet(np.full(27, 0.2), size=(3, PATCHES))).float()
+    solid = PatchGrid(ROWS, COLUMNS).solid_angles()
+    query_roots, query_weights = centered_roots(query[None], solid)
+    view_roots, view_weights = centered_roots(views, solid)
+    found = normalize_per_view(similarity_tensor(query_roots[0], view_roots), query_weights[0], view_weights)
+
+    weights = (solid / solid.sum()).double().numpy()
+    for t in range(3):
+        similarity = np.sqrt(query.double().numpy()) @ np.sqrt(views[t].double().numpy()).T
+        centered = similarity - similarity @ weights[:, None] - weights @ similarity + weights @ similarity @ weights
+        deviation = np.sqrt(weights @ centered**2 @ weights)
+        np.testing.assert_allclose(found[t].numpy(), centered / deviation, atol=2e-4)
