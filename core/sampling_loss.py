@@ -38,8 +38,7 @@ def sampling_loss(problem: SamplingProblem, rotation: Tensor, position: Tensor) 
     height, width = problem.image.shape[1:]
     u, v = project(in_camera, height, width)
     sampled = sample_bilinear(problem.image, u, v)
-    row, column = v.detach().long().clamp(0, height - 1), u.detach().long().clamp(0, width - 1)
-    in_view = problem.valid[row, column]
+    in_view = (sample_bilinear(problem.valid[None], u.detach(), v.detach())[..., 0] > 0.99).to(sampled.dtype)
     patch = sample_patch_map(problem.patch_scores, problem.grid, in_camera.detach())
     weights = 0.5 * (problem.point_weights + patch) * in_view
     residual = (sampled - problem.colors) * weights[:, None]
