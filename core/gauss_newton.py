@@ -40,8 +40,10 @@ def prepare_level(color: Tensor, valid: Tensor) -> ImageLevel:
     device = color.device
     padded = wrap_border(color)
     step = 2 * math.pi / width
-    along_u = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / (2 * step)
-    along_v = (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / (2 * math.pi / height)
+    seen = wrap_border(valid[None])  # the gradient at the edge of a mask is unknown, not that towards a black pixel
+    along_u = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / (2 * step) * (seen[:, 1:-1, 2:] * seen[:, 1:-1, :-2])
+    along_v = padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]
+    along_v = along_v / (2 * math.pi / height) * (seen[:, 2:, 1:-1] * seen[:, :-2, 1:-1])
     azimuth = math.pi - (torch.arange(width, device=device) + 0.5) * step
     elevation = math.pi / 2 - (torch.arange(height, device=device) + 0.5) * (math.pi / height)
     cosine, sine = elevation.cos()[:, None], elevation.sin()[:, None]
