@@ -55,7 +55,7 @@ def _gather_batches(block: TextBlock, element: PlyElement, first_row: int) -> It
         if lengths is None:
             raise ScanDamagedError(
                 f"Line {block.numbers[row]:,} does not fit the lists of the PLY element {element.name!r}: "
-                f"{block.line(row)[:60]!r}. The file is damaged; export the scan again."
+                f"{block.excerpt(row)}. The file is damaged; export the scan again."
             )
         groups.setdefault(lengths, []).append(row)
     for lengths, rows in groups.items():

@@ -20,7 +20,7 @@ class PlyBody:
     def __init__(self, stream: BinaryIO, header: PlyHeader):
         stream.seek(header.size_bytes)
         self._stream = stream
-        self._lines = TextLines(stream) if header.is_ascii else None
+        self._lines = TextLines(stream, header.num_lines + 1) if header.is_ascii else None
 
     def skip(self, element: PlyElement) -> None:
         """Move behind `element`."""

@@ -71,12 +71,13 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """encoding: "ascii", "binary_little_endian" or "binary_big_endian". size_bytes: where the data begins."""
+    """encoding: "ascii", "binary_little_endian" or "binary_big_endian". size_bytes, num_lines: where the data begins."""
 
     encoding: str
     elements: tuple[PlyElement, ...]
     comments: tuple[str, ...]
     size_bytes: int
+    num_lines: int
 
     @property
     def is_ascii(self) -> bool:
@@ -112,7 +113,7 @@ def read_ply_header(stream: BinaryIO) -> PlyHeader:
     if len({name for name, _, _ in tables}) < len(tables) or len(tables) > MAX_ELEMENTS:
         raise _header_error("an element is declared twice, or there are too many elements")
     elements = tuple(PlyElement(name, count, tuple(properties)) for name, count, properties in tables)
-    return PlyHeader(encoding, elements, tuple(comments), size_bytes)
+    return PlyHeader(encoding, elements, tuple(comments), size_bytes, len(lines) + 1)
 
 
 def _header_lines(stream: BinaryIO) -> tuple[list[str], int]:

@@ -18,6 +18,7 @@ from core.scan.pcd_reader import read_pcd
 from core.scan.ply_reader import read_ply
 from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
 from core.scan.text_reader import read_text
+from core.scan.voxel_grouping import column_bounds
 from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 
 # float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
@@ -81,9 +82,9 @@ class _Collector:
         self._context.check_limit(self._num_read)
         positions = self._to_map_frame(chunk.positions)
         # The comparison is false for NaN as well.
-        usable = (np.abs(positions) <= _FARTHEST_M).all(axis=1)
+        usable = _all_true(np.abs(positions) <= _FARTHEST_M)
         if chunk.colors.dtype.kind == "f":
-            usable &= np.isfinite(chunk.colors).all(axis=1)
+            usable &= _all_true(np.isfinite(chunk.colors))
         num_usable = int(np.count_nonzero(usable))
         self._num_dropped += len(positions) - num_usable
         colors: NDArray[Any] = chunk.colors
@@ -91,8 +92,9 @@ class _Collector:
             positions, colors = positions[usable], colors[usable]
         if not num_usable:
             return
-        self._lowest = np.minimum(self._lowest, positions.min(axis=0))
-        self._highest = np.maximum(self._highest, positions.max(axis=0))
+        lowest, highest = column_bounds(positions)
+        self._lowest = np.minimum(self._lowest, lowest)
+        self._highest = np.maximum(self._highest, highest)
         self._colors.observe(colors)
         self._thinner.add(positions, colors)
 
@@ -185,3 +187,8 @@ class _Collector:
             "warning",
         )
         return np.asarray(offset, np.float64)
+
+
+def _all_true(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell which rows of (n, 3) flags are all true, several times as fast as all(axis=1)."""
+    return flags[:, 0] & flags[:, 1] & flags[:, 2]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.errors import ScanDamagedError
 
 BLOCK_BYTES = 1 << 22
-_NEWLINE, _LAST_SPACE_CODE = 10, 32
+_NEWLINE = 10
 _WHITESPACE = np.isin(np.arange(256), np.frombuffer(b" \t\n\v\f\r", np.uint8))
 _PLAIN_SPACES = bytes.maketrans(b"\t\v\f", b"   ")
 # How C runtimes and table programs spell "not a number".
@@ -40,6 +40,10 @@ class TextBlock:
         """Return the text of one line without its end."""
         return self.text[self.begins[row] : self.ends[row]].strip()
 
+    def excerpt(self, row: int) -> str:
+        """Return the beginning of a line for an error message."""
+        return repr(self.line(row)[:60].decode("utf-8", errors="replace"))
+
     def rows(self, start: int, stop: int) -> "TextBlock":
         """Return the lines from `start` to `stop` (exclusive) as a block of their own."""
         kept = slice(start, stop)
@@ -66,7 +70,7 @@ class TextBlock:
             row = int(odd[0])
             raise ScanDamagedError(
                 f"Line {self.numbers[row]:,} has {self.num_values[row]} values, expected {num_columns}: "
-                f"{_excerpt(self.line(row))}. The file is damaged or was cut short; export the scan again."
+                f"{self.excerpt(row)}. The file is damaged or was cut short; export the scan again."
             )
         values = self.to_values()
         return values.reshape(len(self), num_columns)
@@ -87,7 +91,7 @@ class TextBlock:
             values = _parse_numbers(_MISSING_VALUE.sub(b"nan", self.line(row)))
             if values is None or len(values) != self.num_values[row]:
                 return ScanDamagedError(
-                    f"Line {self.numbers[row]:,} holds something that is not a number: {_excerpt(self.line(row))}. "
+                    f"Line {self.numbers[row]:,} holds something that is not a number: {self.excerpt(row)}. "
                     "Export the scan again."
                 )
         return ScanDamagedError(f"The lines from {self.numbers[0]:,} on hold something that is not a number.")
@@ -158,7 +162,3 @@ def _parse_numbers(text: bytes) -> NDArray[np.float64] | None:
             return np.fromstring(text, dtype=np.float64, sep=" ")
         except (ValueError, DeprecationWarning):
             return None
-
-
-def _excerpt(line: bytes) -> str:
-    return repr(line[:60].decode("utf-8", errors="replace"))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from core.point_cloud import PointCloud
 from core.scan.options import ColorKind
-from core.scan.voxel_grouping import VoxelGroups, group_by_voxel
+from core.scan.voxel_grouping import VoxelGroups, column_bounds, group_by_voxel
 
 # The table may hold this many times the points that remain, so that the final voxel size can be chosen finely.
 _TABLE_FACTOR = 8
@@ -81,7 +81,7 @@ class VoxelThinner:
         cells = _concatenate(self._parts)
         self._parts, size = [], self._voxel_size
         if len(cells) > self._max_points:
-            self._anchor = cells.positions.min(axis=0)
+            self._anchor = column_bounds(cells.positions)[0]
             size = self._final_size(cells)
             cells = self._merge(cells, size)
         return ThinnedPoints(cells.positions, cells.colors, size)
@@ -107,7 +107,7 @@ class VoxelThinner:
     def _final_size(self, cells: _Cells) -> float:
         """Return a voxel size that leaves at most max_points, and nearly as many where the scan allows."""
         too_fine = self._voxel_size or 0.0
-        coarse_enough = float(np.ptp(cells.positions, axis=0).max()) * 1.001 or 1.0
+        coarse_enough = _extent(cells.positions) * 1.001 or 1.0
         size = max(too_fine, _first_size(cells.positions))
         count = float(len(cells))
         for _ in range(_MAX_SIZE_STEPS):
@@ -166,7 +166,12 @@ def _first_size(positions: NDArray[np.float64]) -> float:
     """Return a fine voxel size from the middle 90 % of the points, so that a few stray ones do not make it coarse."""
     sample = positions[:: max(len(positions) // 20_000, 1)]
     low, high = np.quantile(sample, (0.05, 0.95), axis=0)
-    full_extent = float(np.ptp(positions, axis=0).max())
+    full_extent = _extent(positions)
     bulk_extent = float((high - low).max()) or full_extent or 1.0
     # The floors keep voxel numbers far from the limits of int64.
     return max(bulk_extent * _FIRST_SIZE_RATIO, full_extent * 2.0**-40, 1e-9)
+
+
+def _extent(positions: NDArray[np.float64]) -> float:
+    lowest, highest = column_bounds(positions)
+    return float((highest - lowest).max())

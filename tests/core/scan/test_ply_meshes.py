@@ -53,6 +53,8 @@ def test_labels_are_not_mixed_while_sampling(scan_file: ScanFile) -> None:
     path = scan_file("mesh.ply", floor("ascii", [[0, 1, 2], [0, 2, 3]], left=40, right=200))
     cloud = read_scan(path, ScanOptions(max_points=2000, color_kind="labels"))
     assert set(cloud.colors[:, 0].tolist()) == {40, 200}
+    assert (cloud.colors[cloud.positions[:, 0] < 1, 0] == 40).all()
+    assert (cloud.colors[cloud.positions[:, 0] > 3, 0] == 200).all()
 
 
 def test_face_colours_serve_where_vertices_have_none(scan_file: ScanFile) -> None:
@@ -82,3 +84,10 @@ def test_dense_vertices_are_used_as_they_are(scan_file: ScanFile) -> None:
 def test_a_face_that_refers_to_no_vertex_is_damaged(scan_file: ScanFile, encoding: str, corner: int) -> None:
     with pytest.raises(ScanDamagedError, match=r"refers to vertex (4|-1), but there are 4"):
         read_scan(scan_file("mesh.ply", floor(encoding, [[0, 1, corner]])))
+
+
+@pytest.mark.parametrize("face", ["3 0 1 2 3", "3 0 1", "-1 0 1 2", "2.5 0 1"])
+def test_an_ascii_face_that_does_not_fit_its_length_is_damaged(scan_file: ScanFile, face: str) -> None:
+    text = floor("ascii", [[0, 1, 2], [0, 2, 3]]).decode().replace("3 0 2 3", face)
+    with pytest.raises(ScanDamagedError, match=r"Line 14 does not fit the lists"):
+        read_scan(scan_file("mesh.ply", text))

@@ -185,7 +185,7 @@ def test_an_ascii_line_that_does_not_fit_is_named(cloud: PointCloud, scan_file: 
     for damage, said in (("1 2 3 4 5\n", "has 5 values, expected 6"), ("1 2 3 4 5 x6\n", "not a number")):
         rows = ascii_rows(cloud).splitlines(keepends=True)
         rows[7] = damage
-        with pytest.raises(ScanDamagedError, match=rf"Line 8 .*{said}"):
+        with pytest.raises(ScanDamagedError, match=rf"Line 19 .*{said}"):
             read_scan(scan_file("scan.ply", start + "".join(rows).encode()))
 
 
