@@ -41,6 +41,10 @@ class UnexpectedReplyError(ClientError):
 class MapFailedError(ClientError):
     """The scan was stored, but no map could be made of it."""
 
+    def __init__(self, map_id: str, reason: str) -> None:
+        super().__init__(f"Map {map_id} failed: {reason}")
+        self.map_id = map_id
+
 
 class WaitTimeoutError(ClientError):
     """The client waited as long as it was told to; the work may still go on."""

@@ -17,7 +17,7 @@ from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_waiting
 from service.cli.register import upload_and_wait
 from service.cli.session import Session
-from service.cli.tables import answer_summary, map_summary
+from service.cli.tables import map_summary
 from service.client import JsonObject, PanolocClient
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class DemoRun:
             return exit_code_of(answer["status"])
         show = self.session.results.print
         show(f"\n[bold]{escape(str(query.panorama))}[/]: {query.description}")
-        show(answer_summary(answer, self.client.link))
+        self.session.show_answer(answer, self.client)
         if position_m is not None and orientation_deg is not None:
             show(f"[bold]off by {position_m * 100:.1f} cm and {orientation_deg:.2f} degrees[/] from the known pose")
         self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")

@@ -10,7 +10,7 @@ from rich.markup import escape
 from service.cli import demo, localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
-from service.client_errors import ApiProblemError, ClientError, UnreachableError
+from service.client_errors import ApiProblemError, ClientError, MapFailedError, UnreachableError
 
 
 def _exit_with(code: int | None, **_: Any) -> None:
@@ -66,6 +66,8 @@ def _report(session: Session, error: ClientError) -> ExitCode:
         return ExitCode.UNREACHABLE
     if not isinstance(error, ApiProblemError):
         show(f"[bold red]Error:[/] {escape(str(error))}")
+        if isinstance(error, MapFailedError):
+            show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
         return ExitCode.ERROR
     show(f"[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
     show(escape(str(error)))

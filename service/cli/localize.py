@@ -15,7 +15,6 @@ from service.cli.hints import hints_object
 from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_waiting
 from service.cli.session import Session
-from service.cli.tables import answer_summary
 from service.client import JsonObject, PanolocClient
 from service.client_errors import ApiProblemError
 
@@ -119,7 +118,7 @@ class Query:
             self.session.print_json({"panorama": str(panorama), **answer})
             return
         self.session.results.print(f"[bold]{escape(str(panorama))}[/]")
-        self.session.results.print(answer_summary(answer, self.client.link))
+        self.session.show_answer(answer, self.client)
         if saved:
             self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
 

@@ -27,7 +27,7 @@ def show_upload(console: Console, name: str) -> Iterator[UploadProgress]:
         DownloadColumn(),
         TransferSpeedColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("upload", total=None, name=name)
         yield lambda sent, size: bar.update(task, completed=sent, total=size)
 
@@ -41,7 +41,7 @@ def show_registration(console: Console) -> Iterator[Callable[[JsonObject], None]
         BarColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("registration", total=1.0, status="queued", stage="")
 
         def update(place: JsonObject) -> None:
@@ -56,6 +56,6 @@ def show_registration(console: Console) -> Iterator[Callable[[JsonObject], None]
 def show_waiting(console: Console, text: str) -> Iterator[Callable[[str], None]]:
     """Show a spinner with a text and the seconds while the block runs; yields the function that changes the text."""
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(text, total=None)
         yield lambda changed: bar.update(task, description=changed)

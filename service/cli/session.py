@@ -8,7 +8,10 @@ from typing import Any
 import httpx
 from rich.console import Console
 
-from service.client import PanolocClient
+from service.cli.tables import answer_summary, picture_links
+from service.client import JsonObject, PanolocClient
+
+_PIPE_WIDTH = 500
 
 
 @dataclass
@@ -21,14 +24,18 @@ class Session:
 
     transport: httpx.BaseTransport | None = None
     json_output: bool = False
-    results: Console = field(default_factory=lambda: Console(highlight=False, soft_wrap=not _is_terminal(1)))
-    messages: Console = field(
-        default_factory=lambda: Console(stderr=True, highlight=False, soft_wrap=not _is_terminal(2))
-    )
+    results: Console = field(default_factory=lambda: _console(stderr=False))
+    messages: Console = field(default_factory=lambda: _console(stderr=True))
 
     def client(self, url: str) -> PanolocClient:
         """Return a client of the service at `url`, with the key from PANOLOC_API_KEY when it is set."""
         return PanolocClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
+
+    def show_answer(self, answer: JsonObject, client: PanolocClient) -> None:
+        """Print one localization as a table, and the links of its pictures so that no terminal breaks them."""
+        self.results.print(answer_summary(answer))
+        for link in picture_links(answer, client.link):
+            self.results.print(link, soft_wrap=True, markup=False)
 
     def print_json(self, document: Any) -> None:
         """Print one JSON document on one line of standard output."""
@@ -36,5 +43,9 @@ class Session:
         self.results.file.flush()
 
 
-def _is_terminal(descriptor: int) -> bool:
-    return os.isatty(descriptor)
+def _console(*, stderr: bool) -> Console:
+    """Return a console that breaks lines for a terminal, and never in a file or a pipe, where links must stay whole."""
+    console = Console(stderr=stderr, highlight=False)
+    return (
+        console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_PIPE_WIDTH, soft_wrap=True)
+    )

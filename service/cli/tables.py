@@ -1,7 +1,6 @@
 """Maps and answers as tables for people."""
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
 
 from rich.markup import escape
 from rich.table import Table
@@ -57,8 +56,8 @@ def map_summary(place: JsonObject) -> Table:
     return _two_columns(rows)
 
 
-def answer_summary(answer: JsonObject, link_of: Any) -> Table:
-    """Return one localization as a table; `link_of` turns a path into a full address."""
+def answer_summary(answer: JsonObject) -> Table:
+    """Return one localization as a table."""
     rows: list[tuple[str, str | Text]] = [("status", styled_status(answer["status"]))]
     pose = answer.get("pose")
     if pose:
@@ -69,15 +68,20 @@ def answer_summary(answer: JsonObject, link_of: Any) -> Table:
     rows.append(("map", str(answer.get("map_id") or "none")))
     if answer.get("confidence") is not None:
         rows.append(("confidence", f"{answer['confidence']:.2f}"))
-    if pose and answer.get("accuracy"):
-        rows.append(("accuracy", _accuracy(answer["accuracy"])))
+    accuracy = answer.get("accuracy") or {}
+    if pose and accuracy.get("position_m") is not None and accuracy.get("orientation_deg") is not None:
+        rows.append(("accuracy", _accuracy(accuracy)))
     change = answer.get("change") or {}
     if change.get("panorama_changed_fraction") is not None:
         rows.append(("changed", f"{change['panorama_changed_fraction']:.0%} of the panorama"))
     rows.append(("seconds", _seconds(answer.get("timings_s") or {})))
-    rows += [("picture", link_of(path)) for path in (answer.get("artifacts") or {}).values() if path]
     rows += [("warning", str(warning)) for warning in answer.get("warnings") or []]
     return _two_columns(rows)
+
+
+def picture_links(answer: JsonObject, link_of: Callable[[str], str]) -> list[str]:
+    """Return the full addresses of an answer's pictures; `link_of` completes a path."""
+    return [link_of(path) for path in (answer.get("artifacts") or {}).values() if path]
 
 
 def styled_status(status: str) -> Text:
@@ -112,8 +116,9 @@ def _accuracy(accuracy: JsonObject) -> str:
 
 
 def _seconds(timings: JsonObject) -> str:
-    total = timings.get("total")
-    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings.items() if name != "total")
+    known = {name: seconds for name, seconds in timings.items() if seconds is not None}
+    total = known.pop("total", None)
+    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in known.items())
     return f"{total:.2f} ({stages})" if total is not None else stages
 
 

@@ -59,6 +59,7 @@ class FakeService:
     """
 
     status: str = "localized"
+    answer: dict[str, Any] | None = None
     places: list[dict[str, Any]] = field(default_factory=lambda: [READY_MAP])
     fail_with: httpx.Response | None = None
     refuse_file: str | None = None
@@ -100,7 +101,7 @@ class FakeService:
     def _localize(self, request: httpx.Request) -> httpx.Response:
         if self.refuse_file and self.refuse_file.encode() in b"".join(self.parts["image"]):
             return problem(422, "Not a panorama", "expected 2:1, got 3000 x 2000; crop it.")
-        return httpx.Response(200, json=answer_with(self.status))
+        return httpx.Response(200, json=self.answer or answer_with(self.status))
 
 
 def problem(status: int, title: str, detail: str, **headers: str) -> httpx.Response:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.service.cli.conftest import Panoloc
-from tests.service.cli.fake_service import FakeService
+from tests.service.cli.fake_service import FakeService, answer_with
 
 
 @pytest.mark.parametrize(("status", "code"), [("localized", 0), ("not_localized", 3), ("ambiguous", 4)])
@@ -28,6 +28,29 @@ def test_the_table_shows_pose_confidence_and_accuracy(panoloc: Panoloc, panorama
 def test_links_to_pictures_are_full_addresses(panoloc: Panoloc, panorama: Path) -> None:
     out = panoloc("localize", panorama, "--map", "map_1").out
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in out
+
+
+def test_links_stay_whole_in_a_pipe(panoloc: Panoloc, panorama: Path) -> None:
+    lines = panoloc("localize", panorama, "--map", "map_1").out.splitlines()
+    assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in lines
+
+
+@pytest.mark.parametrize("field", ["confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts"])
+@pytest.mark.parametrize("empty", ["null", "null inside", "missing"])
+def test_an_answer_without_an_optional_part_is_still_shown(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, field: str, empty: str
+) -> None:
+    answer = answer_with("localized")
+    if empty == "missing":
+        del answer[field]
+    elif empty == "null inside" and isinstance(answer[field], dict):
+        answer[field] = dict.fromkeys(answer[field])
+    else:
+        answer[field] = None
+    fake.answer = answer
+    done = panoloc("localize", panorama, "--map", "map_1")
+    assert done.code == 0
+    assert "x 1.250" in done.out
 
 
 def test_several_maps_and_all_options_reach_the_service(
