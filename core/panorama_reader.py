@@ -16,7 +16,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from core.errors import PanoramaDamagedError, PanoramaFormatError, PanoramaShapeError, PanoramaTooLargeError
 from core.panorama import Panorama
 
-_FORMATS = ("JPEG", "PNG", "WEBP", "MPO")
+_FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
 _MIN_HEIGHT = 64
 _DRAFT_HEIGHT = 1024  # a JPEG larger than twice this is decoded at a half, a quarter or an eighth
 
