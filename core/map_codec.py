@@ -62,8 +62,10 @@ def decode_map_index(data: bytes, device: torch.device | str = "cpu") -> MapInde
     """Return the index of bytes made by `encode_map_index`. Raises IndexFormatError for anything else."""
     header, arrays = _read(data)
     try:
-        return _assemble(header, arrays).to(device)
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        index = _assemble(header, arrays)
+        _check_fit(index)
+        return index.to(device)
+    except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, AttributeError, IndexError) as error:
         raise IndexFormatError(
             f"map index: its arrays do not fit together ({error}); build it again from the scan"
         ) from error
@@ -88,7 +90,7 @@ def _read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
             count = int(np.prod(shape, dtype=np.int64))
             arrays[entry["name"]] = np.frombuffer(body, dtype, count, offset).reshape(shape)
             offset += count * dtype.itemsize
-    except (ValueError, KeyError, TypeError, zlib.error) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError, SyntaxError, zlib.error) as error:
         raise IndexFormatError(f"map index: the bytes are damaged ({error}); build it again from the scan") from error
     return header, arrays
 
@@ -114,6 +116,31 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
         num_points_read=int(header["num_points_read"]),
         num_rotations=int(header["num_rotations"]),
     )
+
+
+def _check_fit(index: MapIndex) -> None:
+    """Raise ValueError when the arrays do not describe the same points, starts and patches."""
+    views = index.descriptors
+    num_patches, size = views.values.shape[1:]
+    points, starts, seen = index.num_points, index.num_starts, index.start_points.shape[1]
+    expected: dict[str, tuple[Any, tuple[int, ...]]] = {
+        "positions": (index.positions, (points, 3)),
+        "colors": (index.colors, (points, 3)),
+        "starts": (index.starts, (starts, 3)),
+        "leaf_sizes": (index.leaf_sizes, (starts,)),
+        "descriptors": (views.values, (starts, num_patches, size)),
+        "basis": (views.basis, (len(views.basis), size)),
+        "patch_weights": (views.weights, (starts, num_patches)),
+        "start_points": (index.start_points, (starts, seen)),
+        "start_colors": (index.start_colors, (starts, seen, 3)),
+        "start_colors_coarse": (index.start_colors_coarse, (starts, seen, 3)),
+        "origin_offset": (index.origin_offset, (3,)),
+    }
+    for name, (array, shape) in expected.items():
+        if tuple(array.shape) != shape:
+            raise ValueError(f"{name}: expected the shape {shape}, got {tuple(array.shape)}")
+    if points == 0 or starts == 0 or not -1 <= int(index.start_points.min()) <= int(index.start_points.max()) < points:
+        raise ValueError("start_points: expected numbers of points of this map")
 
 
 def _quantize_positions(positions: Tensor) -> tuple[NDArray[np.float32], float, NDArray[np.uint16]]:
