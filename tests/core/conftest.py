@@ -1,0 +1,46 @@
+"""Maps and panoramas shared by the tests of the algorithm; the expensive ones are made once per session."""
+
+import pytest
+import torch
+
+from core.localizer import Localizer
+from core.map_builder import build_map_index
+from core.map_index import MapIndex
+from core.panorama import Panorama
+from core.pose import Pose
+from tests.core.painted_box import PaintedBox, rotation_of
+
+torch.set_num_threads(1)  # the tests share their machine, and results do not depend on the number of cores
+
+
+@pytest.fixture(scope="session")
+def box() -> PaintedBox:
+    return PaintedBox(seed=3)
+
+
+@pytest.fixture(scope="session")
+def box_index(box: PaintedBox) -> MapIndex:
+    return build_map_index(box.scan())
+
+
+@pytest.fixture(scope="session")
+def other_box_index() -> MapIndex:
+    return build_map_index(PaintedBox(seed=44, size_m=(4.2, 4.6, 2.5)).scan(seed=5))
+
+
+@pytest.fixture(scope="session")
+def box_pose() -> Pose:
+    """Return a pose with a level-ish, slightly tilted camera off the middle of the box."""
+    import numpy as np
+
+    return Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+
+
+@pytest.fixture(scope="session")
+def box_panorama(box: PaintedBox, box_pose: Pose) -> Panorama:
+    return box.panorama(box_pose)
+
+
+@pytest.fixture(scope="session")
+def localizer() -> Localizer:
+    return Localizer(device="cpu")

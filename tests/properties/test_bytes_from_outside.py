@@ -1,0 +1,179 @@
+"""Whatever bytes come in, only errors of `core` come out."""
+
+import contextlib
+import io
+import json
+import struct
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from core.errors import CoreError, IndexFormatError, PanoramaError
+from core.map_builder import build_map_index
+from core.map_codec import decode_map_index, encode_map_index
+from core.map_index import IndexOptions
+from core.panorama_reader import read_panorama
+from tests.core.painted_box import PaintedBox
+
+
+def tiny_index_bytes() -> bytes:
+    cloud = PaintedBox(size_m=(2.0, 2.0, 2.0)).scan(2000)
+    return encode_map_index(build_map_index(cloud, IndexOptions(starts_method="grid", spacing_m=1.0)))
+
+
+def encoded(kind: str, size: tuple[int, int] = (128, 64)) -> bytes:
+    picture = Image.fromarray(np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3)).astype(np.uint8))
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    buffer = io.BytesIO()
+    picture.save(buffer, kind, exif=exif)
+    return buffer.getvalue()
+
+
+INDEX = tiny_index_bytes()
+PICTURES = {kind: encoded(kind) for kind in ("JPEG", "PNG", "WEBP")}
+changes = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=12)
+
+
+def changed(data: bytes, edits: list[tuple[float, int]], reach: int) -> bytes:
+    """Overwrite bytes at shares of the first `reach` bytes."""
+    damaged = bytearray(data)
+    for place, value in edits:
+        damaged[int(place * min(reach, len(damaged)))] = value
+    return bytes(damaged)
+
+
+@given(st.binary(max_size=300))
+def test_random_bytes_are_no_map_index(data: bytes) -> None:
+    for attempt in (data, INDEX[:10] + data, INDEX[:4] + data):
+        with pytest.raises(IndexFormatError):
+            decode_map_index(attempt)
+
+
+@given(st.integers(0, len(INDEX) - 1))
+def test_a_map_index_cut_short_is_refused(length: int) -> None:
+    with pytest.raises(IndexFormatError):
+        decode_map_index(INDEX[:length])
+
+
+@settings(max_examples=150)
+@given(changes, st.sampled_from((12, 400, 1500, len(INDEX))))
+def test_a_damaged_map_index_is_refused_or_still_an_index(edits: list[tuple[float, int]], reach: int) -> None:
+    with contextlib.suppress(CoreError):
+        decode_map_index(changed(INDEX, edits, reach))
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+def with_header(header: Any) -> bytes:
+    text = json.dumps(header).encode()
+    length = struct.unpack_from("<I", INDEX, 6)[0]
+    return INDEX[:6] + struct.pack("<I", len(text)) + text + INDEX[10 + length :]
+
+
+def own_header() -> dict[str, Any]:
+    length = struct.unpack_from("<I", INDEX, 6)[0]
+    header: dict[str, Any] = json.loads(INDEX[10 : 10 + length])
+    return header
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(sorted(own_header())), json_values)
+def test_a_map_index_with_any_value_in_its_header_is_refused_or_still_an_index(field: str, value: Any) -> None:
+    with contextlib.suppress(CoreError):
+        decode_map_index(with_header(own_header() | {field: value}))
+
+
+@settings(max_examples=150)
+@given(
+    st.integers(0, len(own_header()["arrays"]) - 1),
+    st.sampled_from(("name", "dtype", "shape")),
+    json_values | st.sampled_from(("<i8", "|O", "<M8[s]", "V3", "<f2")) | st.lists(st.integers(-3, 2**70), max_size=4),
+)
+def test_a_map_index_with_any_array_description_is_refused_or_still_an_index(
+    number: int, field: str, value: Any
+) -> None:
+    header = own_header()
+    header["arrays"][number][field] = value
+    with contextlib.suppress(CoreError):
+        decode_map_index(with_header(header))
+
+
+def test_a_map_index_whose_header_nests_without_end_is_refused() -> None:
+    text = b"[" * 200_000
+    with pytest.raises(IndexFormatError):
+        decode_map_index(INDEX[:6] + struct.pack("<I", len(text)) + text)
+
+
+@pytest.mark.parametrize("name", ["start_points", "colors", "start_colors", "patch_weights", "leaf_sizes", "basis"])
+def test_a_map_index_whose_arrays_do_not_fit_together_is_refused_when_it_is_read(name: str) -> None:
+    header = own_header()
+    entry = next(entry for entry in header["arrays"] if entry["name"] == name)
+    entry["shape"] = [max(1, entry["shape"][0] - 1), *entry["shape"][1:]]
+    with pytest.raises(IndexFormatError):
+        decode_map_index(with_header(header))
+
+
+def test_a_map_index_that_points_at_points_it_does_not_have_is_refused_when_it_is_read() -> None:
+    header, length = own_header(), struct.unpack_from("<I", INDEX, 6)[0]
+    body = bytearray(zlib.decompress(INDEX[10 + length :]))
+    offset = 0
+    for entry in header["arrays"]:
+        size = int(np.prod(entry["shape"])) * np.dtype(entry["dtype"]).itemsize
+        if entry["name"] == "start_points":
+            body[offset : offset + 4] = struct.pack("<i", 2_000_000)
+        offset += size
+    with pytest.raises(IndexFormatError):
+        decode_map_index(INDEX[: 10 + length] + zlib.compress(bytes(body)))
+
+
+@given(st.binary(max_size=400))
+def test_random_bytes_are_no_panorama(data: bytes) -> None:
+    for attempt in (data, b"\x89PNG\r\n\x1a\n" + data, b"\xff\xd8\xff\xe0" + data, b"RIFF\x00\x01\x00\x00WEBP" + data):
+        with pytest.raises(PanoramaError):
+            read_panorama(attempt)
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(sorted(PICTURES)), changes, st.sampled_from((60, 250, 10**9)))
+def test_a_damaged_picture_is_refused_or_still_a_picture(kind: str, edits: list[tuple[float, int]], reach: int) -> None:
+    with contextlib.suppress(PanoramaError):
+        read_panorama(changed(PICTURES[kind], edits, reach), max_pixels=1_000_000)
+
+
+@given(st.sampled_from(sorted(PICTURES)), st.floats(0, 1, exclude_max=True))
+def test_a_picture_cut_short_is_refused_or_still_a_picture(kind: str, share: float) -> None:
+    data = PICTURES[kind]
+    with contextlib.suppress(PanoramaError):
+        read_panorama(data[: int(share * len(data))])
+
+
+@given(st.binary(max_size=200), st.sampled_from(sorted(PICTURES)))
+def test_random_bytes_as_a_mask_are_refused(mask: bytes, kind: str) -> None:
+    with pytest.raises(PanoramaError):
+        read_panorama(PICTURES[kind], mask)
+
+
+@given(st.lists(st.integers(0, 9_999_999) | st.sampled_from((0, 64, 128, 256)), min_size=6, max_size=6))
+def test_any_crop_fields_are_honoured_within_the_pixel_limit_or_refused(values: list[int]) -> None:
+    names = ("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels")
+    names = (*names, "CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels")
+    fields = " ".join(f'GPano:{name}="{value}"' for name, value in zip(names, values, strict=True))
+    packet = f'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description {fields}/></x:xmpmeta>'
+    buffer = io.BytesIO()
+    Image.new("RGB", (128, 64), (200, 10, 10)).save(buffer, "JPEG", xmp=packet.encode())
+    try:
+        panorama = read_panorama(buffer.getvalue(), max_pixels=1_000_000)
+    except PanoramaError:
+        return
+    assert panorama.valid.size <= 1_000_000

@@ -1,0 +1,142 @@
+"""Rotations, quaternions, angles and frames, whatever the pose."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.pose import FRAMES, Frame, Pose, pose_error, quaternion_of
+from core.rotations import (
+    matrix_from_quaternion,
+    rotation_angle,
+    rotation_from_vector,
+    uniform_rotations,
+    yaw_tilt_rotations,
+)
+from tests.properties.strategies import Array, finite, matrix_of, quaternions, rotations, vectors
+
+# Axes of the camera frames written in FLU (x forward, y left, z up), and where the map's axes go.
+CAMERA_AXES = {
+    "ros": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "opencv": ((0, -1, 0), (0, 0, -1), (1, 0, 0)),  # right, down, forward
+    "webxr": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),  # right, up, backward
+    "unity": ((0, -1, 0), (0, 0, 1), (1, 0, 0)),  # right, up, forward
+}
+
+
+@given(quaternions)
+def test_a_matrix_gives_back_its_quaternion_with_positive_w(quaternion: Array) -> None:
+    found = quaternion_of(matrix_of(quaternion))
+    assert found[3] >= 0
+    assert abs(abs(float(found @ quaternion)) - 1) < 1e-9
+
+
+@given(quaternions)
+def test_the_matrix_of_a_quaternion_turns_vectors_as_the_quaternion_does(quaternion: Array) -> None:
+    found = matrix_from_quaternion(torch.from_numpy(quaternion)).numpy()
+    np.testing.assert_allclose(found, matrix_of(quaternion), atol=1e-9)
+
+
+@given(rotations)
+def test_yaw_pitch_roll_multiply_back_to_the_rotation(rotation: Array) -> None:
+    yaw, pitch, roll = Pose(rotation, np.zeros(3)).yaw_pitch_roll
+    assert -math.pi / 2 <= pitch <= math.pi / 2
+    about_z = matrix_of(np.array([0, 0, math.sin(yaw / 2), math.cos(yaw / 2)]))
+    about_y = matrix_of(np.array([0, math.sin(pitch / 2), 0, math.cos(pitch / 2)]))
+    about_x = matrix_of(np.array([math.sin(roll / 2), 0, 0, math.cos(roll / 2)]))
+    np.testing.assert_allclose(about_z @ about_y @ about_x, rotation, atol=2e-4)
+
+
+@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
+def test_at_the_pole_roll_is_zero_and_the_product_still_holds(pitch: float) -> None:
+    about_y = matrix_of(np.array([0, math.sin(pitch / 2), 0, math.cos(pitch / 2)]))
+    about_z = matrix_of(np.array([0, 0, math.sin(0.6), math.cos(0.6)]))
+    yaw, found_pitch, roll = Pose(about_z @ about_y, np.zeros(3)).yaw_pitch_roll
+    assert (yaw, found_pitch, roll) == pytest.approx((1.2, pitch, 0.0))
+
+
+@given(vectors.filter(lambda v: np.linalg.norm(v) > 1e-9))
+def test_a_rotation_vector_turns_about_itself_by_its_length(vector: Array) -> None:
+    rotation = rotation_from_vector(torch.from_numpy(vector)).numpy()
+    np.testing.assert_allclose(rotation @ vector, vector, atol=1e-8 * (1 + np.linalg.norm(vector)))
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+    assert np.trace(rotation) == pytest.approx(1 + 2 * math.cos(np.linalg.norm(vector)), abs=1e-8)
+
+
+@given(rotations, finite(-3, 3), st.sampled_from(range(3)))
+def test_the_angle_between_rotations_is_the_angle_of_the_turn_between_them(
+    rotation: Array, angle: float, axis: int
+) -> None:
+    vector = np.zeros(3)
+    vector[axis] = angle
+    turned = rotation @ rotation_from_vector(torch.from_numpy(vector)).numpy()
+    found = float(rotation_angle(torch.from_numpy(rotation), torch.from_numpy(turned)))
+    assert found == pytest.approx(abs(angle), abs=1e-6)
+    error = pose_error(Pose(turned, np.zeros(3)), Pose(rotation, np.array([3.0, 4.0, 0.0])))
+    assert error.orientation_deg == pytest.approx(math.degrees(abs(angle)), abs=1e-4)
+    assert error.position_m == pytest.approx(5.0)
+
+
+@given(rotations, vectors, vectors, st.sampled_from(FRAMES))
+def test_every_frame_describes_the_same_camera_and_the_same_point(
+    rotation: Array, position: Array, point: Array, frame: Frame
+) -> None:
+    pose = Pose(rotation, position)
+    written = pose.in_frame(frame)
+    # The point in the axes of the frame's camera, then through the frame's pose, must be the point in the frame's map axes.
+    axes = np.array(CAMERA_AXES[frame], np.float64)
+    map_point = rotation @ point + position
+    through_frame = written.rotation @ (axes @ point) + written.position
+    expected = {
+        "ros": map_point,
+        "opencv": map_point,
+        "webxr": np.array([map_point[0], map_point[2], -map_point[1]]),
+        "unity": np.array([-map_point[1], map_point[2], map_point[0]]),
+    }[frame]
+    np.testing.assert_allclose(through_frame, expected, atol=1e-9 * (1 + np.abs(map_point).max()))
+    np.testing.assert_allclose(written.rotation @ written.rotation.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(written.rotation) == pytest.approx(1.0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 3000))
+def test_any_number_of_rotations_is_orthonormal(count: int) -> None:
+    found = uniform_rotations(count)
+    assert found.shape == (count, 3, 3)
+    identity = torch.eye(3).expand(count, 3, 3)
+    torch.testing.assert_close(found @ found.transpose(1, 2), identity, atol=1e-5, rtol=0)
+    assert bool((torch.linalg.det(found) > 0.999).all())
+
+
+@pytest.mark.parametrize("count", [216, 2304])
+def test_rotations_are_uniform_no_orientation_is_far_from_one_and_none_is_crowded(count: int) -> None:
+    found = uniform_rotations(count).double()
+    rng = np.random.default_rng(0)
+    drawn = rng.normal(size=(1000, 4))
+    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
+    probes = torch.from_numpy(np.stack([matrix_of(q) for q in drawn]))
+    angles = torch.rad2deg(rotation_angle(probes[:, None], found[None]))
+    # N caps of angle a fill the group when N (a − sin a) / π = 1; the covering radius of a good spread stays below twice that.
+    ideal = next(a for a in np.linspace(0.01, 3, 3000) if count * (a - math.sin(a)) / math.pi >= 1)
+    assert float(angles.amin(1).max()) < 2 * math.degrees(ideal)
+    within = (angles < 90).double().mean(1)
+    expected = (math.pi / 2 - 1) / math.pi
+    assert float((within - expected).abs().max()) < 0.25 * expected
+    # First moments of a uniform spread vanish.
+    assert float(found.mean(0).abs().max()) < 0.02
+
+
+def test_rotations_are_the_same_in_every_call() -> None:
+    assert torch.equal(uniform_rotations(500), uniform_rotations(500))
+
+
+def test_rotations_near_upright_cover_all_yaws_and_no_more_than_the_tilt() -> None:
+    found = yaw_tilt_rotations(24, math.radians(20), math.radians(10)).double()
+    assert float(torch.rad2deg(torch.arccos(found[:, 2, 2].clamp(-1, 1))).max()) <= 20 + 1e-3
+    yaws = np.sort(np.degrees([Pose(r.numpy(), np.zeros(3)).yaw_pitch_roll[0] for r in found if r[2, 2] > 1 - 1e-9]))
+    assert len(yaws) == 24
+    assert max(b - a for a, b in pairwise(yaws)) == pytest.approx(15.0, abs=0.01)
