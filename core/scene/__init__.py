@@ -15,7 +15,7 @@ from core.scene.camera_look import (
     apply_look,
     random_look,
 )
-from core.scene.case_folder import Query, write_case, write_case_folder, write_ply
+from core.scene.case_folder import Query, write_case, write_case_folder
 from core.scene.cases import Case, Suite, make_case
 from core.scene.change_truth import changed_pixels, changed_points
 from core.scene.changes import change_scene
@@ -69,5 +69,4 @@ __all__ = [
     "take_view",
     "write_case",
     "write_case_folder",
-    "write_ply",
 ]

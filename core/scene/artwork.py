@@ -55,7 +55,7 @@ def book_spines(rng: Rng, size_m: tuple[float, float], num_shelves: int, wood: C
 
 def window_view(rng: Rng, size_m: tuple[float, float]) -> Texture:
     """Draw what is outside: sky, distant houses or hills, trees, lawn, behind white window bars."""
-    width, height = (max(12, round(side * 90)) for side in size_m)
+    width, height = (max(12, round(side * 140)) for side in size_m)
     rows = np.linspace(0, 1, height)[:, None, None]
     sky = np.array([0.50, 0.68, 0.92]) * (1 - rows) + np.array([0.86, 0.90, 0.94]) * rows
     clouds = np.clip(noise(rng, height, width, 5, 4), 0, 1)[..., None] * (1 - rows) * 0.45

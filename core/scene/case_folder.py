@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from core.panorama import Panorama
 from core.point_cloud import PointCloud
 from core.pose import Pose
+from core.scan import write_ply
 from core.scene.cases import Case
 
 _CONVENTION = "x_map = rotation @ x_camera + position_m; camera: x forward (image centre), y left, z up"
-_FLOAT_REACH_M = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +73,3 @@ def write_case(case: Case, folder: Path) -> Path:
     Image.fromarray(case.changed_pixels.astype(np.uint8) * np.uint8(255)).save(folder / "changed_pixels.png")
     np.save(folder / "changed_points.npy", case.changed_points)
     return path
-
-
-def write_ply(path: Path, cloud: PointCloud) -> None:
-    """Write a binary little-endian PLY with x y z and red green blue (uchar), offset added."""
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n"
-    # Survey coordinates need float64; small ones keep the usual float32.
-    kind, code = ("double", "<f8") if np.abs(cloud.origin_offset).max() > _FLOAT_REACH_M else ("float", "<f4")
-    header += "".join(f"property {kind} {axis}\n" for axis in "xyz")
-    header += "".join(f"property uchar {channel}\n" for channel in ("red", "green", "blue")) + "end_header\n"
-    rows: NDArray[np.void] = np.empty(len(cloud), dtype=[("position", code, 3), ("color", "u1", 3)])
-    rows["position"], rows["color"] = cloud.positions + cloud.origin_offset, cloud.colors
-    path.write_bytes(header.encode() + rows.tobytes())
