@@ -31,8 +31,7 @@ def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = 1
     image = _open(data, "image", max_pixels)
     crop = _crop_fields(image, data)
     full_size = image.size
-    swaps_sides = image.getexif().get(0x0112, 1) >= 5
-    if swaps_sides:
+    if _swaps_sides(image):
         full_size = (full_size[1], full_size[0])
     if crop is None:
         _check_aspect(full_size)
@@ -40,9 +39,11 @@ def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = 1
         scale = max(1, image.size[1] // _DRAFT_HEIGHT)
         image.draft("RGB", (image.size[0] // scale, image.size[1] // scale))
     pixels = _decode(image, "image")
+    if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
+        pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
     color, valid = _color_and_alpha(pixels)
     if crop is not None:
-        color, valid = _place_crop(color, valid, crop)
+        color, valid = _place_crop(color, valid, crop, max_pixels)
     if mask is not None:
         valid = valid & ~_read_mask(mask, valid.shape, max_pixels)
     if not valid.any():
@@ -86,6 +87,16 @@ def _decode(image: Image.Image, name: str) -> Image.Image:
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise PanoramaDamagedError(
             f"{name}: the file ends early or is damaged ({error}); upload it again in full"
+        ) from error
+
+
+def _swaps_sides(image: Image.Image) -> bool:
+    """Tell whether the EXIF orientation turns the image by a quarter; reading it decodes a PNG to its end."""
+    try:
+        return int(image.getexif().get(0x0112, 1)) >= 5
+    except (OSError, SyntaxError, ValueError, TypeError, EOFError) as error:
+        raise PanoramaDamagedError(
+            f"image: the file ends early or is damaged ({error}); upload it again in full"
         ) from error
 
 
@@ -163,12 +174,16 @@ def _find_xmp(data: bytes) -> bytes:
 
 
 def _place_crop(
-    color: NDArray[np.uint8], valid: NDArray[np.bool_], crop: _Crop
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], crop: _Crop, max_pixels: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Place a cropped panorama in the full sphere, at the resolution it was decoded in."""
     scale = color.shape[1] / crop.width
     height = max(_MIN_HEIGHT, round(crop.full_height * scale))
-    rows, columns = round(crop.height * scale), round(crop.width * scale)
+    if 2 * height * height > max_pixels:
+        raise PanoramaTooLargeError(
+            f"image: expected at most {max_pixels} pixels, got {2 * height} x {height} after placing the GPano crop; scale it down"
+        )
+    rows, columns = max(1, round(crop.height * scale)), max(1, round(crop.width * scale))
     resized = np.asarray(Image.fromarray(color).resize((columns, rows)))
     kept = np.asarray(Image.fromarray(valid).resize((columns, rows), Image.Resampling.NEAREST))
     top, left = min(round(crop.top * scale), height - rows), min(round(crop.left * scale), 2 * height - columns)
