@@ -1,0 +1,72 @@
+"""Image files made in memory, byte for byte where a library would not write them."""
+
+import io
+import struct
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+
+def picture(width: int = 256, height: int = 128, seed: int = 0) -> NDArray[np.uint8]:
+    """Return a smooth random picture (H, W, 3)."""
+    small = np.random.default_rng(seed).integers(20, 235, (8, 16, 3)).astype(np.uint8)
+    return np.asarray(Image.fromarray(small).resize((width, height), Image.Resampling.BICUBIC))
+
+
+def encoded(pixels: NDArray[Any], kind: str = "PNG", **options: Any) -> bytes:
+    """Return an array as the bytes of an image file."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, kind, **options)
+    return buffer.getvalue()
+
+
+def jpeg_with_exif_orientation(pixels: NDArray[np.uint8], orientation: int) -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    return encoded(pixels, "JPEG", quality=97, exif=exif)
+
+
+def gpano_packet(
+    full: tuple[int, int], left_top: tuple[int, int], size: tuple[int, int], as_elements: bool = False
+) -> bytes:
+    """Return an XMP packet with GPano crop fields, as attributes or as elements."""
+    values = {
+        "FullPanoWidthPixels": full[0],
+        "FullPanoHeightPixels": full[1],
+        "CroppedAreaLeftPixels": left_top[0],
+        "CroppedAreaTopPixels": left_top[1],
+        "CroppedAreaImageWidthPixels": size[0],
+        "CroppedAreaImageHeightPixels": size[1],
+    }
+    if as_elements:
+        inner = "".join(f"<GPano:{name}>{value}</GPano:{name}>" for name, value in values.items())
+        body = f"<rdf:Description>{inner}</rdf:Description>"
+    else:
+        fields = " ".join(f'GPano:{name}="{value}"' for name, value in values.items())
+        body = f"<rdf:Description {fields}/>"
+    return f'<x:xmpmeta xmlns:x="adobe:ns:meta/">{body}</x:xmpmeta>'.encode()
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def png(width: int, height: int, bit_depth: int, color_type: int, rows: bytes) -> bytes:
+    """Return a PNG from its raw rows, each with a leading filter byte."""
+    header = struct.pack(">IIBBBBB", width, height, bit_depth, color_type, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + _chunk(b"IDAT", zlib.compress(rows)) + _chunk(b"IEND", b"")
+
+
+def png_bomb(width: int, height: int) -> bytes:
+    """Return a few bytes that claim to be a huge picture."""
+    return png(width, height, 8, 2, b"\0" * 1000)
+
+
+def png_16_bit(values: NDArray[np.uint16]) -> bytes:
+    """Return a 16-bit PNG of grey (H, W) or RGB (H, W, 3) values."""
+    height, width = values.shape[:2]
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in values)
+    return png(width, height, 16, 0 if values.ndim == 2 else 2, rows)

@@ -1,0 +1,237 @@
+"""Which image files become panoramas, how, and what is said about the others."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from core.errors import (
+    PanoramaDamagedError,
+    PanoramaError,
+    PanoramaFormatError,
+    PanoramaShapeError,
+    PanoramaTooLargeError,
+)
+from core.panorama import Panorama
+from core.panorama_reader import read_panorama
+from tests.core.picture_files import (
+    encoded,
+    gpano_packet,
+    jpeg_with_exif_orientation,
+    picture,
+    png_16_bit,
+    png_bomb,
+)
+
+
+def difference(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.abs(found.astype(float) - expected.astype(float)).mean())
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "tolerance"), [("PNG", {}, 0), ("JPEG", {"quality": 95}, 3), ("WEBP", {"lossless": True}, 0)]
+)
+def test_jpeg_png_and_webp_keep_their_pixels_and_are_valid_everywhere(
+    kind: str, options: dict[str, object], tolerance: float
+) -> None:
+    pixels = picture()
+    panorama = read_panorama(encoded(pixels, kind, **options))
+    assert panorama.color.shape == (128, 256, 3)
+    assert panorama.color.dtype == np.uint8
+    assert difference(panorama.color, pixels) <= tolerance
+    assert panorama.valid.all()
+
+
+def test_a_16_bit_colour_png_is_brought_to_8_bit() -> None:
+    pixels = picture()
+    panorama = read_panorama(png_16_bit(pixels.astype(np.uint16) * 257))
+    assert difference(panorama.color, pixels) <= 1
+
+
+def test_a_16_bit_grey_png_is_brought_to_8_bit_in_all_channels() -> None:
+    grey = picture()[..., 0]
+    panorama = read_panorama(png_16_bit(grey.astype(np.uint16) * 257))
+    for channel in range(3):
+        assert difference(panorama.color[..., channel], grey) <= 1
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "CMYK"])
+def test_grey_palette_and_cmyk_pictures_become_rgb(mode: str) -> None:
+    image = Image.fromarray(picture()).convert(mode)
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG" if mode == "CMYK" else "PNG", **({"quality": 95} if mode == "CMYK" else {}))
+    panorama = read_panorama(buffer.getvalue())
+    assert difference(panorama.color, np.asarray(image.convert("RGB"))) <= 4
+    assert panorama.valid.all()
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_orientation_is_honoured(orientation: int) -> None:
+    upright = picture()
+    undo = {1: lambda a: a, 2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud}
+    undo |= {
+        5: lambda a: a.swapaxes(0, 1),
+        6: np.rot90,
+        7: lambda a: np.rot90(a.swapaxes(0, 1), 2),
+        8: lambda a: np.rot90(a, -1),
+    }
+    stored = np.ascontiguousarray(undo[orientation](upright))
+    panorama = read_panorama(jpeg_with_exif_orientation(stored, orientation))
+    assert panorama.color.shape == (128, 256, 3)
+    assert difference(panorama.color, upright) < 4
+
+
+def test_alpha_marks_pixels_to_ignore() -> None:
+    alpha = np.full((128, 256, 1), 255, np.uint8)
+    alpha[:, :64] = 0
+    panorama = read_panorama(encoded(np.concatenate((picture(), alpha), axis=2)))
+    assert not panorama.valid[:, :64].any()
+    assert panorama.valid[:, 64:].all()
+
+
+def test_a_mask_marks_its_non_zero_pixels_to_be_ignored() -> None:
+    mask = np.zeros((128, 256), np.uint8)
+    mask[100:] = 255
+    panorama = read_panorama(encoded(picture()), encoded(mask))
+    assert panorama.valid[:100].all()
+    assert not panorama.valid[100:].any()
+
+
+def test_a_mask_of_another_resolution_is_scaled() -> None:
+    mask = np.zeros((64, 128), np.uint8)
+    mask[:, 96:] = 1
+    panorama = read_panorama(encoded(picture()), encoded(mask))
+    assert panorama.valid[:, :192].all()
+    assert not panorama.valid[:, 192:].any()
+
+
+def test_mask_and_alpha_add_up() -> None:
+    alpha, mask = np.full((128, 256, 1), 255, np.uint8), np.zeros((128, 256), np.uint8)
+    alpha[:, :64], mask[:, 192:] = 0, 255
+    panorama = read_panorama(encoded(np.concatenate((picture(), alpha), axis=2)), encoded(mask))
+    assert panorama.valid[:, 64:192].all()
+    assert panorama.valid.sum() == 128 * 128
+
+
+def test_a_mask_of_another_shape_is_refused() -> None:
+    with pytest.raises(PanoramaShapeError, match="mask"):
+        read_panorama(encoded(picture()), encoded(np.zeros((128, 128), np.uint8)))
+
+
+def test_a_panorama_that_is_masked_everywhere_is_refused() -> None:
+    with pytest.raises(PanoramaShapeError, match="every pixel is masked"):
+        read_panorama(encoded(picture()), encoded(np.full((128, 256), 255, np.uint8)))
+
+
+def test_a_black_picture_is_not_a_missing_picture() -> None:
+    panorama = read_panorama(encoded(np.zeros((128, 256, 3), np.uint8)))
+    assert panorama.valid.all()
+
+
+@pytest.mark.parametrize("as_elements", [False, True])
+@pytest.mark.parametrize("kind", ["JPEG", "WEBP"])
+def test_gpano_crop_fields_place_a_partial_panorama_in_the_full_sphere(kind: str, as_elements: bool) -> None:
+    part = picture(200, 60)
+    packet = gpano_packet((400, 200), (120, 50), (200, 60), as_elements)
+    panorama = read_panorama(encoded(part, kind, quality=95, xmp=packet))
+    assert panorama.color.shape == (200, 400, 3)
+    expected = np.zeros((200, 400), bool)
+    expected[50:110, 120:320] = True
+    np.testing.assert_array_equal(panorama.valid, expected)
+    assert difference(panorama.color[50:110, 120:320], part) < 5
+
+
+def test_gpano_crop_fields_follow_a_picture_that_was_scaled_down_after_them() -> None:
+    packet = gpano_packet((800, 400), (240, 100), (400, 120))
+    panorama = read_panorama(encoded(picture(200, 60), "JPEG", xmp=packet))
+    assert panorama.valid.shape == (200, 400)
+    assert panorama.valid[50:110, 120:320].all()
+    assert panorama.valid.sum() == 60 * 200
+
+
+def test_crop_fields_of_a_full_sphere_change_nothing() -> None:
+    packet = gpano_packet((256, 128), (0, 0), (256, 128))
+    assert read_panorama(encoded(picture(), "JPEG", xmp=packet)).valid.all()
+
+
+def test_crop_fields_that_contradict_each_other_are_refused() -> None:
+    packet = gpano_packet((400, 200), (300, 50), (200, 60))
+    with pytest.raises(PanoramaShapeError, match="GPano"):
+        read_panorama(encoded(picture(200, 60), "JPEG", xmp=packet))
+
+
+def test_crop_fields_that_blow_a_small_picture_up_beyond_the_pixel_limit_are_refused() -> None:
+    packet = gpano_packet((4000, 2000), (0, 0), (20, 10))
+    with pytest.raises(PanoramaTooLargeError):
+        read_panorama(encoded(picture(20, 10), "JPEG", xmp=packet), max_pixels=1_000_000)
+
+
+def test_a_three_to_two_photo_is_refused_and_told_so() -> None:
+    with pytest.raises(PanoramaShapeError, match=r"2:1.*300 x 200.*1\.50:1"):
+        read_panorama(encoded(picture(300, 200)))
+
+
+def test_a_panorama_of_a_few_pixels_is_refused() -> None:
+    with pytest.raises(PanoramaShapeError, match="at least"):
+        read_panorama(encoded(picture(64, 32)))
+
+
+@pytest.mark.parametrize("size", [(4098, 2049), (5010, 2505)])
+def test_a_large_jpeg_with_an_odd_number_of_rows_is_still_two_to_one(size: tuple[int, int]) -> None:
+    panorama = read_panorama(encoded(picture(*size), "JPEG"))
+    assert panorama.valid.shape[1] == 2 * panorama.valid.shape[0]
+    assert panorama.valid.shape[0] >= 1024
+
+
+@pytest.mark.parametrize("size", [(257, 128), (255, 128), (1001, 500)])
+def test_a_pixel_more_or_less_than_two_to_one_is_forgiven(size: tuple[int, int]) -> None:
+    panorama = read_panorama(encoded(picture(*size)))
+    assert panorama.valid.shape[1] == 2 * panorama.valid.shape[0]
+
+
+def test_a_bomb_is_refused_before_it_is_decoded() -> None:
+    with pytest.raises(PanoramaTooLargeError, match=r"40000 x 20000|far more"):
+        read_panorama(png_bomb(40_000, 20_000))
+
+
+def test_the_pixel_limit_is_the_callers() -> None:
+    data = encoded(picture())
+    read_panorama(data, max_pixels=256 * 128)
+    with pytest.raises(PanoramaTooLargeError, match="256 x 128"):
+        read_panorama(data, max_pixels=256 * 128 - 1)
+
+
+def test_a_bomb_as_a_mask_is_refused_as_well() -> None:
+    with pytest.raises(PanoramaTooLargeError, match="mask"):
+        read_panorama(encoded(picture()), png_bomb(40_000, 20_000))
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_picture_that_ends_early_is_refused_and_told_so(kind: str, share: float) -> None:
+    data = encoded(picture(), kind)
+    with pytest.raises(PanoramaDamagedError if kind != "WEBP" else PanoramaError):
+        read_panorama(data[: int(share * len(data))])
+
+
+@pytest.mark.parametrize("data", [b"", b"hello, this is no picture", b"%PDF-1.7 ...", b"GIF89a" + bytes(100), b"\xff"])
+def test_text_and_other_files_are_refused_with_what_was_expected(data: bytes) -> None:
+    with pytest.raises(PanoramaFormatError, match="expected a JPEG, PNG or WebP"):
+        read_panorama(data)
+
+
+def test_a_gif_is_refused_although_the_library_could_read_it() -> None:
+    with pytest.raises(PanoramaFormatError):
+        read_panorama(encoded(picture(), "GIF"))
+
+
+def test_a_panorama_object_that_is_not_two_to_one_cannot_be_made() -> None:
+    with pytest.raises(PanoramaShapeError, match="2H"):
+        Panorama(np.zeros((10, 30, 3), np.uint8), np.ones((10, 30), bool))
+
+
+def test_a_packed_crop_of_one_row_is_placed_or_refused_but_never_crashes() -> None:
+    packet = gpano_packet((2_000_000, 1_000_000), (0, 0), (1_000_000, 1))
+    with pytest.raises(PanoramaError):
+        read_panorama(encoded(picture(2000, 16), "JPEG", xmp=packet), max_pixels=1_000_000)
