@@ -10,6 +10,7 @@
 they are first used, connect again by themselves after Redis was away, and raise CacheDownError while it is.
 """
 
+import asyncio
 import json
 import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
@@ -177,7 +178,14 @@ def _down_is_said() -> Iterator[None]:
 
 @asynccontextmanager
 async def _down_is_said_async() -> AsyncIterator[None]:
+    task = asyncio.current_task()
+    cancelled_before = task.cancelling() if task else 0
     try:
         yield
     except _LOST as error:
         raise _down(error) from error
+    finally:
+        # redis-py waits with `asyncio.wait_for`, which in Python 3.11 forgets a cancellation that comes together
+        # with the answer: the task would go on as if nobody had ended it.
+        if task and task.cancelling() > cancelled_before:
+            raise asyncio.CancelledError

@@ -8,13 +8,16 @@ from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import MultipartCallbacks, MultipartParser, parse_options_header
+from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import InvalidOptionsError, MalformedRequestError, UploadTooLargeError
 from service.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large
+
+if TYPE_CHECKING:
+    from python_multipart.multipart import MultipartCallbacks
 
 _MAX_PARTS = 128
 # What surrounds the parts: boundaries and headers.
@@ -113,7 +116,7 @@ class _FormReader:
         if self._spool is not None:
             self._spool.discard()
 
-    def _callbacks(self) -> MultipartCallbacks:
+    def _callbacks(self) -> "MultipartCallbacks":
         return {
             "on_part_begin": self._begin_part,
             "on_header_field": self._on_header_field,

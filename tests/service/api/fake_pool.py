@@ -1,0 +1,93 @@
+"""A pool without processes: it answers from a script and keeps what it was asked."""
+
+import asyncio
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from service.cache import WorkerCache
+from service.errors import NoWorkerError
+from service.pool import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
+from service.schemas.localization import LOCALIZATION_EXAMPLE
+from service.schemas.maps import MAP_EXAMPLE
+
+PNG = b"\x89PNG\r\n\x1a\n a picture"
+INDEX_DIGEST = "0123abcd"
+
+
+def ply_of(points: list[tuple[float, float, float]]) -> bytes:
+    """Return a PLY as workers write it, every point grey."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property float {axis}" for axis in "xyz"]
+    header += [f"property uchar {channel}" for channel in ("red", "green", "blue")]
+    body = b"".join(struct.pack("<fffBBB", *point, 128, 128, 128) for point in points)
+    return ("\n".join([*header, "end_header"]) + "\n").encode() + body
+
+
+def answer_body() -> dict[str, Any]:
+    """Return what a worker adds to an answer."""
+    body = {key: value for key, value in LOCALIZATION_EXAMPLE.items() if key not in ("id", "artifacts")}
+    return {**body, "timings_s": {"decode": 0.03, "search": 0.06}}
+
+
+@dataclass
+class FakePool:
+    """`fail_localize` and `fail_register` are raised, in turn; a closed gate holds work back."""
+
+    worker_cache: WorkerCache
+    is_ready: bool = True
+    fail_localize: list[Exception] = field(default_factory=list)
+    fail_register: list[Exception] = field(default_factory=list)
+    gate: asyncio.Event = field(default_factory=asyncio.Event)
+    jobs: list[LocalizeJob] = field(default_factory=list)
+    registrations: list[RegisterJob] = field(default_factory=list)
+    ended: list[str] = field(default_factory=list)
+    on_localize: Callable[[LocalizeJob], None] = lambda job: None
+    started: bool = False
+    stopped: bool = False
+
+    def __post_init__(self) -> None:
+        self.gate.set()
+
+    async def start(self) -> None:
+        self.started = True
+
+    async def stop(self, drain_s: float) -> None:
+        self.stopped = True
+
+    async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
+        self.jobs.append(job)
+        self.on_localize(job)
+        await self._pass_gate("localize")
+        if self.fail_localize:
+            raise self.fail_localize.pop(0)
+        body = {**answer_body(), "map_id": job.maps[0].id, "map_revision": job.maps[0].revision}
+        return LocalizeOutcome(body, {name: PNG + name.encode() for name in job.options["artifacts"]})
+
+    async def register(self, job: RegisterJob) -> RegisterOutcome:
+        self.registrations.append(job)
+        await asyncio.to_thread(self.worker_cache.report_progress, job.map, "indexing", "rendering starts", 0.4)
+        await self._pass_gate("register")
+        if self.fail_register:
+            raise self.fail_register.pop(0)
+        await asyncio.to_thread(self.worker_cache.put_index, job.map, INDEX_DIGEST, b"index")
+        starts = [{"position_m": [1.0, 2.0, 1.5], "leaf_size_m": 0.5}]
+        points = ply_of([(float(number), 0.0, 1.0) for number in range(10)])
+        return RegisterOutcome(MAP_EXAMPLE["stats"], MAP_EXAMPLE["diagnostics"], PNG, points, starts)
+
+    def state(self) -> PoolState:
+        state = PoolState(ready=True, waiting_for=None, num_workers=1, resident_bytes=17, index_loads={"redis": 2})
+        return state if self.is_ready else replace(state, ready=False, waiting_for="workers", num_workers=0)
+
+    async def _pass_gate(self, what: str) -> None:
+        try:
+            await self.gate.wait()
+        except asyncio.CancelledError:
+            self.ended.append(what)
+            raise
+
+
+def no_worker() -> NoWorkerError:
+    """Return what a pool raises whose worker has just gone."""
+    return NoWorkerError("the worker was lost", retry_after_s=0)

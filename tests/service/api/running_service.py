@@ -1,0 +1,96 @@
+"""The application with a fake pool and a real Redis, and what tests often do with it."""
+
+import asyncio
+import io
+import struct
+import zlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+from fastapi import FastAPI
+
+from service.app import create_app
+from service.cache import Cache, WorkerCache
+from service.settings import Settings
+from service.storage import FolderStorage, Storage
+from tests.service.api.fake_pool import FakePool, ply_of
+
+SCAN = ply_of([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
+
+
+@dataclass
+class RunningService:
+    """client speaks to `app` without a network."""
+
+    app: FastAPI
+    client: httpx.AsyncClient
+    pool: FakePool
+    storage: Storage
+    data_dir: Path
+
+    async def upload(self, scan: bytes = SCAN, name: str = "office.ply", options: str | None = None) -> httpx.Response:
+        """POST a scan."""
+        data = {} if options is None else {"options": options}
+        return await self.client.post("/maps", files={"file": (name, scan)}, data=data)
+
+    async def ready_map(self, options: str | None = None) -> str:
+        """Return the id of a map that is ready."""
+        reply = await self.upload(options=options)
+        assert reply.status_code == 202, reply.text
+        map_id = str(reply.json()["id"])
+        assert (await self.settled(map_id))["status"] == "ready"
+        return map_id
+
+    async def settled(self, map_id: str) -> dict[str, Any]:
+        """Return a map once it is ready or failed."""
+        return await self.eventually(f"/maps/{map_id}", lambda body: body["status"] in ("ready", "failed"))
+
+    async def eventually(self, path: str, holds: Any) -> dict[str, Any]:
+        """Return the JSON behind a path once it is as wanted."""
+        body: dict[str, Any] = {}
+        for _ in range(300):
+            body = (await self.client.get(path)).json()
+            if holds(body):
+                return body
+            await asyncio.sleep(0.01)
+        raise AssertionError(f"not within three seconds: {body}")
+
+    async def localize(self, map_id: str | None, image: bytes | None = None, **request: Any) -> httpx.Response:
+        """POST a panorama; `options`, `headers`, `tag` and more `files` as they are given."""
+        data: dict[str, Any] = {} if map_id is None else {"map_id": map_id}
+        data |= {name: request.pop(name) for name in ("options", "tag") if name in request}
+        files = {"image": ("photo.png", png_of(8, 4) if image is None else image), **request.pop("files", {})}
+        return await self.client.post("/localize", data=data, files=files, **request)
+
+
+@asynccontextmanager
+async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> AsyncIterator[RunningService]:
+    """Run an application in this event loop; changes: settings."""
+    settings = Settings(**{"data_dir": data_dir, "redis_url": redis_url, "drain_s": 0.2, **changes})
+    storage = FolderStorage(data_dir)
+    pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
+    app = create_app(settings, pool, Cache(redis_url, result_lifetime_s=settings.result_ttl_s), storage)
+    transport = httpx.ASGITransport(app)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://panoloc") as client,
+    ):
+        yield RunningService(app, client, pool, storage, data_dir)
+    pool.worker_cache.close()
+
+
+def png_of(width: int, height: int) -> bytes:
+    """Return a PNG whose header says this size; its one row of pixels is not decoded by the HTTP process."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    out = io.BytesIO(b"\x89PNG\r\n\x1a\n")
+    out.seek(0, io.SEEK_END)
+    out.write(chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)))
+    out.write(chunk(b"IDAT", zlib.compress(b"\x00" * 25)) + chunk(b"IEND", b""))
+    return out.getvalue()

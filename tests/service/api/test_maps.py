@@ -1,0 +1,221 @@
+"""Maps over HTTP: from the upload to the deletion."""
+
+import json
+
+import pytest
+import redis
+
+from service.errors import CacheDownError, WorkerError
+from service.schemas import Map, MapPage
+from tests.service.api.fake_pool import PNG, no_worker
+from tests.service.api.running_service import SCAN, RunningService
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_an_upload_is_answered_with_the_map_and_where_to_poll(running: RunningService) -> None:
+    running.pool.gate.clear()
+    options = {"name": "3rd floor", "tags": ["a", "a", "b"], "unit": "mm", "starts": {"method": "grid"}}
+    reply = await running.upload(options=json.dumps(options))
+    body = reply.json()
+    assert reply.status_code == 202
+    assert reply.headers["location"] == f"/maps/{body['id']}"
+    assert int(reply.headers["retry-after"]) >= 1
+    assert (body["name"], body["tags"], body["revision"], body["serving_revision"]) == (
+        "3rd floor",
+        ["a", "b"],
+        1,
+        None,
+    )
+    Map.model_validate(body)
+
+
+async def test_the_worker_gets_the_scan_as_it_came_and_every_option(running: RunningService) -> None:
+    await running.ready_map('{"unit": "ft", "starts": {"spacing_m": 0.5}}')
+    job = running.pool.registrations[0]
+    assert running.storage.read(job.scan_key) == SCAN
+    assert job.scan_key.endswith("/1/scan.ply")
+    assert job.options == {
+        "unit": "ft",
+        "up_axis": "z",
+        "color_kind": "rgb",
+        "starts": {"method": "octree", "spacing_m": 0.5, "region": None},
+    }
+
+
+async def test_progress_moves_while_a_worker_is_at_it(running: RunningService) -> None:
+    running.pool.gate.clear()
+    map_id = (await running.upload()).json()["id"]
+    body = await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
+    assert (body["stage"], body["progress"], body["stats"]) == ("rendering starts", 0.4, None)
+    running.pool.gate.set()
+    body = await running.settled(map_id)
+    assert (body["status"], body["progress"], body["serving_revision"]) == ("ready", 1.0, 1)
+    assert body["stats"]["num_starts"] == 412
+    Map.model_validate(body)
+
+
+async def test_a_scan_that_cannot_become_a_map_leaves_a_failed_map_with_a_problem(running: RunningService) -> None:
+    running.pool.fail_register = [WorkerError("ScanContentError", "expected colours, got none; export with colours")]
+    body = await running.settled((await running.upload()).json()["id"])
+    assert body["status"] == "failed"
+    assert body["error"]["type"] == "/problems/scan-unusable"
+    assert body["error"]["status"] == 422
+    assert "export with colours" in body["error"]["detail"]
+    assert body["error"]["request_id"].startswith("req_")
+
+
+async def test_a_lost_worker_or_cache_only_delays_a_registration(running: RunningService) -> None:
+    running.pool.fail_register = [no_worker(), CacheDownError("Redis is away", 0)]
+    await running.ready_map()
+    assert len(running.pool.registrations) == 3
+
+
+async def test_a_registration_that_loses_every_worker_fails_in_the_end(running: RunningService) -> None:
+    running.pool.fail_register = [no_worker() for _ in range(5)]
+    body = await running.settled((await running.upload()).json()["id"])
+    assert body["error"]["type"] == "/problems/no-worker"
+
+
+async def test_a_fault_that_nobody_expected_is_not_told_to_callers(running: RunningService) -> None:
+    running.pool.fail_register = [RuntimeError("secret path /root/x")]
+    body = await running.settled((await running.upload()).json()["id"])
+    assert body["error"]["type"] == "/problems/internal-error"
+    assert "secret" not in json.dumps(body)
+
+
+async def test_pages_list_every_map_once_and_tags_narrow_them(running: RunningService) -> None:
+    ids = [await running.ready_map(json.dumps({"tags": ["odd"] if number % 2 else []})) for number in range(5)]
+    seen, cursor = [], None
+    while True:
+        query = {"limit": 2} | ({"cursor": cursor} if cursor else {})
+        page = (await running.client.get("/maps", params=query)).json()
+        MapPage.model_validate(page)
+        seen += [item["id"] for item in page["items"]]
+        cursor = page["next_cursor"]
+        if cursor is None:
+            break
+    assert seen == ids
+    tagged = (await running.client.get("/maps", params={"tag": "odd"})).json()["items"]
+    assert [item["id"] for item in tagged] == ids[1::2]
+
+
+async def test_patch_changes_what_is_given_and_nothing_else(running: RunningService) -> None:
+    map_id = await running.ready_map('{"name": "old", "tags": ["kept"]}')
+    place = {"latitude_deg": 52.5, "longitude_deg": 13.4}
+    body = (await running.client.patch(f"/maps/{map_id}", json={"name": "new", "georeference": place})).json()
+    assert (body["name"], body["tags"]) == ("new", ["kept"])
+    assert body["georeference"] == {**place, "height_m": 0.0, "heading_deg": 0.0}
+    body = (await running.client.patch(f"/maps/{map_id}", json={"georeference": None})).json()
+    assert body["georeference"] is None
+    assert body["updated_at"] > body["created_at"]
+
+
+@pytest.mark.parametrize(
+    "change", [{"name": None}, {"name": ""}, {"tags": None}, {"nmae": "x"}, {"georeference": {"latitude_deg": 91}}]
+)
+async def test_patch_names_the_field_that_is_wrong(running: RunningService, change: dict[str, object]) -> None:
+    map_id = await running.ready_map()
+    reply = await running.client.patch(f"/maps/{map_id}", json=change)
+    assert reply.status_code == 422
+    assert reply.json()["fields"][0]["field"].startswith(next(iter(change)))
+
+
+async def test_a_new_scan_is_built_while_the_old_one_serves(running: RunningService) -> None:
+    map_id = await running.ready_map('{"unit": "cm"}')
+    running.pool.gate.clear()
+    reply = await running.client.put(
+        f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)}, data={"options": '{"up_axis": "y"}'}
+    )
+    assert reply.status_code == 202
+    body = await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
+    assert (body["revision"], body["serving_revision"]) == (2, 1)
+    assert body["stats"] is not None
+    assert (await running.client.get(f"/maps/{map_id}/preview.png")).status_code == 200
+    running.pool.gate.set()
+    body = await running.settled(map_id)
+    assert (body["revision"], body["serving_revision"]) == (2, 2)
+    assert running.pool.registrations[1].options["unit"] == "cm"
+    assert running.pool.registrations[1].options["up_axis"] == "y"
+
+
+async def test_the_replaced_revision_leaves_storage_and_cache(
+    running: RunningService, redis_client: "redis.Redis"
+) -> None:
+    map_id = await running.ready_map()
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
+    await running.eventually("/health", lambda body: not redis_client.keys(f"index:{map_id}:1:*"))
+    assert running.storage.names(f"maps/{map_id}") == ["2", "map.json"]
+    assert redis_client.keys(f"index:{map_id}:2:*")
+
+
+async def test_a_new_scan_that_fails_leaves_the_old_one_serving(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.fail_register = [WorkerError("ScanDamagedError", "cut off")]
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    body = await running.settled(map_id)
+    assert (body["status"], body["serving_revision"], body["revision"]) == ("failed", 1, 2)
+    assert (await running.localize(map_id)).status_code == 200
+
+
+async def test_deleting_a_map_leaves_nothing_of_it(running: RunningService, redis_client: "redis.Redis") -> None:
+    map_id = await running.ready_map()
+    answer = (await running.localize(map_id, options='{"artifacts": ["overlay"]}')).json()
+    assert redis_client.keys("index:*")
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert redis_client.keys("*") == []
+    assert not (running.data_dir / "maps" / map_id).exists()
+    for path in (f"/maps/{map_id}", answer["artifacts"]["overlay"], f"/localizations/{answer['id']}"):
+        assert (await running.client.get(path)).status_code == 404
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 404
+
+
+async def test_deleting_a_map_ends_its_registration(running: RunningService) -> None:
+    running.pool.gate.clear()
+    map_id = (await running.upload()).json()["id"]
+    await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert running.pool.ended == ["register"]
+
+
+async def test_viewers_get_a_picture_points_and_starts(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    preview = await running.client.get(f"/maps/{map_id}/preview.png")
+    assert (preview.content, preview.headers["content-type"]) == (PNG, "image/png")
+    starts = (await running.client.get(f"/maps/{map_id}/starts")).json()
+    assert starts["starts"] == [{"position_m": [1.0, 2.0, 1.5], "leaf_size_m": 0.5}]
+    assert starts["num_starts"] == 1
+
+
+async def test_points_come_as_ply_unless_json_is_asked_for(running: RunningService) -> None:
+    path = f"/maps/{await running.ready_map()}/points"
+    ply = await running.client.get(path, params={"max_points": 3})
+    assert ply.headers["content-type"] == "application/ply"
+    header, _, body = ply.content.partition(b"end_header\n")
+    assert b"element vertex 3\n" in header
+    assert len(body) == 3 * 15
+    for request in ({"headers": {"accept": "application/json"}}, {"params": {"format": "json"}}):
+        found = (await running.client.get(path, **request)).json()
+        assert found["num_points"] == 10
+        assert found["positions_m"][2] == [2.0, 0.0, 1.0]
+        assert found["colors"][2] == [128, 128, 128]
+
+
+@pytest.mark.parametrize("name", ["preview.png", "points", "starts"])
+async def test_what_viewers_show_is_not_there_before_the_map_is_ready(running: RunningService, name: str) -> None:
+    running.pool.gate.clear()
+    map_id = (await running.upload()).json()["id"]
+    reply = await running.client.get(f"/maps/{map_id}/{name}")
+    assert reply.status_code == 409
+    assert int(reply.headers["retry-after"]) >= 1
+    assert (await running.client.get(f"/maps/map_none/{name}")).status_code == 404
+
+
+async def test_the_limit_of_maps_is_said_before_the_upload_is_read(running: RunningService) -> None:
+    registry = running.app.state.services.registry
+    registry._max_maps = 1
+    await running.ready_map()
+    reply = await running.upload()
+    assert reply.status_code == 409
+    assert "PANOLOC_MAX_MAPS" in reply.json()["detail"]
