@@ -14,24 +14,12 @@ from core.map_index import MapIndex
 from core.panorama_pyramid import PanoramaLevel
 from core.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
 from core.sphere_points import even_directions
-from core.synthetic_view import SyntheticViews, point_spacing, render_views
+from core.synthetic_view import RenderCloud, SyntheticViews, make_render_cloud, render_views
 
 
-@dataclass(frozen=True)
-class RenderedCloud:
-    """Points used for rendering: positions (n, 3), colors (n, 3) float32 in 0..1 (label codes for labels), spacing in metres."""
-
-    positions: Tensor
-    colors: Tensor
-    spacing: float
-
-
-def thin_for_rendering(index: MapIndex, max_points: int) -> RenderedCloud:
-    """Take every k-th point; along the index's space-filling order this is an even sample."""
-    stride = max(1, -(-index.num_points // max_points))
-    colors = index.canonical_cloud_colors()[::stride].contiguous()
-    positions = index.positions[::stride].contiguous()
-    return RenderedCloud(positions, colors, index.spacing if stride == 1 else point_spacing(positions))
+def render_cloud(index: MapIndex) -> RenderCloud:
+    """Return the index's points with canonical colours (as scanned, or label codes), ready for rendering."""
+    return make_render_cloud(index.positions, index.canonical_cloud_colors(), index.spacing)
 
 
 def points_seen_from_starts(index: MapIndex, starts: Tensor, coarse: bool) -> CandidatePoints:
@@ -59,7 +47,7 @@ class Comparison:
 
 
 def compare(
-    cloud: RenderedCloud, level: PanoramaLevel, rotations: Tensor, positions: Tensor, height: int, is_labels: bool
+    cloud: RenderCloud, level: PanoramaLevel, rotations: Tensor, positions: Tensor, height: int, is_labels: bool
 ) -> Comparison:
     """Render the cloud at K poses and turn the panorama into the same axes.
 
@@ -67,7 +55,7 @@ def compare(
     what only one of them shows does not shift the colours of the rest.
     """
     width = 2 * height
-    views = render_views(cloud.positions, cloud.colors, positions, cloud.spacing, height, width)
+    views = render_views(cloud, positions, height, width)
     directions = pixel_directions(height, width, positions.device).view(-1, 3)
     u, v = project(directions @ rotations, level.height, 2 * level.height)
     sampled = sample_bilinear(torch.cat((level.color, level.valid[None])), u, v)
@@ -82,7 +70,7 @@ def compare(
     return Comparison(scan, panorama, weights, tables, seen.sum(-1) / solid.sum(), views)
 
 
-def points_seen_from_poses(cloud: RenderedCloud, comparison: Comparison, count: int) -> CandidatePoints:
+def points_seen_from_poses(cloud: RenderCloud, comparison: Comparison, count: int) -> CandidatePoints:
     """Return `count` points (K, count) seen at the rendered poses, spread evenly over the sphere.
 
     Their colours are those of the rendered pixels: averages over a pixel, as in the panorama.

@@ -11,9 +11,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from core.candidate_points import Comparison, RenderedCloud
+from core.candidate_points import Comparison
 from core.gauss_newton import fit_gain_offset
 from core.projection import pixel_directions, project, sample_bilinear, wrap_border
+from core.synthetic_view import RenderCloud, visible_points
 
 _HALF_SCORE_DISTANCE = 0.2  # of canonical colours; the score is 0.5 there
 _CHANGED_BELOW = 0.5
@@ -33,7 +34,7 @@ class ChangeMaps:
     map_changed_fraction: float
 
 
-def change_maps(comparison: Comparison, cloud: RenderedCloud, rotation: Tensor, position: Tensor) -> ChangeMaps:
+def change_maps(comparison: Comparison, cloud: RenderCloud, rotation: Tensor, position: Tensor) -> ChangeMaps:
     """Score pixels and points at one pose: rotation (3, 3) map_from_camera, position (3,); the comparison holds this pose alone."""
     height, width = comparison.views.depth.shape[1:]
     scores = _pixel_scores(comparison).view(height, width)
@@ -81,10 +82,11 @@ def _nearest_distance(moving: Tensor, fixed: Tensor) -> Tensor:
     return best
 
 
-def _point_scores(in_map: Tensor, comparison: Comparison, cloud: RenderedCloud, position: Tensor) -> Tensor:
+def _point_scores(in_map: Tensor, comparison: Comparison, cloud: RenderCloud, position: Tensor) -> Tensor:
     """Return the score of the pixel that each point projects to (n,), NaN for hidden points."""
     height, width = in_map.shape
     u, v = project(cloud.positions - position, height, width)
     pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
     scores = in_map.flatten()[pixel]
-    return torch.where(comparison.views.visible[0], scores, torch.full_like(scores, torch.nan))
+    visible = visible_points(cloud, position, comparison.views.depth[0])
+    return torch.where(visible, scores, torch.full_like(scores, torch.nan))

@@ -57,7 +57,6 @@ class JudgeConfig:
     """The comparison of the scan rendered at a refined pose with the panorama (see `core.judge`)."""
 
     height: int = 64
-    max_points: int = 80_000  # of the cloud, for rendering many candidates
     final_height: int = 128
 
 
@@ -99,7 +98,7 @@ class IndexConfig:
     starts: StartsConfig = field(default_factory=StartsConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     start_points: int = 1024
-    render_batch_bytes: int = 400_000_000
+    render_batch: int = 8  # views rendered at once
 
     def digest(self) -> str:
         """Return 16 hex digits that change whenever an index built with this configuration would."""

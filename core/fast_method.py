@@ -14,11 +14,10 @@ from torch import Tensor
 
 from core.candidate_points import (
     Comparison,
-    RenderedCloud,
     compare,
     points_seen_from_poses,
     points_seen_from_starts,
-    thin_for_rendering,
+    render_cloud,
 )
 from core.config import LocalizerConfig
 from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, prepare_level, refine
@@ -32,8 +31,9 @@ from core.projection import wrap_border
 from core.results import Hints
 from core.search import RotationSet, search_map
 from core.stage_clock import StageClock
+from core.synthetic_view import RenderCloud
 
-_RENDER_BATCH_BYTES = 300_000_000
+_RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 
 class FastMethod:
@@ -103,7 +103,7 @@ class FastMethod:
         sizes, height = self.config.refinement, self.config.judge.height
         refined: list[Hypothesis] = []
         for number, group in by_map(hypotheses):
-            cloud = query.thin_cloud(number, self.config.judge.max_points)
+            cloud = query.cloud(number)
             comparison = self._compare(query, number, cloud, group, height)
             points = points_seen_from_poses(cloud, comparison, sizes.middle_points)
             refined += self._refined(
@@ -113,7 +113,7 @@ class FastMethod:
 
     def _refine_fine(
         self, query: "_Query", hypotheses: Sequence[Hypothesis], clock: StageClock
-    ) -> tuple[list[Hypothesis], list[tuple[Comparison, RenderedCloud]]]:
+    ) -> tuple[list[Hypothesis], list[tuple[Comparison, RenderCloud]]]:
         """Refine one by one at full resolution with all points, and judge on a larger rendering."""
         sizes, judge = self.config.refinement, self.config.judge
         refined: list[Hypothesis] = []
@@ -121,7 +121,7 @@ class FastMethod:
         for hypothesis in hypotheses:
             clock.check()
             number = hypothesis.map_number
-            cloud = query.thin_cloud(number, query.maps[number].num_points)
+            cloud = query.cloud(number)
             comparison = self._compare(query, number, cloud, [hypothesis], sizes.fine_height)
             group = [hypothesis]
             for height, count, iterations in (
@@ -140,15 +140,14 @@ class FastMethod:
         """Render the scan at every pose and measure the agreement."""
         height, judged = self.config.judge.height, []
         for number, group in by_map(hypotheses):
-            cloud = query.thin_cloud(number, self.config.judge.max_points)
-            size = max(1, _RENDER_BATCH_BYTES // (150 * len(cloud.positions)))
-            for first in range(0, len(group), size):
-                part = group[first : first + size]
+            cloud = query.cloud(number)
+            for first in range(0, len(group), _RENDER_BATCH):
+                part = group[first : first + _RENDER_BATCH]
                 judged += judged_hypotheses(part, agreement(self._compare(query, number, cloud, part, height), height))
         return judged
 
     def _compare(
-        self, query: "_Query", number: int, cloud: RenderedCloud, group: Sequence[Hypothesis], height: int
+        self, query: "_Query", number: int, cloud: RenderCloud, group: Sequence[Hypothesis], height: int
     ) -> Comparison:
         rotations, positions = stacked_poses(group)
         level = query.pyramid(number).level(height)
@@ -189,18 +188,17 @@ class _Query:
             for m in maps
         ]
         self._levels: dict[tuple[int, int, bool], ImageLevel] = {}
-        self._clouds: dict[tuple[int, int], RenderedCloud] = {}
+        self._clouds: dict[int, RenderCloud] = {}
 
     def pyramid(self, number: int) -> PanoramaPyramid:
         """Return the pyramid for the map with this number."""
         return self._pyramids[number]
 
-    def thin_cloud(self, number: int, max_points: int) -> RenderedCloud:
-        """Return the cloud of a map for rendering with at most `max_points`."""
-        key = (number, max_points)
-        if key not in self._clouds:
-            self._clouds[key] = thin_for_rendering(self.maps[number], max_points)
-        return self._clouds[key]
+    def cloud(self, number: int) -> RenderCloud:
+        """Return the cloud of a map, ready for rendering."""
+        if number not in self._clouds:
+            self._clouds[number] = render_cloud(self.maps[number])
+        return self._clouds[number]
 
     def canonical_level(self, number: int, height: int, blur: bool = False) -> ImageLevel:
         """Return a level equalized over the whole panorama, prepared for sampling; blurred for the widest basin."""

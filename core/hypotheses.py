@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from core.candidate_points import Comparison, RenderedCloud
+from core.candidate_points import Comparison
 from core.rotations import rotation_angle
+from core.synthetic_view import RenderCloud
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class MethodResult:
 
     hypotheses: list[Hypothesis]
     comparison: Comparison | None
-    cloud: RenderedCloud | None
+    cloud: RenderCloud | None
     num_starts: int
     num_poses: int
 

@@ -21,7 +21,7 @@ from core.projection import pixel_solid_angles, project
 from core.sphere_points import even_directions
 from core.spherical_patches import PatchGrid
 from core.starts import Starts, grid_starts, octree_starts
-from core.synthetic_view import point_spacing, render_views
+from core.synthetic_view import RenderCloud, make_render_cloud, point_spacing, render_views
 
 Progress = Callable[[str, float], None]
 
@@ -57,10 +57,10 @@ def build_map_index(
     spacing = point_spacing(positions)
     views = _ViewCollector(config, labels)
     centers = torch.from_numpy(starts.positions).float().to(device)
-    batch = max(1, int(config.render_batch_bytes / (150 * len(positions))))
+    rendered, batch = make_render_cloud(positions, colors, spacing), config.render_batch
     for first in range(0, len(centers), batch):
         report("rendering starts", first / len(centers))
-        views.add(positions, colors, centers[first : first + batch], spacing)
+        views.add(rendered, centers[first : first + batch])
     keep = views.well_covered(config.starts.min_coverage_share)
     report("describing views", 0.0)
     descriptors = views.describe(keep)
@@ -97,10 +97,10 @@ class _ViewCollector:
         self.histograms: list[Tensor] = []
         self.coverage: list[Tensor] = []
 
-    def add(self, positions: Tensor, colors: Tensor, centers: Tensor, spacing: float) -> None:
+    def add(self, cloud: RenderCloud, centers: Tensor) -> None:
         """Render the views from `centers` (B, 3) and keep histograms, points and coverage."""
-        device, batch = positions.device, len(centers)
-        views = render_views(positions, colors, centers, spacing, self.height, self.width)
+        device, batch = centers.device, len(centers)
+        views = render_views(cloud, centers, self.height, self.width)
         solid = pixel_solid_angles(self.height, self.width, device).expand(-1, self.width)
         weights = views.valid * solid
         flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)

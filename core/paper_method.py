@@ -10,7 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from core.candidate_points import Comparison, RenderedCloud, compare, thin_for_rendering
+from core.candidate_points import Comparison, compare, render_cloud
 from core.color_equalization import transport
 from core.config import PaperConfig
 from core.hypotheses import Hypothesis, MethodResult
@@ -29,7 +29,7 @@ from core.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from core.score_maps import score_map_2d, score_map_3d, view_patch_scores
 from core.spherical_patches import PatchGrid, rotation_table
 from core.stage_clock import StageClock
-from core.synthetic_view import render_views
+from core.synthetic_view import RenderCloud, render_views
 
 _FULL_HEIGHT = 512
 _JUDGE_HEIGHT = 128
@@ -80,7 +80,7 @@ class PaperMethod:
         grid = PatchGrid(config.search_rows, config.search_columns)
         map_grid = PatchGrid(config.map_rows, config.map_columns)
         with clock.stage("search"):
-            views = self._views(index, colors, starts)
+            views = self._views(index, starts)
             tensor, table = self._tensor(query, views, grid, rotations)
             patch_scores, point_weights = self._score_maps(query, views, map_grid, rotations, index, starts)
         problem = SamplingProblem(
@@ -116,13 +116,12 @@ class PaperMethod:
         matched = transport(flat, level.weights().flatten(), colors, torch.ones(len(colors), device=self.device))
         return PanoramaLevel(matched.T.reshape(level.color.shape), level.valid)
 
-    def _views(self, index: MapIndex, colors: Tensor, starts: Tensor) -> tuple[Tensor, Tensor]:
+    def _views(self, index: MapIndex, starts: Tensor) -> tuple[Tensor, Tensor]:
         """Render all starts: colours (T, S, 3) and solid-angle weights (T, S)."""
         height = self.config.view_height
         solid = pixel_solid_angles(height, 2 * height, self.device).expand(-1, 2 * height).flatten()
-        rendered = [
-            render_views(index.positions, colors, start[None], index.spacing, height, 2 * height) for start in starts
-        ]
+        cloud = render_cloud(index)
+        rendered = [render_views(cloud, start[None], height, 2 * height) for start in starts]
         return torch.cat([v.color.flatten(1, 2) for v in rendered]), torch.cat(
             [v.valid.flatten(1) * solid for v in rendered]
         )
@@ -169,12 +168,12 @@ class PaperMethod:
 
     def _judge(
         self, panorama: Panorama, maps: Sequence[MapIndex], hypotheses: Sequence[Hypothesis]
-    ) -> tuple[list[Hypothesis], Comparison, RenderedCloud]:
+    ) -> tuple[list[Hypothesis], Comparison, RenderCloud]:
         """Measure the agreement of each candidate; the order stays that of the losses."""
         judged, compared = [], []
         for hypothesis in hypotheses:
             index = maps[hypothesis.map_number]
-            cloud = thin_for_rendering(index, index.num_points)
+            cloud = render_cloud(index)
             level = PanoramaPyramid(panorama, _JUDGE_HEIGHT, index.labels, self.device).level(_JUDGE_HEIGHT)
             comparison = compare(
                 cloud,

@@ -10,13 +10,12 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from core.candidate_points import RenderedCloud, thin_for_rendering
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.pose import Pose
 from core.projection import pixel_directions, project
 from core.results import Localization
-from core.synthetic_view import render_views
+from core.synthetic_view import make_render_cloud, render_views
 
 Picture = NDArray[np.uint8]
 _WIDTH = 1024
@@ -105,10 +104,9 @@ def _shrunk(panorama: Panorama) -> Picture:
 def _render(index: MapIndex, pose: Pose, colors: torch.Tensor) -> Picture:
     """Render point colours (N, 3) in 0..1 at a pose, turned into the camera's axes."""
     height, width = _WIDTH // 2, _WIDTH
-    thin: RenderedCloud = thin_for_rendering(index, index.num_points)
-    device = thin.positions.device
+    device = index.positions.device
     position = torch.from_numpy(pose.position - index.origin_offset).float().to(device)
-    views = render_views(thin.positions, colors, position[None], thin.spacing, height, width)
+    views = render_views(make_render_cloud(index.positions, colors, index.spacing), position[None], height, width)
     rotation = torch.from_numpy(pose.rotation).float().to(device)
     u, v = project(pixel_directions(height, width, device) @ rotation.T, height, width)
     row, column = v.long().clamp(0, height - 1), u.long().clamp(0, width - 1)

@@ -2,7 +2,8 @@
 
 Every point covers an angle of about its spacing over its distance, so near surfaces must hide far ones although their points lie
 further apart than pixels. Each point is therefore written at the pyramid level whose pixels are as large as its
-footprint; a pixel's depth is the smallest over all levels, its colour that of the finest level that saw it.
+footprint; a pixel's depth is the smallest over all levels, its colour that of the finest level that saw it. Far away, where
+many points share a pixel, only every 2nd to 32nd is drawn, so that a view costs the same for a room and for a floor.
 
 Paper: §3.1 (one synthetic view per translation).
 Deviation: the reference implementation writes one pixel per point in order of depth; walls seen from near become a
@@ -21,6 +22,33 @@ _FOOTPRINT = 1.5  # pixel size over point spacing at which a random sampling of 
 _SLACK_SPACINGS = 4.0  # depth range of one surface inside a pixel seen at a slant, in point spacings
 _SLACK_SHARE = 0.02
 _FILL_LEVELS = 2  # holes up to 4 pixels are filled from their surroundings
+_BLOCK = 64  # neighbouring points that are thinned together
+_MAX_STRIDE_EXPONENT = 5
+
+
+@dataclass(frozen=True)
+class RenderCloud:
+    """Points ordered along a space-filling curve, so that each run of 64 lies together.
+
+    positions: (N, 3) float32 metres. colors: (N, 3) float32 in 0..1. spacing: metres between points.
+    block_centers: (M, 3) and block_radii: (M,), metres, of the runs.
+    """
+
+    positions: Tensor
+    colors: Tensor
+    spacing: float
+    block_centers: Tensor
+    block_radii: Tensor
+
+
+def make_render_cloud(positions: Tensor, colors: Tensor, spacing: float) -> RenderCloud:
+    """Prepare ordered points for rendering."""
+    missing = -len(positions) % _BLOCK
+    padded = torch.cat((positions, positions[-1:].expand(missing, 3))) if missing else positions
+    blocks = padded.view(-1, _BLOCK, 3)
+    centers = blocks.mean(1)
+    radii = (blocks - centers[:, None]).norm(dim=-1).amax(1)
+    return RenderCloud(positions, colors, spacing, centers, radii)
 
 
 @dataclass(frozen=True)
@@ -29,14 +57,12 @@ class SyntheticViews:
 
     color: (B, H, W, 3) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
     valid: (B, H, W) bool. point: (B, H, W) int64, the number of a visible point in each pixel, −1 where no point fell.
-    visible: (B, N) bool, which points are seen from each position.
     """
 
     color: Tensor
     depth: Tensor
     valid: Tensor
     point: Tensor
-    visible: Tensor
 
 
 def point_spacing(positions: Tensor) -> float:
@@ -55,57 +81,95 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
-def render_views(
-    positions: Tensor, colors: Tensor, centers: Tensor, spacing: float, height: int, width: int
-) -> SyntheticViews:
-    """Render the points from each centre.
+def render_views(cloud: RenderCloud, centers: Tensor, height: int, width: int) -> SyntheticViews:
+    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` x `width` pixels.
 
-    positions: (N, 3) float32 metres. colors: (N, 3) float32 in 0..1. centers: (B, 3) metres. spacing: metres between points.
-    Memory is about 100 bytes x B x N; the caller chooses B.
+    Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
     """
     batch, levels = len(centers), num_levels(height)
-    relative = positions[None] - centers[:, None]
+    point, view, spacing = _drawn_points(cloud, centers, math.pi / height)
+    relative = cloud.positions[point] - centers[view]
     distance = relative.norm(dim=-1)
     u, v = project(relative, height, width)
-    cell, offsets, size = _cells_of(u, v, distance, spacing, batch, height, width, levels)
-    nearest = torch.full((size,), math.inf, device=positions.device)
-    nearest.scatter_reduce_(0, cell.flatten(), distance.flatten(), "amin")
+    cell, offsets, size = _cells_of(u, v, distance, spacing, view, batch, height, width, levels)
+    nearest = torch.full((size,), math.inf, device=relative.device)
+    nearest.scatter_reduce_(0, cell, distance, "amin")
     depth = _compose_depth(nearest, offsets, batch, height, width)
+    pixel = _pixel_of(u, v, view, height, width)
+    visible = distance <= depth.flatten()[pixel] * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * spacing
+    shown = point[visible]
+    sums = torch.zeros((size, 4), device=relative.device)
+    values = torch.cat((cloud.colors[shown], torch.ones((len(shown), 1), device=relative.device)), dim=-1)
+    sums.index_add_(0, cell[visible], values)
+    color, valid = _compose_color(sums, offsets, batch, height, width)
+    number = torch.full((batch * height * width,), -1, dtype=torch.int64, device=relative.device)
+    # The highest number wins: arbitrary, but the same on every device and in every run.
+    number.scatter_reduce_(0, pixel[visible], shown, "amax")
+    return SyntheticViews(color, depth, valid, number.view(batch, height, width))
+
+
+def visible_points(cloud: RenderCloud, center: Tensor, depth: Tensor) -> Tensor:
+    """Return which points (N,) a camera at `center` (3,) sees, given the rendered depth (H, W) there."""
+    height, width = depth.shape
+    relative = cloud.positions - center
+    u, v = project(relative, height, width)
+    front = depth.flatten()[_pixel_of(u, v, torch.zeros_like(u, dtype=torch.int64), height, width)]
+    return relative.norm(dim=-1) <= front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * cloud.spacing
+
+
+def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Choose the points of each view: their numbers (M,), the view of each (M,), and the spacing (M,) they are left with.
+
+    A block is thinned by the largest power of two that leaves a point in every pixel.
+    """
+    distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
+    per_point = (distance * (pixel_angle / (_FOOTPRINT * cloud.spacing))).clamp_min(1.0).square()
+    exponent = torch.log2(per_point).floor_().clamp_(0, _MAX_STRIDE_EXPONENT).to(torch.int64)
+    points, views, spacings = [], [], []
+    for step in range(_MAX_STRIDE_EXPONENT + 1):
+        view, block = (exponent == step).nonzero(as_tuple=True)
+        member = torch.arange(0, _BLOCK, 1 << step, device=centers.device)
+        number = (block[:, None] * _BLOCK + member).flatten()
+        points.append(number)
+        views.append(view.repeat_interleave(len(member)))
+        spacings.append(torch.full((len(number),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
+    point, view, spacing = torch.cat(points), torch.cat(views), torch.cat(spacings)
+    real = point < len(cloud.positions)
+    return (point, view, spacing) if bool(real.all()) else (point[real], view[real], spacing[real])
+
+
+def _pixel_of(u: Tensor, v: Tensor, view: Tensor, height: int, width: int) -> Tensor:
+    """Return flat pixel numbers over all views."""
     row = v.long().clamp_(0, height - 1)
     column = u.long().clamp_(0, width - 1)
-    pixel = (torch.arange(batch, device=u.device)[:, None] * height + row) * width + column
-    front = depth.flatten()[pixel]
-    visible = distance <= front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * spacing
-    sums = torch.zeros((size, 4), device=positions.device)
-    batch_of, point_of = visible.nonzero(as_tuple=True)
-    values = torch.cat((colors[point_of], torch.ones_like(colors[point_of][:, :1])), dim=-1)
-    sums.index_add_(0, cell[batch_of, point_of], values)
-    color, valid = _compose_color(sums, offsets, batch, height, width)
-    point = torch.full((batch * height * width,), -1, dtype=torch.int64, device=positions.device)
-    # The highest number wins: arbitrary, but the same on every device and in every run.
-    point.scatter_reduce_(0, pixel[batch_of, point_of], point_of, "amax")
-    return SyntheticViews(color, depth, valid, point.view(batch, height, width), visible)
+    return (view * height + row) * width + column
 
 
 def _cells_of(
-    u: Tensor, v: Tensor, distance: Tensor, spacing: float, batch: int, height: int, width: int, levels: int
+    u: Tensor,
+    v: Tensor,
+    distance: Tensor,
+    spacing: Tensor,
+    view: Tensor,
+    batch: int,
+    height: int,
+    width: int,
+    levels: int,
 ) -> tuple[Tensor, list[int], int]:
-    """Return the flat cell (B, N) of each point at the level of its footprint, where each level starts, and the total size."""
+    """Return the flat cell (M,) of each point at the level of its footprint, where each level starts, and the total size."""
     footprint = _FOOTPRINT * spacing / distance.clamp_min(1e-6) * (height / math.pi)
-    level = torch.log2(footprint.clamp_min(1.0)).ceil_().clamp_(0, levels - 1).long()
-    heights = [height >> k for k in range(levels)]
-    widths = [width >> k for k in range(levels)]
+    # A footprint of exactly one pixel belongs to the finest level in spite of rounding.
+    level = torch.log2(footprint.clamp_min(1.0) * 0.999).ceil_().clamp_(0, levels - 1).long()
     offsets, size = [], 0
-    for h, w in zip(heights, widths, strict=True):
+    for k in range(levels):
         offsets.append(size)
-        size += batch * h * w
-    rows = torch.tensor(heights, device=u.device)[level]
-    columns = torch.tensor(widths, device=u.device)[level]
-    row = torch.minimum((v * (rows / height)).long(), rows - 1).clamp_min_(0)
-    column = torch.minimum((u * (columns / width)).long(), columns - 1).clamp_min_(0)
+        size += batch * (height >> k) * (width >> k)
+    rows, columns = height >> level, width >> level
+    scale = torch.pow(0.5, level.to(u.dtype))
+    row = torch.minimum((v * scale).long(), rows - 1).clamp_min_(0)
+    column = torch.minimum((u * scale).long(), columns - 1).clamp_min_(0)
     start = torch.tensor(offsets, device=u.device)[level]
-    index = torch.arange(batch, device=u.device)[:, None]
-    return start + (index * rows + row) * columns + column, offsets, size
+    return start + (view * rows + row) * columns + column, offsets, size
 
 
 def _compose_depth(nearest: Tensor, offsets: list[int], batch: int, height: int, width: int) -> Tensor:
