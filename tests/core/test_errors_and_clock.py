@@ -1,0 +1,62 @@
+"""The exception tree is the one that its module draws; stages are timed and stop at the deadline."""
+
+import time
+
+import pytest
+import torch
+
+from core import errors
+from core.errors import CoreError, DeadlineExceededError
+from core.stage_clock import StageClock
+
+
+def drawn_tree() -> dict[str, str]:
+    """Return the parent of every class in the drawing of the module's docstring."""
+    assert errors.__doc__
+    parents: dict[str, str] = {}
+    path: list[tuple[int, str]] = []
+    for line in errors.__doc__.splitlines():
+        words = line.replace("├──", "   ").replace("└──", "   ").replace("│", " ")
+        name = words.split()[0] if words.split() else ""
+        if not name.endswith("Error"):
+            continue
+        depth = words.index(name)
+        path = [entry for entry in path if entry[0] < depth]
+        parents[name] = path[-1][1] if path else "Exception"
+        path.append((depth, name))
+    return parents
+
+
+def test_every_error_stands_in_the_drawing_with_its_parent() -> None:
+    classes = {name: cls for name, cls in vars(errors).items() if isinstance(cls, type)}
+    assert {name: cls.__bases__[0].__name__ for name, cls in classes.items()} == drawn_tree()
+
+
+def test_every_error_is_an_error_of_core() -> None:
+    assert all(issubclass(cls, CoreError) for cls in vars(errors).values() if isinstance(cls, type))
+
+
+def test_a_stage_used_twice_adds_up() -> None:
+    clock = StageClock(None, torch.device("cpu"))
+    for _ in range(2):
+        with clock.stage("refine"):
+            time.sleep(0.01)
+    assert 0.02 <= clock.timings_s["refine"] < 2
+
+
+def test_a_stage_is_timed_also_when_it_fails() -> None:
+    clock = StageClock(None, torch.device("cpu"))
+    with pytest.raises(ValueError), clock.stage("search"):
+        raise ValueError
+    assert "search" in clock.timings_s
+
+
+def test_no_stage_starts_after_the_deadline() -> None:
+    clock = StageClock(0.005, torch.device("cpu"))
+    time.sleep(0.01)
+    with pytest.raises(DeadlineExceededError, match="no pose within"), clock.stage("search"):
+        pytest.fail("the stage ran")
+
+
+def test_without_a_timeout_there_is_no_deadline() -> None:
+    StageClock(None, torch.device("cpu")).check()
