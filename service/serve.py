@@ -9,6 +9,7 @@ import uvicorn
 
 from service.admission import Admission
 from service.app import create_app
+from service.cache import Cache
 from service.draining_server import DrainingServer
 from service.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from service.lifeline import Lifeline
@@ -18,6 +19,7 @@ from service.ray_pool import RayPool
 from service.ray_serving import RayServing
 from service.run_folder import DataFolderInUseError, RunFolder
 from service.settings import Settings
+from service.storage import open_storage
 from service.worker_plan import WorkerPlan
 from service.worker_settings import WorkerSettings
 
@@ -71,8 +73,9 @@ def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitSt
 def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> None:
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url, folder, lifeline)
+    cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
     config = uvicorn.Config(
-        create_app(settings, pool),
+        create_app(settings, pool, cache, open_storage(settings.storage_url)),
         host=settings.host,
         port=settings.port,
         log_config=None,
