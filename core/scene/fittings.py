@@ -63,7 +63,7 @@ def bathtub(rng: Rng, style: Style) -> Item:
         (0.05 - w / 2, d / 2, 0.1, d),
     ):
         parts += box((a, b, 0.02), white, (x, y, h))
-    parts.append(quad((-w / 2, 0.0, 0.22), (w, 0, 0), (0, d, 0), plain((0.82, 0.84, 0.86))))
+    parts.append(quad((-w / 2, 0.0, h - 0.01), (w, 0, 0), (0, d, 0), plain((0.82, 0.84, 0.86))))
     size = (w, 1.4)
     wall = patterns.tiles(rng, (0.90, 0.91, 0.90), pick(rng, style.accents), size, 0.14, "mosaic")
     parts.append(quad((w / 2, 0.004, h), (-w, 0, 0), (0, 0, size[1]), wall))

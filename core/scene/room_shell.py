@@ -13,6 +13,8 @@ from core.scene.solids import Part, quad
 from core.scene.style import Style, floor_texture, pick, wall_texture
 from core.scene.texture import Texture, plain
 
+_CASING_M = 0.01
+
 
 @dataclass(frozen=True)
 class Opening:
@@ -120,7 +122,13 @@ def _fill_opening(rng: Rng, style: Style, room: Room, hole: Opening, name: str) 
     corner = start + hole.start_m * along + [0, 0, hole.sill_m]
     across, up = hole.width_m * along, np.array([0, 0, hole.top_m - hole.sill_m])
     back = -hole.depth_m * inward
-    jamb = _jamb(corner, across, up, back, plain((0.90, 0.89, 0.87))) if hole.depth_m > 0 else []
+    # The lining of a doorway reaches out to its casings, on one side for a door and on both for a passage.
+    near = 0.0 if hole.kind == "window" else _CASING_M
+    lining = back - (near + (_CASING_M if hole.kind == "passage" else 0.0)) * inward
+    edge = corner + near * inward
+    paint = plain((0.90, 0.89, 0.87))
+    sill = quad(corner, across, back, paint)
+    jamb = [sill, *_jamb(edge, across, up, lining, paint)] if hole.depth_m > 0 else []
     size = (hole.width_m, hole.top_m - hole.sill_m)
     if hole.kind == "passage":
         return [
@@ -144,9 +152,8 @@ def _jamb(
     back: NDArray[np.float64],
     paint: Texture,
 ) -> list[Part]:
-    """Return the four inner sides of a hole, facing into it."""
+    """Return the two sides and the upper side of a hole, facing into it."""
     return [
-        quad(corner, across, back, paint),
         quad(corner + up + back, across, -back, paint),
         quad(corner, back, up, paint),
         quad(corner + across + back, -back, up, paint),
@@ -161,7 +168,7 @@ def _casing(
     paint: Texture,
 ) -> list[Part]:
     """Return a flat frame around a hole on the room's side of the wall."""
-    lift, wide = 0.01 * inward, 0.07
+    lift, wide = _CASING_M * inward, 0.07
     up = np.array([0.0, 0, 1])
     return [
         quad(corner + lift - wide * along, wide * along, up * size[1], paint),

@@ -65,6 +65,20 @@ def test_flats_have_four_to_six_rooms_joined_by_open_doorways(flat: Scene) -> No
     assert len(set(joined)) == 1
 
 
+@pytest.mark.parametrize("kind", ["room", "bare", "flat"])
+def test_rooms_have_no_holes_to_the_outside(kind: str) -> None:
+    scene = build_scene(SceneSpec(kind, 6))  # type: ignore[arg-type]
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(200_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for _ in range(4):
+        hits = scene.surface.cast(sample_pose(scene, rng).position, directions)
+        assert hits.found.all()
+        # Nobody looks at the back of a wall either: surfaces are seen from outside their solids.
+        from_behind = (scene.surface.normals[hits.triangle] * directions).sum(1) > 1e-3
+        assert from_behind.mean() < 0.01
+
+
 def test_a_bare_room_holds_little() -> None:
     counts = [
         sum(t.item is not None and t.movable for t in build_scene(SceneSpec("bare", s)).objects) for s in range(6)
