@@ -56,9 +56,10 @@ def check_scan_file(path: Path, max_points: int) -> None:
     """
     with path.open("rb") as stream:
         head = stream.read(_PLY_HEADER_BYTES)
-    header, end, _ = head.partition(b"end_header")
-    if not header.startswith(b"ply") or not end:
+    end = re.search(rb"^end_header\r?\n", head, re.MULTILINE)
+    if not head.startswith(b"ply") or end is None:
         return
+    header = head[: end.start()]
     text = header.decode("ascii", errors="replace")
     declared = re.search(r"^element +vertex +(\d{1,18})\s*$", text, re.MULTILINE)
     if declared is None:
@@ -70,7 +71,7 @@ def check_scan_file(path: Path, max_points: int) -> None:
             "thin the scan before uploading it"
         )
     stride = _binary_vertex_bytes(text)
-    found = path.stat().st_size - len(header) - len(end)
+    found = path.stat().st_size - end.end()
     if stride is not None and found < num_points * stride:
         raise DamagedScanError(
             f"expected {num_points:,} points of {stride} bytes by the file's header, got {found:,} bytes, which is "

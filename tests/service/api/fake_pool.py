@@ -2,7 +2,6 @@
 
 import asyncio
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -33,22 +32,23 @@ def answer_body() -> dict[str, Any]:
 
 @dataclass
 class FakePool:
-    """`fail_localize` and `fail_register` are raised, in turn; a closed gate holds work back."""
+    """`fail_localize` and `fail_register` are raised, in turn; closed gates hold work back."""
 
     worker_cache: WorkerCache
     is_ready: bool = True
     fail_localize: list[Exception] = field(default_factory=list)
     fail_register: list[Exception] = field(default_factory=list)
-    gate: asyncio.Event = field(default_factory=asyncio.Event)
+    register_gate: asyncio.Event = field(default_factory=asyncio.Event)
+    localize_gate: asyncio.Event = field(default_factory=asyncio.Event)
     jobs: list[LocalizeJob] = field(default_factory=list)
     registrations: list[RegisterJob] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
-    on_localize: Callable[[LocalizeJob], None] = lambda job: None
     started: bool = False
     stopped: bool = False
 
     def __post_init__(self) -> None:
-        self.gate.set()
+        self.register_gate.set()
+        self.localize_gate.set()
 
     async def start(self) -> None:
         self.started = True
@@ -58,8 +58,7 @@ class FakePool:
 
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         self.jobs.append(job)
-        self.on_localize(job)
-        await self._pass_gate("localize")
+        await self._pass(self.localize_gate, "localize")
         if self.fail_localize:
             raise self.fail_localize.pop(0)
         body = {**answer_body(), "map_id": job.maps[0].id, "map_revision": job.maps[0].revision}
@@ -68,7 +67,7 @@ class FakePool:
     async def register(self, job: RegisterJob) -> RegisterOutcome:
         self.registrations.append(job)
         await asyncio.to_thread(self.worker_cache.report_progress, job.map, "indexing", "rendering starts", 0.4)
-        await self._pass_gate("register")
+        await self._pass(self.register_gate, "register")
         if self.fail_register:
             raise self.fail_register.pop(0)
         await asyncio.to_thread(self.worker_cache.put_index, job.map, INDEX_DIGEST, b"index")
@@ -80,9 +79,9 @@ class FakePool:
         state = PoolState(ready=True, waiting_for=None, num_workers=1, resident_bytes=17, index_loads={"redis": 2})
         return state if self.is_ready else replace(state, ready=False, waiting_for="workers", num_workers=0)
 
-    async def _pass_gate(self, what: str) -> None:
+    async def _pass(self, gate: asyncio.Event, what: str) -> None:
         try:
-            await self.gate.wait()
+            await gate.wait()
         except asyncio.CancelledError:
             self.ended.append(what)
             raise

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.anyio
 
 
 async def test_an_upload_is_answered_with_the_map_and_where_to_poll(running: RunningService) -> None:
-    running.pool.gate.clear()
+    running.pool.register_gate.clear()
     options = {"name": "3rd floor", "tags": ["a", "a", "b"], "unit": "mm", "starts": {"method": "grid"}}
     reply = await running.upload(options=json.dumps(options))
     body = reply.json()
@@ -44,11 +44,11 @@ async def test_the_worker_gets_the_scan_as_it_came_and_every_option(running: Run
 
 
 async def test_progress_moves_while_a_worker_is_at_it(running: RunningService) -> None:
-    running.pool.gate.clear()
+    running.pool.register_gate.clear()
     map_id = (await running.upload()).json()["id"]
     body = await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
     assert (body["stage"], body["progress"], body["stats"]) == ("rendering starts", 0.4, None)
-    running.pool.gate.set()
+    running.pool.register_gate.set()
     body = await running.settled(map_id)
     assert (body["status"], body["progress"], body["serving_revision"]) == ("ready", 1.0, 1)
     assert body["stats"]["num_starts"] == 412
@@ -123,7 +123,7 @@ async def test_patch_names_the_field_that_is_wrong(running: RunningService, chan
 
 async def test_a_new_scan_is_built_while_the_old_one_serves(running: RunningService) -> None:
     map_id = await running.ready_map('{"unit": "cm"}')
-    running.pool.gate.clear()
+    running.pool.register_gate.clear()
     reply = await running.client.put(
         f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)}, data={"options": '{"up_axis": "y"}'}
     )
@@ -132,7 +132,7 @@ async def test_a_new_scan_is_built_while_the_old_one_serves(running: RunningServ
     assert (body["revision"], body["serving_revision"]) == (2, 1)
     assert body["stats"] is not None
     assert (await running.client.get(f"/maps/{map_id}/preview.png")).status_code == 200
-    running.pool.gate.set()
+    running.pool.register_gate.set()
     body = await running.settled(map_id)
     assert (body["revision"], body["serving_revision"]) == (2, 2)
     assert running.pool.registrations[1].options["unit"] == "cm"
@@ -172,7 +172,7 @@ async def test_deleting_a_map_leaves_nothing_of_it(running: RunningService, redi
 
 
 async def test_deleting_a_map_ends_its_registration(running: RunningService) -> None:
-    running.pool.gate.clear()
+    running.pool.register_gate.clear()
     map_id = (await running.upload()).json()["id"]
     await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
     assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
@@ -204,7 +204,7 @@ async def test_points_come_as_ply_unless_json_is_asked_for(running: RunningServi
 
 @pytest.mark.parametrize("name", ["preview.png", "points", "starts"])
 async def test_what_viewers_show_is_not_there_before_the_map_is_ready(running: RunningService, name: str) -> None:
-    running.pool.gate.clear()
+    running.pool.register_gate.clear()
     map_id = (await running.upload()).json()["id"]
     reply = await running.client.get(f"/maps/{map_id}/{name}")
     assert reply.status_code == 409

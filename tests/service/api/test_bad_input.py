@@ -1,0 +1,214 @@
+"""What callers get for input that is wrong: a status, a message that helps, and the next good request answered."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.service.api.fake_pool import ply_of
+from tests.service.api.running_service import SCAN, RunningService, png_of, running_service
+
+pytestmark = pytest.mark.anyio
+
+JPEG_WITHOUT_SIZE = b"\xff\xd8\xff\xe0\x00\x10JFIF"
+
+
+@pytest.mark.parametrize(
+    ("scan", "name", "status", "says"),
+    [
+        (b"", "a.ply", 422, "empty"),
+        (SCAN[:-1], "a.ply", 422, "cut off"),
+        (ply_of([(0, 0, 0)] * 100)[:700], "a.ply", 422, "100 points"),
+        (png_of(8, 4), "a.ply", 415, "a PNG image"),
+        (b"PK\x03\x04 zip", "a.ply", 415, "unpacked"),
+        (b"hello, this is no point cloud\n", "a.ply", 415, "does not begin like one"),
+        (bytes(range(256)) * 40, "a.xyz", 415, "unknown binary data"),
+        (b"ply\nformat ascii 1.0\nelement vertex 999999999\nend_header\n", "a.ply", 413, "PANOLOC_MAX_POINTS"),
+    ],
+)
+async def test_a_scan_that_is_none_is_refused_at_the_upload(
+    running: RunningService, scan: bytes, name: str, status: int, says: str
+) -> None:
+    reply = await running.upload(scan, name)
+    problem = reply.json()
+    assert (reply.status_code, problem["status"]) == (status, status)
+    assert reply.headers["content-type"] == "application/problem+json"
+    assert says in problem["detail"]
+    assert problem["detail"].startswith("expected")
+    assert problem["request_id"] == reply.headers["x-request-id"]
+    assert running.storage.names("maps") == []
+    assert running.storage.names("uploads") == []
+    await running.ready_map()
+
+
+@pytest.mark.parametrize(
+    ("head", "name"),
+    [
+        (b"# .PCD v0.7\nVERSION .7\nFIELDS x y z rgb\n", "a.pcd"),
+        (b"VERSION 0.7\nFIELDS x y z\n", "a.pcd"),
+        (b"LASF" + bytes(100), "a.laz"),
+        (b"ASTM-E57" + bytes(100), "scan"),
+        (b"1.0 2.0 3.0 255 255 255\n" * 500, "a.xyz"),
+        (b"1.0,2.0,3.0\n", "points"),
+        (b"ply\r\nformat ascii 1.0\r\n", "a.txt"),
+    ],
+)
+async def test_a_scan_that_may_be_one_goes_to_a_worker(running: RunningService, head: bytes, name: str) -> None:
+    assert (await running.upload(head, name)).status_code == 202
+
+
+@pytest.mark.parametrize(
+    ("image", "status", "says"),
+    [
+        (b"", 415, "empty file"),
+        (b"this is text", 415, "text"),
+        (b"GIF89a........", 415, "JPEG, PNG or WebP"),
+        (JPEG_WITHOUT_SIZE, 415, "ends within its header"),
+        (png_of(40_000, 20_000), 413, "40,000 x 20,000"),
+    ],
+)
+async def test_an_image_that_is_none_never_reaches_a_worker(
+    running: RunningService, image: bytes, status: int, says: str
+) -> None:
+    map_id = await running.ready_map()
+    reply = await running.localize(map_id, image)
+    assert reply.status_code == status
+    assert says in reply.json()["detail"]
+    assert running.pool.jobs == []
+    assert (await running.localize(map_id)).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ('{"method": "slow"}', "method"),
+        ('{"frame": "ros2"}', "frame"),
+        ('{"top_k": 0}', "top_k"),
+        ('{"timeout_s": -1}', "timeout_s"),
+        ('{"timeout_s": 1e9}', "timeout_s"),
+        ('{"timeout_s": NaN}', "timeout_s"),
+        ('{"artifacts": ["all"]}', "artifacts.0"),
+        ('{"hint": {}}', "hint"),
+        ('{"hints": {"position_m": [1, 2]}}', "hints.position_m"),
+        ('{"hints": {"position_m": [1, 2, "x"]}}', "hints.position_m.2"),
+        ('{"hints": {"radius_m": 5}}', "hints"),
+        ('{"hints": {"position_m": [1, 2, 3], "radius_m": 0}}', "hints.radius_m"),
+        ('{"hints": {"region": {"min": [0, 0, 0], "max": [1, 0, 1]}}}', "hints.region"),
+        ('{"hints": {"heading_tolerance_deg": 5}}', "hints"),
+        ('{"hints": {"heading_deg": 5, "heading_tolerance_deg": 0}}', "hints.heading_tolerance_deg"),
+        ('{"hints": {"max_tilt_deg": 181}}', "hints.max_tilt_deg"),
+        ("[]", "options"),
+    ],
+)
+async def test_an_option_out_of_range_is_named(running: RunningService, options: str, field: str) -> None:
+    reply = await running.localize(await running.ready_map(), options=options)
+    problem = reply.json()
+    assert (reply.status_code, problem["type"]) == (422, "/problems/invalid-options")
+    assert problem["fields"][0]["field"] == field
+    assert field in problem["detail"]
+    assert ", got " in problem["detail"]
+
+
+@pytest.mark.parametrize("options", ["{", "nonsense", "[" * 5000])
+async def test_options_that_are_no_json_are_malformed(running: RunningService, options: str) -> None:
+    reply = await running.localize(await running.ready_map(), options=options)
+    assert reply.status_code == 400
+    assert reply.json()["detail"].startswith("options: expected JSON")
+
+
+@pytest.mark.parametrize("data", [{}, {"map_id": "map_1", "tag": "x"}])
+async def test_maps_are_named_by_id_or_by_tag(running: RunningService, data: dict[str, str]) -> None:
+    reply = await running.client.post("/localize", data=data, files={"image": ("a.png", png_of(8, 4))})
+    assert reply.status_code == 422
+    assert "either map_id (repeatable) or tag" in reply.json()["detail"]
+
+
+async def test_parts_that_nobody_knows_are_named(running: RunningService) -> None:
+    files = {"image": ("a.png", png_of(8, 4)), "map_ids": (None, "map_1")}
+    reply = await running.client.post("/localize", files=files)
+    assert reply.status_code == 422
+    assert "'map_ids'" in reply.json()["detail"]
+
+
+async def test_a_part_that_is_missing_is_named(running: RunningService) -> None:
+    reply = await running.client.post("/localize", files={"map_id": (None, await running.ready_map())})
+    assert reply.json()["fields"][0]["field"] == "image"
+    reply = await running.client.post("/maps", files={"options": (None, "{}")})
+    assert reply.json()["fields"][0]["field"] == "file"
+
+
+async def test_a_part_that_comes_twice_is_refused(running: RunningService) -> None:
+    files = [("file", ("a.ply", SCAN)), ("file", ("b.ply", SCAN))]
+    assert (await running.client.post("/maps", files=files)).status_code == 422
+    assert running.storage.names("uploads") == []
+
+
+@pytest.mark.parametrize(
+    ("headers", "body"),
+    [
+        ({}, b"{}"),
+        ({"content-type": "application/json"}, b"{}"),
+        ({"content-type": "multipart/form-data"}, b"--x--"),
+        ({"content-type": "multipart/form-data; boundary=x"}, b""),
+        ({"content-type": "multipart/form-data; boundary=x"}, b"nonsense"),
+        (
+            {"content-type": "multipart/form-data; boundary=x"},
+            b'--x\r\nContent-Disposition: form-data; name="options"\r\n\r\n{',
+        ),
+    ],
+)
+@pytest.mark.parametrize("path", ["/maps", "/localize"])
+async def test_a_body_that_is_no_form_is_malformed(
+    running: RunningService, path: str, headers: dict[str, str], body: bytes
+) -> None:
+    reply = await running.client.post(path, headers=headers, content=body)
+    assert reply.status_code == 400
+    assert reply.json()["type"] == "/problems/malformed-request"
+    assert running.storage.names("uploads") == []
+
+
+@pytest.mark.parametrize(
+    "path", ["/maps/map_none", "/maps/..%2f..%2fetc", "/maps/map_none/points", "/localizations/loc_none", "/nowhere"]
+)
+async def test_what_is_not_there_is_a_404_problem(running: RunningService, path: str) -> None:
+    reply = await running.client.get(path)
+    assert reply.status_code == 404
+    assert reply.headers["content-type"] == "application/problem+json"
+
+
+async def test_a_wrong_method_names_the_right_ones(running: RunningService) -> None:
+    reply = await running.client.put("/maps")
+    assert reply.status_code == 405
+    assert reply.json()["type"] == "/problems/method-not-allowed"
+    assert reply.headers["allow"]
+
+
+@pytest.mark.parametrize(
+    "query", [{"limit": "0"}, {"limit": "201"}, {"limit": "x"}, {"cursor": "!"}, {"cursor": "e30"}]
+)
+async def test_a_page_that_cannot_be_is_refused(running: RunningService, query: dict[str, str]) -> None:
+    reply = await running.client.get("/maps", params=query)
+    assert reply.status_code == 422
+    assert reply.json()["fields"][0]["field"] == next(iter(query))
+
+
+async def test_an_upload_over_the_limit_is_not_read_to_its_end(
+    tmp_path: Path, redis_server: object, running: RunningService
+) -> None:
+    read = 0
+
+    async def endless() -> object:  # type: ignore[misc]
+        nonlocal read
+        yield b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xyz"\r\n\r\n'
+        while True:
+            read += 1
+            yield b"1 2 3 4 5 6\n" * 1000
+
+    async with running_service(tmp_path / "small", redis_server.url, max_upload_bytes=100_000) as small:  # type: ignore[attr-defined]
+        headers = {"content-type": "multipart/form-data; boundary=x"}
+        reply = await small.client.post("/maps", headers=headers, content=endless())
+        assert reply.status_code == 413
+        assert "100,000 bytes (PANOLOC_MAX_UPLOAD_BYTES)" in reply.json()["detail"]
+        assert read < 20
+        assert small.storage.names("uploads") == []
+        declared = {**headers, "content-length": "999999999"}
+        assert (await small.client.post("/maps", headers=declared, content=endless())).status_code == 413

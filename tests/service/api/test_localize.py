@@ -1,0 +1,225 @@
+"""Queries over HTTP: answers, pictures, answers fetched later, and what is refused."""
+
+import asyncio
+import json
+import time
+
+import pytest
+import redis
+
+from service.errors import DeadlineError, QueueFullError, WorkerError
+from service.schemas import Localization, PendingLocalization
+from tests.service.api.fake_pool import PNG, no_worker
+from tests.service.api.running_service import SCAN, RunningService, png_of
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_the_answer_bears_id_links_and_the_time_that_the_caller_waited(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    body = (await running.localize(map_id, options='{"artifacts": ["overlay", "score_map_2d"]}')).json()
+    Localization.model_validate(body)
+    assert body["map_id"] == map_id
+    assert body["artifacts"] == {
+        "score_map_2d": f"/localizations/{body['id']}/score-map-2d.png",
+        "overlay": f"/localizations/{body['id']}/overlay.png",
+    }
+    assert {"queue", "decode", "search", "total"} == body["timings_s"].keys()
+    assert body["timings_s"]["total"] >= body["timings_s"]["queue"] >= 0
+
+
+async def test_answer_and_pictures_can_be_fetched_for_a_while(
+    running: RunningService, redis_client: "redis.Redis"
+) -> None:
+    body = (await running.localize(await running.ready_map(), options='{"artifacts": ["overlay"]}')).json()
+    assert (await running.client.get(f"/localizations/{body['id']}")).json() == body
+    picture = await running.client.get(body["artifacts"]["overlay"])
+    assert (picture.content, picture.headers["content-type"]) == (PNG + b"overlay", "image/png")
+    lifetimes = [redis_client.ttl(key) for key in redis_client.keys("*") if body["id"] in key]
+    assert len(lifetimes) == 2
+    assert all(0 < lifetime <= 3600 for lifetime in lifetimes)
+
+
+async def test_a_picture_that_was_not_asked_for_is_not_there(running: RunningService) -> None:
+    body = (await running.localize(await running.ready_map())).json()
+    reply = await running.client.get(f"/localizations/{body['id']}/score-map-3d.png")
+    assert reply.status_code == 404
+    assert "artifacts" in reply.json()["detail"]
+    assert (await running.client.get("/localizations/loc_none/overlay.png")).status_code == 404
+
+
+async def test_the_worker_gets_every_option_and_a_deadline(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    await running.localize(
+        map_id, options='{"hints": {"heading_deg": 90}, "timeout_s": 7}', headers={"X-Request-ID": "abc"}
+    )
+    (job,) = running.pool.jobs
+    assert job.request_id == "abc"
+    assert (job.maps[0].id, job.maps[0].revision) == (map_id, 1)
+    assert job.options["frame"] == "ros"
+    assert job.options["hints"]["heading_deg"] == 90
+    assert job.options["hints"]["radius_m"] is None
+    assert 0 < job.deadline_unix_s - time.time() <= 7
+
+
+async def test_panorama_and_mask_reach_the_worker_as_they_came(running: RunningService) -> None:
+    panorama, mask = png_of(16, 8), png_of(16, 8)
+    await running.localize(await running.ready_map(), panorama, files={"mask": ("mask.png", mask)})
+    assert (running.pool.jobs[0].panorama, running.pool.jobs[0].mask) == (panorama, mask)
+
+
+async def test_images_are_kept_only_when_the_operator_says_so(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    await running.localize(map_id)
+    assert running.storage.names("panoramas") == []
+    localizations = running.app.state.services.localizations
+    localizations._settings = localizations._settings.model_copy(update={"keep_images": True})
+    body = (await running.localize(map_id)).json()
+    assert running.storage.names("panoramas") == [f"{body['id']}.png"]
+
+
+async def test_several_maps_are_searched_each_once(running: RunningService) -> None:
+    first, second = await running.ready_map(), await running.ready_map()
+    files = [("map_id", (None, map_id)) for map_id in (first, second, first)]
+    reply = await running.client.post("/localize", files=[*files, ("image", ("a.png", png_of(8, 4)))])
+    assert reply.status_code == 200
+    assert [ref.id for ref in running.pool.jobs[0].maps] == [first, second]
+
+
+async def test_a_tag_names_the_maps_that_are_ready_and_the_others_are_mentioned(running: RunningService) -> None:
+    ready = await running.ready_map('{"tags": ["b7"]}')
+    running.pool.fail_register = [WorkerError("ScanContentError", "no colour")]
+    failed = (await running.upload(options='{"tags": ["b7"]}')).json()["id"]
+    await running.settled(failed)
+    body = (await running.localize(None, tag="b7")).json()
+    assert [ref.id for ref in running.pool.jobs[0].maps] == [ready]
+    assert any(failed in warning for warning in body["warnings"])
+    assert (await running.localize(None, tag="nobody")).status_code == 404
+
+
+async def test_a_map_that_is_not_ready_is_409_with_a_time_to_come_back(running: RunningService) -> None:
+    running.pool.register_gate.clear()
+    map_id = (await running.upload()).json()["id"]
+    reply = await running.localize(map_id)
+    assert (reply.status_code, reply.json()["type"]) == (409, "/problems/map-not-ready")
+    assert int(reply.headers["retry-after"]) >= 1
+
+
+async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningService) -> None:
+    running.pool.fail_register = [WorkerError("ScanContentError", "expected colours, got none")]
+    map_id = (await running.upload()).json()["id"]
+    await running.settled(map_id)
+    reply = await running.localize(map_id)
+    assert (reply.status_code, reply.json()["type"]) == (409, "/problems/map-failed")
+    assert "expected colours" in reply.json()["detail"]
+    assert "retry-after" not in reply.headers
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (WorkerError("PanoramaShapeError", "expected 2:1, got 3:2; crop it"), 422),
+        (WorkerError("PanoramaDamagedError", "expected a whole image, got half; send it again"), 422),
+        (WorkerError("PanoramaTooLargeError", "expected fewer pixels, got more; scale it"), 413),
+        (WorkerError("PanoramaFormatError", "expected an image, got text; convert it"), 415),
+        (WorkerError("OptionsError", "hints.radius_m: expected more than 0"), 422),
+        (WorkerError("DeadlineExceededError", "expected an answer in time"), 504),
+        (WorkerError("RuntimeError", "expected"), 500),
+        (DeadlineError("expected an answer in time"), 504),
+        (QueueFullError("64 wait", 3), 429),
+        (no_worker(), 503),
+    ],
+)
+async def test_what_the_pool_raises_becomes_its_problem(running: RunningService, error: Exception, status: int) -> None:
+    map_id = await running.ready_map()
+    running.pool.fail_localize = [error]
+    reply = await running.localize(map_id)
+    assert reply.status_code == status
+    assert reply.json()["status"] == status
+    assert ("retry-after" in reply.headers) == (status in (429, 503))
+    assert (await running.localize(map_id)).status_code == 200
+
+
+async def test_a_query_that_finds_its_revision_replaced_is_asked_again(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    asking = asyncio.create_task(running.localize(map_id))
+    while not running.pool.jobs:
+        await asyncio.sleep(0.01)
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
+    running.pool.fail_localize = [WorkerError("StoredFileMissingError", "the scan is gone")]
+    running.pool.localize_gate.set()
+    assert (await asking).json()["map_revision"] == 2
+
+
+async def test_a_caller_who_goes_away_ends_the_work(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    body = (
+        b'--x\r\nContent-Disposition: form-data; name="map_id"\r\n\r\n' + map_id.encode() + b"\r\n"
+        b'--x\r\nContent-Disposition: form-data; name="image"; filename="a.png"\r\n\r\n'
+        + png_of(8, 4)
+        + b"\r\n--x--\r\n"
+    )
+    received = asyncio.Queue[dict[str, object]]()
+    received.put_nowait({"type": "http.request", "body": body, "more_body": False})
+    sent: list[dict[str, object]] = []
+
+    async def send(message: dict[str, object]) -> None:
+        sent.append(message)
+
+    scope = {
+        "type": "http", "asgi": {"version": "3.0"}, "http_version": "1.1", "method": "POST", "path": "/localize",
+        "raw_path": b"/localize", "query_string": b"", "root_path": "", "scheme": "http", "server": ("panoloc", 80),
+        "headers": [(b"content-type", b"multipart/form-data; boundary=x")],
+    }  # fmt: skip
+    asking = asyncio.create_task(running.app(scope, received.get, send))
+    while not running.pool.jobs:
+        await asyncio.sleep(0.01)
+    received.put_nowait({"type": "http.disconnect"})
+    await asking
+    assert running.pool.ended == ["localize"]
+    assert sent[0]["status"] == 499
+
+
+async def test_an_answer_can_be_fetched_later(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    reply = await running.localize(map_id, headers={"Prefer": "wait=5, respond-async"})
+    assert reply.status_code == 202
+    path = reply.headers["location"]
+    PendingLocalization.model_validate(reply.json())
+    body = await running.eventually(path, lambda body: body["status"] == "running")
+    assert "due_unix_s" not in body
+    running.pool.localize_gate.set()
+    body = await running.eventually(path, lambda body: body["status"] not in ("queued", "running"))
+    Localization.model_validate(body)
+    assert path == f"/localizations/{body['id']}"
+
+
+async def test_what_fails_later_says_so_where_the_answer_would_be(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    running.pool.fail_localize = [WorkerError("PanoramaShapeError", "expected 2:1, got 3:2")]
+    reply = await running.localize(map_id, headers={"Prefer": "respond-async"})
+    running.pool.localize_gate.set()
+    body = await running.eventually(reply.headers["location"], lambda body: body["status"] == "failed")
+    assert body["error"]["type"] == "/problems/not-a-panorama"
+    PendingLocalization.model_validate(body)
+
+
+async def test_what_is_refused_at_once_is_refused_before_202(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.fail_localize = [QueueFullError("64 wait", 3)]
+    reply = await running.localize(map_id, headers={"Prefer": "respond-async"})
+    assert (reply.status_code, reply.headers["retry-after"]) == (429, "3")
+
+
+async def test_a_query_that_was_lost_with_the_service_is_said_to_have_failed(
+    running: RunningService, redis_client: "redis.Redis"
+) -> None:
+    state = {"id": "loc_x", "status": "running", "created_at": "2026-01-01T00:00:00Z", "error": None, "due_unix_s": 1.0}
+    redis_client.set("localization:loc_x", json.dumps(state))
+    body = (await running.client.get("/localizations/loc_x")).json()
+    assert (body["status"], body["error"]["status"]) == ("failed", 504)
