@@ -1,0 +1,134 @@
+"""Records in memory and in storage, and the pages made of them."""
+
+import asyncio
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
+from service.map_registry import MapRegistry, decode_cursor, encode_cursor
+from service.pool import MapRef
+from service.records import MapRecord, Revision, key_of, read_record
+from service.storage import FolderStorage
+
+REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", {"unit": "m"})
+
+
+def record(name: str, created_at: str = "2026-01-01T00:00:00.000000Z", tags: tuple[str, ...] = ()) -> MapRecord:
+    return MapRecord(name, name, created_at, created_at, REVISION, tags=list(tags))
+
+
+def loaded(folder: Path, max_maps: int = 100) -> MapRegistry:
+    registry = MapRegistry(FolderStorage(folder), max_maps)
+    asyncio.run(registry.load())
+    return registry
+
+
+@given(st.text(), st.text())
+def test_a_cursor_survives_its_way_through_a_url(created_at: str, map_id: str) -> None:
+    cursor = encode_cursor(created_at, map_id)
+    assert cursor.isascii()
+    assert not set(cursor) & set("+/=&?#% ")
+    assert decode_cursor(cursor) == (created_at, map_id)
+
+
+@given(st.text())
+def test_a_cursor_that_we_did_not_make_is_refused_or_harmless(cursor: str) -> None:
+    try:
+        place = decode_cursor(cursor)
+    except InvalidOptionsError:
+        return
+    assert [type(part) for part in place] == [str, str]
+
+
+@settings(max_examples=50)
+@given(
+    times=st.lists(st.integers(0, 5), max_size=12),
+    limit=st.integers(1, 5),
+    gone=st.sets(st.integers(0, 11)),
+)
+def test_pages_show_every_map_that_stays_once_and_in_order(times: list[int], limit: int, gone: set[int]) -> None:
+    registry = MapRegistry(FolderStorage(Path("unused")), 100)
+    registry._records = {f"map_{n:02}": record(f"map_{n:02}", f"2026-01-0{time + 1}") for n, time in enumerate(times)}
+    expected = [each.id for each in registry.all() if int(each.id[4:]) not in gone]
+    seen, cursor, first = [], None, True
+    while first or cursor is not None:
+        page, cursor = registry.page(None, limit, cursor)
+        assert len(page) <= limit
+        seen += [each.id for each in page]
+        if first:
+            first = False
+            for number in gone:
+                registry._records.pop(f"map_{number:02}", None)
+    assert [map_id for map_id in seen if int(map_id[4:]) not in gone] == expected
+    assert len(seen) == len(set(seen))
+
+
+def test_what_is_written_is_there_after_a_restart(tmp_path: Path) -> None:
+    registry = loaded(tmp_path)
+    asyncio.run(registry.add(record("map_a", tags=("x",))))
+    asyncio.run(registry.change("map_a", lambda each: replace(each, name="ähnlich")))
+    again = loaded(tmp_path)
+    assert again.get("map_a") == registry.get("map_a")
+    assert again.get("map_a").name == "ähnlich"
+    assert again.get("map_a").updated_at > again.get("map_a").created_at
+    assert [each.id for each in again.with_tag("x")] == ["map_a"]
+
+
+def test_a_worker_reads_the_same_record(tmp_path: Path) -> None:
+    asyncio.run(loaded(tmp_path).add(record("map_a")))
+    found = read_record(FolderStorage(tmp_path), "map_a")
+    assert found.revision(1) == REVISION
+    assert found.revision(2) is None
+
+
+def test_a_record_that_was_changed_by_hand_is_left_out_and_the_others_serve(tmp_path: Path) -> None:
+    registry = loaded(tmp_path)
+    for name in ("map_a", "map_b"):
+        asyncio.run(registry.add(record(name)))
+    file = tmp_path / "maps/map_a/map.json"
+    document = json.loads(file.read_text())
+    document["record"]["newest"]["scan_key"] = "maps/map_b/1/scan.ply"
+    file.write_text(json.dumps(document))
+    assert [each.id for each in loaded(tmp_path).all()] == ["map_b"]
+    with pytest.raises(StoredFileDamagedError, match="its digest differs"):
+        read_record(FolderStorage(tmp_path), "map_a")
+
+
+def test_revisions_that_no_record_names_are_removed_at_the_start(tmp_path: Path) -> None:
+    asyncio.run(loaded(tmp_path).add(record("map_a")))
+    storage = FolderStorage(tmp_path)
+    for number in (1, 2):
+        storage.put(key_of(MapRef("map_a", number), "scan.ply"), b"x")
+    loaded(tmp_path)
+    assert storage.names("maps/map_a") == ["1", "map.json"]
+
+
+def test_a_caller_who_goes_away_does_not_part_memory_from_storage(tmp_path: Path) -> None:
+    registry = loaded(tmp_path)
+
+    async def go_away() -> None:
+        adding = asyncio.create_task(registry.add(record("map_a")))
+        await asyncio.sleep(0)
+        adding.cancel()
+        await asyncio.gather(adding, return_exceptions=True)
+        # The next writer waits for the one whose caller is gone.
+        await registry.add(record("map_b"))
+
+    asyncio.run(go_away())
+    assert [each.id for each in registry.all()] == [each.id for each in loaded(tmp_path).all()]
+
+
+def test_no_more_maps_than_allowed(tmp_path: Path) -> None:
+    registry = loaded(tmp_path, max_maps=1)
+    asyncio.run(registry.add(record("map_a")))
+    with pytest.raises(MapLimitError, match="PANOLOC_MAX_MAPS"):
+        asyncio.run(registry.add(record("map_b")))
+    asyncio.run(registry.remove("map_a"))
+    asyncio.run(registry.add(record("map_b")))
+    with pytest.raises(MapNotFoundError):
+        registry.get("map_a")

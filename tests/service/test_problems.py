@@ -1,0 +1,75 @@
+"""Every exception of both trees has its problem, and nothing else does."""
+
+import inspect
+
+import pytest
+
+import core.errors
+import service.errors
+from service.errors import InvalidOptionsError, QueueFullError, WorkerError
+from service.problems import PROBLEMS, error_responses, known_problems, problem_document, problem_of
+
+TREES = {
+    service.errors: service.errors.ServiceError,
+    core.errors: core.errors.CoreError,
+}
+NAMES = [
+    name
+    for module, base in TREES.items()
+    for name, kind in inspect.getmembers(module, inspect.isclass)
+    if issubclass(kind, base)
+]
+
+
+def test_every_exception_has_a_row_and_every_row_an_exception() -> None:
+    assert sorted(PROBLEMS) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("module", TREES, ids=lambda module: module.__name__)
+def test_the_tree_in_the_docstring_names_every_class(module: object) -> None:
+    for name, kind in inspect.getmembers(module, inspect.isclass):
+        if kind.__module__ == module.__name__:  # type: ignore[attr-defined]
+            assert name in (module.__doc__ or ""), name
+
+
+def test_a_slug_means_one_thing() -> None:
+    by_slug: dict[str, set[object]] = {}
+    for problem in PROBLEMS.values():
+        by_slug.setdefault(problem.slug, set()).add(problem)
+    assert all(len(meanings) == 1 for meanings in by_slug.values())
+
+
+@pytest.mark.parametrize("problem", known_problems().values(), ids=lambda problem: problem.slug)
+def test_a_problem_says_what_to_do(problem: object) -> None:
+    assert problem.advice.endswith(".")  # type: ignore[attr-defined]
+    assert 400 <= problem.status <= 599  # type: ignore[attr-defined]
+
+
+def test_an_exception_of_core_is_known_by_its_name() -> None:
+    assert problem_of(WorkerError("PanoramaShapeError", "")).status == 422
+    assert problem_of(WorkerError("SomethingNewError", "")).status == 500
+
+
+def test_a_document_bears_message_and_request_id() -> None:
+    error = InvalidOptionsError("top_k: too large", [{"field": "top_k", "message": "too large"}])
+    assert problem_document(error, "req_1") == {
+        "type": "/problems/invalid-options",
+        "title": "Options are out of their range",
+        "status": 422,
+        "detail": "top_k: too large",
+        "request_id": "req_1",
+        "fields": [{"field": "top_k", "message": "too large"}],
+    }
+
+
+@pytest.mark.parametrize("error", [ValueError("/root/key"), WorkerError("KeyError", "/root/key")])
+def test_what_nobody_expected_is_not_told(error: Exception) -> None:
+    document = problem_document(error, "req_1")
+    assert document["status"] == 500
+    assert "/root/key" not in document["detail"]
+
+
+def test_a_documented_status_shows_each_kind_behind_it() -> None:
+    examples = error_responses(503)[503]["content"]["application/problem+json"]["examples"]
+    assert {"no-worker", "cache-down", "storage-full"} <= examples.keys()
+    assert QueueFullError("full", 7).retry_after_s == 7

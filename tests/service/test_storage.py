@@ -1,0 +1,113 @@
+"""Files survive crashes whole, and damage does not pass unnoticed."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+
+from service.errors import StoredFileDamagedError, StoredFileMissingError
+from service.storage import FolderStorage, open_storage
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> FolderStorage:
+    return FolderStorage(tmp_path)
+
+
+def test_what_is_put_is_read_back(storage: FolderStorage, tmp_path: Path) -> None:
+    storage.put("maps/m/1/preview.png", b"one")
+    storage.put("maps/m/1/preview.png", b"two")
+    assert storage.read("maps/m/1/preview.png") == b"two"
+    assert (tmp_path / "maps/m/1/preview.png.sha256").read_text() == hashlib.sha256(b"two").hexdigest() + "\n"
+    with storage.local_copy("maps/m/1/preview.png") as path:
+        assert path.read_bytes() == b"two"
+
+
+def test_an_upload_is_moved_in_with_its_digest(storage: FolderStorage) -> None:
+    upload = storage.spool_folder() / "upload"
+    upload.write_bytes(b"a scan")
+    storage.adopt("maps/m/1/scan.ply", upload, hashlib.sha256(b"a scan").hexdigest())
+    assert not upload.exists()
+    assert storage.read("maps/m/1/scan.ply") == b"a scan"
+
+
+@pytest.mark.parametrize("way", ["read", "local_copy"])
+def test_a_file_that_was_changed_on_the_disk_is_not_used(storage: FolderStorage, tmp_path: Path, way: str) -> None:
+    storage.put("maps/m/1/scan.ply", b"a scan")
+    (tmp_path / "maps/m/1/scan.ply").write_bytes(b"a scam")
+    with pytest.raises(StoredFileDamagedError, match="expected the SHA-256"):
+        storage.read("maps/m/1/scan.ply") if way == "read" else storage.local_copy("maps/m/1/scan.ply").__enter__()
+
+
+@pytest.mark.parametrize("way", ["read", "local_copy"])
+def test_a_file_that_is_not_there_is_said_to_be_missing(storage: FolderStorage, way: str) -> None:
+    with pytest.raises(StoredFileMissingError, match="maps/none"):
+        storage.read("maps/none") if way == "read" else storage.local_copy("maps/none").__enter__()
+
+
+@pytest.mark.parametrize("moment", ["fsync", "replace"])
+def test_a_crash_while_writing_leaves_the_old_bytes(
+    storage: FolderStorage, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    storage.replace("maps/m/map.json", b"old")
+
+    class PowerCutError(BaseException):
+        pass
+
+    def cut(*_: object, **__: object) -> None:
+        raise PowerCutError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(*((os, "fsync") if moment == "fsync" else (Path, "replace")), cut)
+        # Nothing of ours runs any more once the process is gone.
+        patch.setattr(Path, "unlink", lambda *_, **__: None)
+        with pytest.raises(PowerCutError):
+            storage.replace("maps/m/map.json", b"new")
+    assert storage.read("maps/m/map.json") == b"old"
+    assert storage.names("maps/m") == ["map.json"]
+    storage.tidy()
+    assert [entry.name for entry in storage._path("maps/m").iterdir()] == ["map.json"]
+
+
+def test_bytes_are_on_the_disk_before_their_name_is(storage: FolderStorage, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[str] = []
+    fsync, replace = os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (steps.append("fsync"), fsync(descriptor))[1])
+    monkeypatch.setattr(Path, "replace", lambda self, to: (steps.append("rename"), replace(self, to))[1])
+    storage.replace("map.json", b"data")
+    assert steps == ["fsync", "rename", "fsync"]
+
+
+def test_deleting_takes_everything_below_at_once(storage: FolderStorage, tmp_path: Path) -> None:
+    storage.put("maps/m/1/scan.ply", b"a scan")
+    storage.delete_all("maps/m")
+    storage.delete_all("maps/m")
+    assert storage.names("maps") == []
+    assert list(tmp_path.rglob("scan.ply*")) == []
+
+
+def test_tidying_removes_what_a_crash_left_and_nothing_else(storage: FolderStorage, tmp_path: Path) -> None:
+    storage.put("maps/m/1/scan.ply", b"a scan")
+    (storage.spool_folder() / "half").write_bytes(b"half")
+    (tmp_path / "trash" / "gone").mkdir(parents=True)
+    storage.tidy()
+    assert storage.read("maps/m/1/scan.ply") == b"a scan"
+    assert not (tmp_path / "uploads").exists()
+    assert not (tmp_path / "trash").exists()
+
+
+@pytest.mark.parametrize("key", ["../x", "maps/../../x", "/etc/passwd", "", "a//b", "a/\0", "a\\..\\b", "."])
+def test_a_key_never_leaves_the_folder(storage: FolderStorage, key: str) -> None:
+    with pytest.raises(StoredFileMissingError):
+        storage.read(key)
+    with pytest.raises(StoredFileMissingError):
+        storage.put(key, b"x")
+
+
+def test_a_storage_is_named_by_a_folder_or_a_url(tmp_path: Path) -> None:
+    for url in (str(tmp_path), f"file://{tmp_path}"):
+        open_storage(url).put("key", b"x")
+        assert (tmp_path / "key").read_bytes() == b"x"
+    with pytest.raises(ValueError, match="s3://"):
+        open_storage("s3://bucket")
