@@ -39,6 +39,8 @@ class RefinementConfig:
     start_points: int = 1024  # points per start, spread evenly over the sphere
     coarse_iterations: tuple[int, int] = (12, 8)  # at 32 and 64 rows, points seen from the start
     robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
+    min_residual: float = 0.02  # floor of the robust scale, canonical colours
+    min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
     middle_candidates: int = 8
     middle_height: int = 128
     middle_points: int = 4096

@@ -94,7 +94,9 @@ class FastMethod:
             for coarse, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
                 height = self.config.search.view_height // (2 if coarse else 1)
                 points = points_seen_from_starts(query.maps[number], starts, coarse)
-                group = self._refined(query.canonical_level(number, height, blur=coarse), points, group, iterations)
+                group = self._refined(
+                    query, query.canonical_level(number, height, blur=coarse), points, group, iterations
+                )
             refined += group
         return refined
 
@@ -107,7 +109,7 @@ class FastMethod:
             comparison = self._compare(query, number, cloud, group, height)
             points = points_seen_from_poses(cloud, comparison, sizes.middle_points)
             refined += self._refined(
-                query.canonical_level(number, sizes.middle_height), points, group, sizes.middle_iterations
+                query, query.canonical_level(number, sizes.middle_height), points, group, sizes.middle_iterations
             )
         return refined
 
@@ -130,7 +132,7 @@ class FastMethod:
             ):
                 points = points_seen_from_poses(cloud, comparison, count)
                 level = query.level_for(number, height, comparison.tables)
-                group = self._refined(level, points, group, iterations)
+                group = self._refined(query, level, points, group, iterations)
             final = self._compare(query, number, cloud, group, judge.final_height)
             refined += judged_hypotheses(group, agreement(final, judge.final_height))
             comparisons.append((final, cloud))
@@ -154,10 +156,13 @@ class FastMethod:
         return compare(cloud, level, rotations, positions, height, query.maps[number].labels is not None)
 
     def _refined(
-        self, level: ImageLevel, points: CandidatePoints, group: Sequence[Hypothesis], iterations: int
+        self, query: "_Query", level: ImageLevel, points: CandidatePoints, group: Sequence[Hypothesis], iterations: int
     ) -> list[Hypothesis]:
         rotations, positions = stacked_poses(group)
-        steps = RefinementSteps(iterations, robust_scale=self.config.refinement.robust_scale)
+        sizes = self.config.refinement
+        is_labels = query.maps[group[0].map_number].labels is not None
+        floor = sizes.min_residual_labels if is_labels else sizes.min_residual
+        steps = RefinementSteps(iterations, not is_labels, sizes.robust_scale, floor)
         result = refine(level, points, rotations, positions, steps)
         losses, scales, counts = result.loss.tolist(), result.scale.tolist(), result.num_points.tolist()
         return [

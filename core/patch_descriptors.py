@@ -42,9 +42,10 @@ def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Te
 def principal_basis(roots: Tensor, size: int, sample: int = 20_000) -> Tensor:
     """Return the (bins³, size) orthonormal directions along which centred roots (V, P, bins³) vary most."""
     flat = roots.flatten(0, 1)
-    flat = flat[:: max(1, len(flat) // sample)]
+    # In double precision: bins that no patch uses make the matrix singular, and single precision then returns NaN at times.
+    flat = flat[:: max(1, len(flat) // sample)].double()
     vectors: Tensor = torch.linalg.eigh(flat.T @ flat).eigenvectors
-    return vectors[:, -size:].contiguous()
+    return vectors[:, -size:].float().contiguous()
 
 
 def similarity_tensor(query: Tensor, views: Tensor) -> Tensor:

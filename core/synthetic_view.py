@@ -114,7 +114,9 @@ def visible_points(cloud: RenderCloud, center: Tensor, depth: Tensor) -> Tensor:
     relative = cloud.positions - center
     u, v = project(relative, height, width)
     front = depth.flatten()[_pixel_of(u, v, torch.zeros_like(u, dtype=torch.int64), height, width)]
-    return relative.norm(dim=-1) <= front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * cloud.spacing
+    limit = front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * cloud.spacing
+    visible: Tensor = relative.norm(dim=-1) <= limit
+    return visible
 
 
 def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tuple[Tensor, Tensor, Tensor]:
