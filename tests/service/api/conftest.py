@@ -1,15 +1,25 @@
 """One real Redis for all tests of the API, emptied for each, and an application on it."""
 
+import logging
 import tempfile
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 import redis
+import structlog
 
 from service.embedded_redis import EmbeddedRedis
 from service.lifeline import Lifeline
 from tests.service.api.running_service import RunningService, running_service
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _quiet_logs() -> None:
+    structlog.configure(
+        processors=[structlog.processors.format_exc_info, structlog.processors.JSONRenderer()],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR),
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,144 @@
+"""The OpenAPI document: complete, with examples, and true (schemathesis calls every operation)."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import schemathesis
+import uvicorn
+from hypothesis import HealthCheck, given, settings
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from service.app import create_app
+from service.cache import WorkerCache
+from service.embedded_redis import EmbeddedRedis
+from service.settings import Settings
+from tests.service.api.fake_pool import FakePool
+
+CONTRACT = {
+    "/maps": {"get", "post"},
+    "/maps/{map_id}": {"get", "patch", "delete"},
+    "/maps/{map_id}/scan": {"put"},
+    "/maps/{map_id}/preview.png": {"get"},
+    "/maps/{map_id}/points": {"get"},
+    "/maps/{map_id}/starts": {"get"},
+    "/localize": {"post"},
+    "/localizations/{localization_id}": {"get"},
+    "/localizations/{localization_id}/score-map-2d.png": {"get"},
+    "/localizations/{localization_id}/score-map-3d.png": {"get"},
+    "/localizations/{localization_id}/overlay.png": {"get"},
+    "/health/live": {"get"},
+    "/health/ready": {"get"},
+    "/health": {"get"},
+    "/metrics": {"get"},
+}
+CHECKS = (
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+    response_headers_conformance,
+)
+
+
+def document_of(folder: Path) -> dict[str, Any]:
+    unused = "unix:///tmp/no-redis-here"
+    pool = FakePool(WorkerCache(unused, index_lifetime_s=60))
+    app = create_app(Settings(data_dir=folder, redis_url=unused), pool)
+    return app.openapi()
+
+
+DOCUMENT = document_of(Path("unused"))
+OPERATIONS = [
+    (path, method, operation) for path, methods in DOCUMENT["paths"].items() for method, operation in methods.items()
+]
+NAMES = [f"{method} {path}" for path, method, _ in OPERATIONS]
+
+
+def test_every_call_of_the_contract_is_described() -> None:
+    described = {path: set(methods) for path, methods in DOCUMENT["paths"].items()}
+    assert CONTRACT.items() <= described.items()
+
+
+@pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS, ids=NAMES)
+def test_every_error_is_a_problem_document_with_an_example(path: str, method: str, operation: dict[str, Any]) -> None:
+    for status, response in operation["responses"].items():
+        if int(status) < 400 or path == "/health/ready":
+            continue
+        (media,) = response["content"].items()
+        assert media[0] == "application/problem+json"
+        assert media[1]["schema"] == {"$ref": "#/components/schemas/ProblemDocument"}
+        assert media[1]["examples"]
+        assert response["description"]
+
+
+@pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS, ids=NAMES)
+def test_every_answer_in_json_has_an_example(path: str, method: str, operation: dict[str, Any]) -> None:
+    assert operation["summary"]
+    for status, response in operation["responses"].items():
+        media = response.get("content", {}).get("application/json")
+        if media and int(status) < 300 and path.startswith(("/maps", "/locali")):
+            assert media.get("example") or media.get("examples"), status
+
+
+def test_times_to_come_back_are_documented() -> None:
+    for _, _, operation in OPERATIONS:
+        for status in {"429", "503"} & operation["responses"].keys():
+            assert "Retry-After" in operation["responses"][status]["headers"]
+
+
+def test_every_reference_leads_somewhere() -> None:
+    def references(node: Any) -> Any:
+        if isinstance(node, dict):
+            yield from ([node["$ref"]] if isinstance(node.get("$ref"), str) else [])
+            node = list(node.values())
+        for inner in node if isinstance(node, list) else []:
+            yield from references(inner)
+
+    known = {f"#/components/schemas/{name}" for name in DOCUMENT["components"]["schemas"]}
+    found = set(references(DOCUMENT))
+    assert found <= known
+    assert "#/components/schemas/LocalizeOptions" in found
+
+
+@contextmanager
+def listening(folder: Path, redis_url: str) -> Iterator[str]:
+    """Serve the application on a port of its own, in a thread, and yield its URL."""
+    pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
+    app = create_app(Settings(data_dir=folder, redis_url=redis_url, drain_s=0.1), pool)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    yield f"http://127.0.0.1:{port}"
+    server.should_exit = True
+    thread.join()
+
+
+@pytest.mark.timeout(60)
+def test_the_service_does_what_its_document_says(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+    with listening(tmp_path, redis_server.url) as url:
+        schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
+        for found in schema.get_all_operations():
+            call_with_examples(found.ok())
+
+
+def call_with_examples(operation: Any) -> None:
+    @settings(max_examples=8, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @given(case=operation.as_strategy())
+    def answers_as_documented(case: Any) -> None:
+        case.call_and_validate(checks=CHECKS)
+
+    answers_as_documented()

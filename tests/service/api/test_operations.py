@@ -1,0 +1,213 @@
+"""Health, metrics, request ids, keys, pages for people; Redis that goes away; the service that starts again."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.embedded_redis import EmbeddedRedis
+from service.lifeline import Lifeline
+from service.schemas import Health
+from tests.service.api.running_service import RunningService, running_service
+
+pytestmark = pytest.mark.anyio
+
+ROOT = Path(__file__).parents[3]
+
+
+async def test_live_is_200_whatever_is_missing(running: RunningService) -> None:
+    running.pool.is_ready = False
+    assert (await running.client.get("/health/live")).json() == {"status": "live"}
+
+
+async def test_ready_says_what_it_waits_for(running: RunningService) -> None:
+    reply = await running.client.get("/health/ready")
+    Health.model_validate(reply.json())
+    assert (reply.status_code, reply.json()["waiting_for"]) == (200, [])
+    running.pool.is_ready = False
+    reply = await running.client.get("/health/ready")
+    assert (reply.status_code, reply.json()["waiting_for"]) == (503, ["workers"])
+    assert reply.headers["retry-after"]
+    assert (await running.client.get("/health")).status_code == 200
+
+
+async def test_start_and_stop_of_the_application_are_those_of_the_pool(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    async with running_service(tmp_path, redis_server.url) as running:
+        assert running.pool.started
+        assert not running.pool.stopped
+    assert running.pool.stopped
+
+
+async def test_metrics_count_requests_by_route_and_never_by_path(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    await running.localize(map_id)
+    await running.client.get("/nowhere/" + "x" * 50)
+    await running.client.request("BREW", "/maps")
+    text = (await running.client.get("/metrics")).text
+    assert 'panoloc_http_requests_total{method="POST",route="/localize",status="200"} 1.0' in text
+    assert 'route="/maps/{map_id}"' in text
+    assert 'method="GET",route="unmatched",status="404"' in text
+    assert 'method="other"' in text
+    assert map_id not in text
+    assert "xxxxx" not in text
+
+
+async def test_metrics_tell_of_pool_stages_and_maps(running: RunningService) -> None:
+    await running.localize(await running.ready_map())
+    text = (await running.client.get("/metrics")).text
+    for line in (
+        "panoloc_workers 1.0",
+        "panoloc_queue_depth 0.0",
+        "panoloc_resident_index_bytes 17.0",
+        'panoloc_index_loads_total{source="redis"} 2.0',
+        'panoloc_maps{status="ready"} 1.0',
+        'panoloc_localizations_total{method="fast",result="localized"} 1.0',
+        'panoloc_localization_stage_duration_seconds_count{stage="search"} 1.0',
+        'panoloc_registrations_total{result="ready"} 1.0',
+    ):
+        assert line in text, line
+
+
+async def test_every_metric_has_its_unit_in_its_name(running: RunningService) -> None:
+    text = (await running.client.get("/metrics")).text
+    histograms = re.findall(r"^# TYPE (\w+) histogram", text, re.MULTILINE)
+    assert histograms
+    assert all(name.endswith("_seconds") for name in histograms)
+    counters = re.findall(r"^# TYPE (panoloc_\w+) counter", text, re.MULTILINE)
+    assert all(name.endswith("_total") for name in counters)
+
+
+@pytest.mark.parametrize("given", ["abc-123", "0af7651916cd43dd8448eb211c80319c"])
+async def test_a_request_id_is_taken_over(running: RunningService, given: str) -> None:
+    reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
+    assert reply.headers["x-request-id"] == reply.json()["request_id"] == given
+
+
+@pytest.mark.parametrize("given", ["", "a b", "x" * 129, 'a"b', "a{b}"])
+async def test_a_request_id_that_would_harm_a_log_is_replaced(running: RunningService, given: str) -> None:
+    reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
+    assert re.fullmatch(r"req_[0-9a-f]{16}", reply.headers["x-request-id"])
+
+
+async def test_a_fault_of_the_service_is_a_problem_too(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running.app.state.services, "registry", None)
+    reply = await running.client.get("/maps")
+    assert reply.status_code == 500
+    assert reply.headers["content-type"] == "application/problem+json"
+    assert "NoneType" not in reply.text
+
+
+async def test_keys_are_asked_for_and_scopes_kept(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+    async with running_service(tmp_path, redis_server.url, api_keys="the-writer,the-reader:read") as running:
+        reply = await running.upload()
+        assert (reply.status_code, reply.json()["type"]) == (401, "/problems/key-missing")
+        assert reply.headers["www-authenticate"].startswith("Bearer")
+        running.client.headers["Authorization"] = "Bearer wrong-key"
+        assert (await running.client.get("/maps")).status_code == 401
+        running.client.headers["Authorization"] = "Bearer the-reader"
+        assert (await running.client.get("/maps")).status_code == 200
+        assert (await running.upload()).status_code == 403
+        del running.client.headers["Authorization"]
+        running.client.headers["X-API-Key"] = "the-writer"
+        assert (await running.upload()).status_code == 202
+        running.client.headers.clear()
+        for path in ("/health/live", "/health/ready", "/health", "/metrics", "/openapi.json", "/"):
+            assert (await running.client.get(path)).status_code == 200
+
+
+async def test_people_find_their_maps_and_names_cannot_inject(running: RunningService) -> None:
+    map_id = await running.ready_map('{"name": "<script>alert(1)</script>"}')
+    page = (await running.client.get("/")).text
+    assert f"/maps/{map_id}/preview.png" in page
+    assert "<script>alert" not in page
+    assert 'href="/docs"' in page
+
+
+async def test_the_type_of_a_problem_leads_to_its_meaning(running: RunningService) -> None:
+    problem = (await running.client.get("/maps/none")).json()
+    meaning = (await running.client.get(problem["type"])).json()
+    assert meaning["title"] == problem["title"]
+    assert meaning["advice"]
+    assert (await running.client.get("/problems/none")).status_code == 404
+
+
+@pytest.fixture
+def own_redis() -> Iterator[EmbeddedRedis]:
+    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
+        lifeline = Lifeline()
+        server = EmbeddedRedis(Path(folder), lifeline)
+        server.start()
+        yield server
+        server.stop()
+        lifeline.close()
+
+
+async def test_redis_away_is_503_and_back_is_200_without_a_restart(tmp_path: Path, own_redis: EmbeddedRedis) -> None:
+    async with running_service(tmp_path, own_redis.url) as running:
+        map_id = await running.ready_map()
+        assert own_redis.pid is not None
+        # A stopped process does not come back by itself; one that is gone does.
+        own_redis._stopping.set()
+        os.kill(own_redis.pid, signal.SIGKILL)
+        for reply in (await running.localize(map_id), await running.client.get("/localizations/loc_x")):
+            assert (reply.status_code, reply.json()["type"]) == (503, "/problems/cache-down")
+            assert int(reply.headers["retry-after"]) >= 1
+        assert (await running.client.delete(f"/maps/{map_id}")).status_code == 503
+        assert (await running.client.get("/health/ready")).json()["waiting_for"] == ["Redis"]
+        assert (await running.client.get(f"/maps/{map_id}")).json()["status"] == "ready"
+        waiting = (await running.upload()).json()["id"]
+        assert "Redis" in (await running.client.get(f"/maps/{waiting}")).json()["stage"]
+        own_redis._stopping.clear()
+        own_redis._launch()
+        own_redis._wait_until_it_answers()
+        assert (await running.localize(map_id)).status_code == 200
+        assert (await running.settled(waiting))["status"] == "ready"
+
+
+async def test_an_unfinished_registration_goes_on_after_a_restart(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+    async with running_service(tmp_path, redis_server.url) as running:
+        ready = await running.ready_map()
+        running.pool.register_gate.clear()
+        unfinished = (await running.upload()).json()["id"]
+    async with running_service(tmp_path, redis_server.url) as running:
+        assert (await running.settled(unfinished))["status"] == "ready"
+        assert (await running.settled(ready))["status"] == "ready"
+        assert [job.map.id for job in running.pool.registrations] == [unfinished]
+
+
+async def test_maps_outlive_every_key_of_redis(running: RunningService, redis_client: object) -> None:
+    map_id = await running.ready_map()
+    redis_client.flushall()  # type: ignore[attr-defined]
+    assert (await running.client.get(f"/maps/{map_id}")).json()["status"] == "ready"
+    assert (await running.localize(map_id)).status_code == 200
+
+
+def test_the_application_loads_without_torch_ray_and_open3d() -> None:
+    program = "import sys, service.app; print([name for name in ('torch', 'ray', 'open3d', 'core', 'numpy') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+async def test_a_body_in_pieces_is_read_like_one(running: RunningService) -> None:
+    request = httpx.Request("POST", "http://panoloc/maps", files={"file": ("a.ply", b"ply\nformat ascii 1.0\n")})
+    body = request.read()
+
+    async def in_pieces() -> object:  # type: ignore[misc]
+        for byte in body:
+            yield bytes([byte])
+
+    headers = {"content-type": request.headers["content-type"]}
+    reply = await running.client.post("/maps", headers=headers, content=in_pieces())
+    assert reply.status_code == 202
+    assert running.storage.read(f"maps/{reply.json()['id']}/1/scan.ply") == b"ply\nformat ascii 1.0\n"
