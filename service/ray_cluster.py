@@ -27,6 +27,7 @@ _ENVIRONMENT = {
     # No idle Python process (47 MB each) waits for work: a worker starts when there is work for it.
     "RAY_prestart_worker_first_driver": "0",
     "RAY_enable_worker_prestart": "0",
+    "RAY_num_workers_soft_limit": "0",
     # Nobody looks at Ray's own dashboard: without these, its tables grow with every request.
     "RAY_task_events_report_interval_ms": "0",
     "RAY_enable_metrics_collection": "0",
@@ -57,7 +58,15 @@ class RayCluster:
 
     def connect(self) -> None:
         """Start or join; 3 to 10 s. Raises whatever Ray raises (ConnectionError, RuntimeError, ValueError)."""
+        make_record = logging.getLogRecordFactory()
         ray = _import_ray()
+        try:
+            self._init(ray)
+        finally:
+            # Ray adds a field of its own to every log record of the process.
+            logging.setLogRecordFactory(make_record)
+
+    def _init(self, ray: Any) -> None:
         quiet: dict[str, Any] = {
             "namespace": _NAMESPACE, "log_to_driver": False, "logging_level": logging.ERROR,
             "configure_logging": False, "ignore_reinit_error": True,
@@ -111,8 +120,7 @@ def _import_ray() -> Any:
         os.environ.setdefault(name, value)
     import ray
 
-    for name in ("ray", "ray.serve"):
-        logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("ray").setLevel(logging.ERROR)
     return ray
 
 

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from ray import serve
 
+from service.heap import return_freed_memory
 from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
 from service.worker_plan import WorkerPlan
 from service.worker_reply import WorkerReply
@@ -19,6 +20,8 @@ _REGISTRATION_NICENESS = 10
 # A search checks its deadline often; one that is this late hangs in native code.
 _OVERDUE_S = 60.0
 _MAPS_KNOWN_TO_ROUTER = 1000
+# After this long without a query its memory is given back; while queries come it would only be asked for again.
+_IDLE_S = 1.0
 
 
 class LocalizationReplica:
@@ -28,11 +31,18 @@ class LocalizationReplica:
         self._worker = plan.build_worker()
         self._computing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="compute")
         self._due_unix_s: float | None = None
+        self._num_under_way = 0
 
     async def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         """Answer one query after the ones that came before it."""
         await self._mark_resident(serve.get_multiplexed_model_id())
-        return await asyncio.get_running_loop().run_in_executor(self._computing, self._compute, job)
+        loop = asyncio.get_running_loop()
+        self._num_under_way += 1
+        try:
+            return await loop.run_in_executor(self._computing, self._compute, job)
+        finally:
+            self._num_under_way -= 1
+            loop.call_later(_IDLE_S, self._tidy_when_idle)
 
     def check_health(self) -> None:
         """Raise when the query under way should have ended long ago; Serve then replaces this replica."""
@@ -45,6 +55,10 @@ class LocalizationReplica:
         # Only tells the router where a map was asked for, so that the next query goes there as well. What is held
         # in memory is the worker's own matter, because it counts bytes and Serve counts models.
         return map_id
+
+    def _tidy_when_idle(self) -> None:
+        if not self._num_under_way:
+            self._computing.submit(return_freed_memory)
 
     def _compute(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         self._due_unix_s = job.deadline_unix_s

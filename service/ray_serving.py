@@ -1,6 +1,7 @@
 """The blocking half of the pool: what is asked of Ray, in the one thread that Ray's processes are tied to."""
 
 import hashlib
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -50,6 +51,8 @@ class RayServing:
 
         from service.ray_deployment import LocalizationReplica
 
+        # Its import has given the logger a level and a handler of its own.
+        logging.getLogger("ray.serve").setLevel(logging.ERROR)
         quiet = LoggingConfig(log_level="WARNING", enable_access_log=False)
         serve.start(proxy_location="Disabled", logging_config=quiet)
         staffing = self._staffing()
