@@ -7,6 +7,7 @@ from fastapi import FastAPI
 
 from service.cache import Cache
 from service.error_handlers import install_error_handlers
+from service.lingering import LingeringClose
 from service.openapi import install_openapi
 from service.pool import WorkerPool
 from service.request_context import RequestContext
@@ -47,6 +48,7 @@ def create_app(
 
     app = FastAPI(title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan)
     app.state.services = services
+    app.add_middleware(LingeringClose)
     app.add_middleware(RequestContext, metrics=services.metrics)
     install_error_handlers(app)
     for router in ROUTERS:

@@ -3,14 +3,17 @@
 import asyncio
 import io
 import struct
+import threading
+import time
 import zlib
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import httpx
+import uvicorn
 from fastapi import FastAPI
 
 from service.app import create_app
@@ -81,6 +84,22 @@ async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> Asy
     ):
         yield RunningService(app, client, pool, storage, data_dir)
     pool.worker_cache.close()
+
+
+@contextmanager
+def listening(folder: Path, redis_url: str, **changes: Any) -> Iterator[str]:
+    """Serve the application on a port of its own, in a thread, and yield its URL."""
+    pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
+    app = create_app(Settings(**{"data_dir": folder, "redis_url": redis_url, "drain_s": 0.1, **changes}), pool)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    yield f"http://127.0.0.1:{port}"
+    server.should_exit = True
+    thread.join()
 
 
 def png_of(width: int, height: int) -> bytes:

@@ -1,11 +1,17 @@
 """What callers get for input that is wrong: a status, a message that helps, and the next good request answered."""
 
+import urllib.error
+import urllib.request
+from collections.abc import AsyncIterator
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import pytest
 
+from service.embedded_redis import EmbeddedRedis
+from service.lingering import LingeringClose
 from tests.service.api.fake_pool import ply_of
-from tests.service.api.running_service import SCAN, RunningService, png_of, running_service
+from tests.service.api.running_service import SCAN, RunningService, listening, png_of, running_service
 
 pytestmark = pytest.mark.anyio
 
@@ -192,23 +198,38 @@ async def test_a_page_that_cannot_be_is_refused(running: RunningService, query: 
 
 
 async def test_an_upload_over_the_limit_is_not_read_to_its_end(
-    tmp_path: Path, redis_server: object, running: RunningService
+    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(LingeringClose, "_throw_away", AsyncMock())
     read = 0
 
-    async def endless() -> object:  # type: ignore[misc]
+    async def endless() -> AsyncIterator[bytes]:
         nonlocal read
         yield b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xyz"\r\n\r\n'
         while True:
             read += 1
             yield b"1 2 3 4 5 6\n" * 1000
 
-    async with running_service(tmp_path / "small", redis_server.url, max_upload_bytes=100_000) as small:  # type: ignore[attr-defined]
+    async with running_service(tmp_path, redis_server.url, max_upload_bytes=100_000) as small:
         headers = {"content-type": "multipart/form-data; boundary=x"}
         reply = await small.client.post("/maps", headers=headers, content=endless())
         assert reply.status_code == 413
         assert "100,000 bytes (PANOLOC_MAX_UPLOAD_BYTES)" in reply.json()["detail"]
         assert read < 20
         assert small.storage.names("uploads") == []
+        read = 0
         declared = {**headers, "content-length": "999999999"}
         assert (await small.client.post("/maps", headers=declared, content=endless())).status_code == 413
+        assert read <= 1
+
+
+def test_a_client_that_sends_first_and_reads_later_learns_why_it_was_refused(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    with listening(tmp_path, redis_server.url, max_upload_bytes=100_000) as url:
+        body = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xyz"\r\n\r\n' + bytes(20_000_000)
+        headers = {"Content-Type": "multipart/form-data; boundary=x"}
+        with pytest.raises(urllib.error.HTTPError) as caught:
+            urllib.request.urlopen(urllib.request.Request(f"{url}/maps", body, headers))
+        assert caught.value.code == 413
+        assert b"PANOLOC_MAX_UPLOAD_BYTES" in caught.value.read()

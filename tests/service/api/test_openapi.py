@@ -1,17 +1,12 @@
 """The OpenAPI document: complete, with examples, and true (schemathesis calls every operation)."""
 
 import itertools
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 import schemathesis
-import uvicorn
 from hypothesis import HealthCheck, given, settings
 from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi.checks import (
@@ -26,7 +21,7 @@ from service.cache import WorkerCache
 from service.embedded_redis import EmbeddedRedis
 from service.settings import Settings
 from tests.service.api.fake_pool import FakePool
-from tests.service.api.running_service import SCAN
+from tests.service.api.running_service import SCAN, listening
 
 CONTRACT = {
     "/maps": {"get", "post"},
@@ -112,22 +107,6 @@ def test_every_reference_leads_somewhere() -> None:
     found = set(references(DOCUMENT))
     assert found <= known
     assert "#/components/schemas/LocalizeOptions" in found
-
-
-@contextmanager
-def listening(folder: Path, redis_url: str) -> Iterator[str]:
-    """Serve the application on a port of its own, in a thread, and yield its URL."""
-    pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
-    app = create_app(Settings(data_dir=folder, redis_url=redis_url, drain_s=0.1), pool)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    yield f"http://127.0.0.1:{port}"
-    server.should_exit = True
-    thread.join()
 
 
 @pytest.mark.timeout(60)
