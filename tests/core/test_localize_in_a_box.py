@@ -1,0 +1,517 @@
+"""Localization end to end in painted boxes, where scan and panorama are known in closed form."""
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import torch
+
+from core.config import LocalizerConfig, PaperConfig
+from core.errors import DeadlineExceededError, OptionsError
+from core.localizer import Localizer
+from core.map_builder import build_map_index
+from core.map_codec import decode_map_index, encode_map_index
+from core.map_index import IndexOptions, MapIndex
+from core.panorama import Panorama
+from core.point_cloud import PointCloud
+from core.pose import Pose, pose_error
+from core.results import Hints, Localization
+from tests.core.painted_box import PaintedBox, rotation_of
+
+
+def assert_found(found: Localization, pose: Pose, position_m: float = 0.05, orientation_deg: float = 5.0) -> None:
+    assert found.best is not None
+    error = pose_error(found.best.pose, pose)
+    assert error.within(position_m, orientation_deg), f"{error}, {found.status}"
+
+
+@pytest.fixture(scope="module")
+def answer(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> Localization:
+    return localizer.localize(box_panorama, [box_index])
+
+
+def test_a_panorama_is_found_within_a_centimetre_and_a_third_of_a_degree(answer: Localization, box_pose: Pose) -> None:
+    assert_found(answer, box_pose, 0.01, 0.3)
+    assert answer.status == "localized"
+    assert answer.best is not None
+    assert answer.best.confidence > 0.9
+    assert answer.warnings == ()
+
+
+def test_the_rotation_of_the_answer_is_orthonormal(answer: Localization) -> None:
+    assert answer.best is not None
+    rotation = answer.best.pose.rotation
+    assert rotation.dtype == np.float64
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+def test_the_stated_accuracy_covers_the_error_within_a_factor_of_ten(answer: Localization, box_pose: Pose) -> None:
+    assert answer.best is not None
+    assert answer.accuracy_position_m is not None
+    assert answer.accuracy_orientation_deg is not None
+    error = pose_error(answer.best.pose, box_pose)
+    assert error.position_m / 10 < answer.accuracy_position_m < 0.1
+    assert error.orientation_deg / 10 < answer.accuracy_orientation_deg < 2.0
+
+
+def test_an_unchanged_place_has_hardly_changed(answer: Localization) -> None:
+    assert answer.panorama_changed_fraction is not None
+    assert answer.map_changed_fraction is not None
+    assert answer.panorama_changed_fraction < 0.1
+    assert answer.map_changed_fraction < 0.1
+    assert answer.score_map_2d is not None
+    assert answer.score_map_2d.shape[1] == 2 * answer.score_map_2d.shape[0]
+    assert float(np.nanmedian(answer.score_map_2d)) > 0.8
+
+
+def test_an_answer_carries_losses_iterations_timings_and_the_runner_up(answer: Localization) -> None:
+    assert {"prepare", "search", "refine", "judge"} <= set(answer.timings_s)
+    assert all(seconds >= 0 for seconds in answer.timings_s.values())
+    assert {
+        "num_starts",
+        "num_rotations",
+        "num_poses",
+        "sampling_loss",
+        "iterations",
+        "score",
+        "runner_up_score",
+    } <= set(answer.search)
+    assert answer.search["num_poses"] == answer.search["num_starts"] * answer.search["num_rotations"]
+    assert answer.best is not None
+    assert 0 <= answer.best.sampling_loss <= 1
+    assert answer.best.num_iterations > 0
+
+
+def test_the_same_query_gives_the_same_answer_to_the_bit(
+    answer: Localization, localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
+) -> None:
+    again = localizer.localize(box_panorama, [box_index])
+    assert answer.best is not None
+    assert again.best is not None
+    np.testing.assert_array_equal(again.best.pose.rotation, answer.best.pose.rotation)
+    np.testing.assert_array_equal(again.best.pose.position, answer.best.pose.position)
+    assert again.best.score == answer.best.score
+    assert again.best.confidence == answer.best.confidence
+    assert again.score_map_2d is not None
+    assert answer.score_map_2d is not None
+    np.testing.assert_array_equal(again.score_map_2d, answer.score_map_2d)
+
+
+def test_registration_gives_the_same_bytes_twice(box: PaintedBox) -> None:
+    cloud = box.scan(3000)
+    options = IndexOptions(spacing_m=1.5)
+    assert encode_map_index(build_map_index(cloud, options)) == encode_map_index(build_map_index(cloud, options))
+
+
+@pytest.mark.slow
+def test_the_order_of_points_in_the_scan_hardly_moves_the_answer(
+    localizer: Localizer, box: PaintedBox, box_panorama: Panorama, box_pose: Pose
+) -> None:
+    cloud = box.scan()
+    order = np.random.default_rng(0).permutation(len(cloud))
+    shuffled = dataclasses.replace(cloud, positions=cloud.positions[order], colors=cloud.colors[order])
+    assert_found(localizer.localize(box_panorama, [build_map_index(shuffled)]), box_pose, 0.01, 0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angles", [(0.0, 90.0, 0.0), (20.0, -80.0, 45.0), (-100.0, 10.0, 179.0)])
+def test_any_rotation_is_found_also_towards_the_zenith_and_upside_down(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, angles: tuple[float, float, float]
+) -> None:
+    pose = Pose(rotation_of(*angles), np.array([3.4, 1.3, 1.1]))
+    found = localizer.localize(box.panorama(pose), [box_index])
+    assert found.status == "localized"
+    assert_found(found, pose)
+
+
+# Light.
+
+
+def relit(panorama: Panorama, gain: tuple[float, float, float] = (1, 1, 1), gamma: float = 1.0) -> Panorama:
+    color = (panorama.color / 255.0) ** gamma * gain
+    return dataclasses.replace(panorama, color=(np.clip(color, 0, 1) * 255).round().astype(np.uint8))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gain", "gamma"), [((0.67, 0.67, 0.67), 1.0), ((1.0, 1.0, 1.0), 3.0), ((1.0, 0.5, 0.5), 1.0)])
+def test_the_light_changes_of_the_paper_do_not_matter(
+    localizer: Localizer,
+    box_index: MapIndex,
+    box_panorama: Panorama,
+    box_pose: Pose,
+    gain: tuple[float, float, float],
+    gamma: float,
+) -> None:
+    found = localizer.localize(relit(box_panorama, gain, gamma), [box_index])
+    assert found.status == "localized"
+    assert_found(found, box_pose)
+
+
+# Several maps, wrong maps, ambiguity.
+
+
+def test_a_map_of_another_place_is_not_localized_in(
+    localizer: Localizer, other_box_index: MapIndex, box_panorama: Panorama
+) -> None:
+    found = localizer.localize(box_panorama, [other_box_index])
+    assert found.status == "not_localized"
+    assert found.best is None or found.best.confidence < 0.5
+
+
+@pytest.mark.parametrize("right", [pytest.param(0, marks=pytest.mark.slow), 1])
+def test_of_several_maps_the_right_one_is_named(
+    localizer: Localizer,
+    box_index: MapIndex,
+    other_box_index: MapIndex,
+    box_panorama: Panorama,
+    box_pose: Pose,
+    right: int,
+) -> None:
+    maps = [other_box_index, other_box_index]
+    maps[right] = box_index
+    found = localizer.localize(box_panorama, maps)
+    assert found.status == "localized"
+    assert found.best is not None
+    assert found.best.map_position == right
+    assert found.search["num_maps"] == 2
+    assert_found(found, box_pose)
+
+
+@pytest.fixture(scope="module")
+def symmetric() -> tuple[PaintedBox, MapIndex]:
+    box = PaintedBox(seed=9, symmetric=True)
+    return box, build_map_index(box.scan())
+
+
+def test_a_room_that_looks_the_same_from_both_sides_is_ambiguous_and_both_sides_are_named(
+    localizer: Localizer, symmetric: tuple[PaintedBox, MapIndex], box_pose: Pose
+) -> None:
+    box, index = symmetric
+    found = localizer.localize(box.panorama(box_pose), [index])
+    half_turn = rotation_of(180.0)
+    middle = np.array([box.size_m[0], box.size_m[1], 0.0]) / 2
+    twin = Pose(half_turn @ box_pose.rotation, half_turn @ (box_pose.position - middle) + middle)
+    assert found.status == "ambiguous"
+    assert found.best is not None
+    assert len(found.alternatives) >= 1
+    named = (found.best.pose, found.alternatives[0].pose)
+    for side in (box_pose, twin):
+        assert any(pose_error(pose, side).within(0.05, 5.0) for pose in named)
+
+
+def test_a_hint_decides_between_the_sides_of_a_symmetric_room(
+    localizer: Localizer, symmetric: tuple[PaintedBox, MapIndex], box_pose: Pose
+) -> None:
+    box, index = symmetric
+    heading = math.degrees(box_pose.yaw_pitch_roll[0])
+    found = localizer.localize(
+        box.panorama(box_pose), [index], hints=Hints(heading_deg=heading + 20, heading_tolerance_deg=60)
+    )
+    assert found.status == "localized"
+    assert_found(found, box_pose)
+
+
+@pytest.mark.slow
+def test_top_k_returns_that_many_poses_best_first_each_elsewhere(
+    localizer: Localizer, symmetric: tuple[PaintedBox, MapIndex], box_pose: Pose
+) -> None:
+    box, index = symmetric
+    found = localizer.localize(box.panorama(box_pose), [index], top_k=2)
+    assert found.best is not None
+    poses = [found.best, *found.alternatives]
+    assert len(poses) >= 2
+    for number, candidate in enumerate(poses):
+        for other in poses[:number]:
+            assert not pose_error(candidate.pose, other.pose).within(0.5, 15.0)
+
+
+# Hints.
+
+
+HINTS_THAT_HOLD = {
+    "position": Hints(position_m=(1.9, 2.2, 1.4), radius_m=0.5),
+    "position without a radius": Hints(position_m=(2.5, 2.0, 1.3)),
+    "region": Hints(region=((1.0, 1.5, 0.8), (2.2, 3.0, 2.0))),
+    "upright": Hints(upright=True),
+    "small tilt": Hints(max_tilt_deg=12.0),
+    "heading": Hints(heading_deg=120.0, heading_tolerance_deg=30.0),
+    "heading a turn further": Hints(heading_deg=120.0 - 360.0, heading_tolerance_deg=30.0),
+    "all": Hints((1.9, 2.2, 1.4), 0.6, ((1.0, 1.5, 0.8), (2.2, 3.0, 2.0)), True, None, 140.0, 20.0),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in ("all", "upright") else pytest.mark.slow) for name in HINTS_THAT_HOLD],
+)
+def test_a_hint_that_holds_narrows_the_search_and_keeps_the_answer(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, answer: Localization, name: str
+) -> None:
+    found = localizer.localize(box_panorama, [box_index], hints=HINTS_THAT_HOLD[name])
+    assert found.status == "localized"
+    assert_found(found, box_pose)
+    if name != "position without a radius":  # whose default radius covers the box
+        assert found.search["num_poses"] < answer.search["num_poses"]
+
+
+HINTS_THAT_DO_NOT_HOLD = {
+    "position": Hints(position_m=(4.3, 0.7, 1.4), radius_m=0.5),
+    "region": Hints(region=((3.2, 0.2, 0.2), (4.8, 1.2, 2.4))),
+    "heading": Hints(heading_deg=-50.0, heading_tolerance_deg=30.0),
+    "tilt": Hints(max_tilt_deg=4.0),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name == "position" else pytest.mark.slow) for name in HINTS_THAT_DO_NOT_HOLD],
+)
+def test_a_wrong_hint_is_not_localized_and_not_exceeded(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, name: str
+) -> None:
+    hints = HINTS_THAT_DO_NOT_HOLD[name]
+    found = localizer.localize(box_panorama, [box_index], hints=hints, top_k=4)
+    assert found.status == "not_localized"
+    for candidate in (found.best, *found.alternatives):
+        if candidate is not None:
+            assert_within(candidate.pose, hints)
+
+
+def assert_within(pose: Pose, hints: Hints) -> None:
+    """Check a pose against hints by their definition."""
+    if hints.position_m is not None:
+        assert np.linalg.norm(pose.position - hints.position_m) <= (hints.radius_m or 5.0) + 1e-4
+    if hints.region is not None:
+        assert (pose.position >= np.array(hints.region[0]) - 1e-4).all()
+        assert (pose.position <= np.array(hints.region[1]) + 1e-4).all()
+    if hints.max_tilt_deg is not None:
+        assert math.degrees(math.acos(min(1.0, pose.rotation[2, 2]))) <= hints.max_tilt_deg + 0.01
+    if hints.heading_deg is not None:
+        yaw = math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
+        difference = (yaw - hints.heading_deg + 180) % 360 - 180
+        assert abs(difference) <= (hints.heading_tolerance_deg or 45.0) + 0.01
+
+
+def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
+) -> None:
+    found = localizer.localize(box_panorama, [box_index], hints=Hints(position_m=(500.0, 0.0, 0.0), radius_m=1.0))
+    assert found.status == "not_localized"
+    assert found.best is None
+    assert "hints" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    "hints",
+    [
+        Hints(radius_m=1.0),
+        Hints(position_m=(1, 1, 1), radius_m=0.0),
+        Hints(position_m=(1, 1, 1), radius_m=math.nan),
+        Hints(position_m=(1, math.nan, 1), radius_m=1.0),
+        Hints(heading_deg=math.nan),
+        Hints(max_tilt_deg=-1.0),
+        Hints(max_tilt_deg=181.0),
+        Hints(heading_deg=0.0, heading_tolerance_deg=0.0),
+        Hints(region=((1, 1, 1), (0, 2, 2))),
+    ],
+)
+def test_a_hint_that_makes_no_sense_is_refused(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, hints: Hints
+) -> None:
+    with pytest.raises(OptionsError, match="hints"):
+        localizer.localize(box_panorama, [box_index], hints=hints)
+
+
+# Masks.
+
+
+def masked(panorama: Panorama, ignored: np.ndarray, repaint: int | None = None) -> Panorama:
+    color = panorama.color.copy()
+    if repaint is not None:
+        color[ignored] = repaint
+    return Panorama(color, panorama.valid & ~ignored)
+
+
+@pytest.fixture(scope="module")
+def right_half() -> np.ndarray:
+    ignored = np.zeros((256, 512), bool)
+    ignored[:, 256:] = True
+    return ignored
+
+
+def test_a_panorama_masked_by_half_is_still_found_and_what_is_under_the_mask_has_no_influence(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, right_half: np.ndarray
+) -> None:
+    found = localizer.localize(masked(box_panorama, right_half), [box_index])
+    assert found.status == "localized"
+    assert_found(found, box_pose)
+    for repaint in (0, 255):
+        again = localizer.localize(masked(box_panorama, right_half, repaint), [box_index])
+        assert found.best is not None
+        assert again.best is not None
+        np.testing.assert_array_equal(again.best.pose.matrix, found.best.pose.matrix)
+        assert again.best.confidence == found.best.confidence
+
+
+@pytest.mark.slow
+def test_black_pixels_count_unless_they_are_masked(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
+) -> None:
+    # The same black area: as a colour it is a change, under a mask it is nothing at all.
+    area = np.zeros((256, 512), bool)
+    area[90:170, 60:260] = True
+    black = box_panorama.color.copy()
+    black[area] = 0
+    seen = localizer.localize(Panorama(black, np.ones_like(area)), [box_index])
+    ignored = localizer.localize(Panorama(black, ~area), [box_index])
+    assert seen.panorama_changed_fraction is not None
+    assert ignored.panorama_changed_fraction is not None
+    assert seen.panorama_changed_fraction > ignored.panorama_changed_fraction + 0.05
+
+
+# Scans.
+
+
+def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates(
+    localizer: Localizer, box: PaintedBox, box_panorama: Panorama, box_pose: Pose
+) -> None:
+    offset = np.array([4_500_000.25, 5_400_000.5, 312.125])
+    index = build_map_index(box.scan(origin_offset=offset))
+    near = tuple((offset + np.array([1.9, 2.2, 1.4])).tolist())
+    found = localizer.localize(box_panorama, [index], hints=Hints(position_m=near, radius_m=0.7))  # type: ignore[arg-type]
+    assert_found(found, Pose(box_pose.rotation, box_pose.position + offset))
+    assert (index.start_positions.min(axis=0) > offset).all()
+    assert (index.bounds[0] > offset - 0.1).all()
+
+
+def test_a_map_that_went_through_its_bytes_gives_the_same_pose_within_millimetres(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, answer: Localization
+) -> None:
+    found = localizer.localize(box_panorama, [decode_map_index(encode_map_index(box_index))])
+    assert_found(found, box_pose, 0.01, 0.3)
+    assert answer.best is not None
+    assert found.best is not None
+    assert pose_error(found.best.pose, answer.best.pose).within(0.003, 0.1)
+
+
+@pytest.mark.slow
+def test_a_scan_of_part_of_the_room_is_enough(
+    localizer: Localizer, box: PaintedBox, box_panorama: Panorama, box_pose: Pose
+) -> None:
+    cloud = box.scan()
+    kept = cloud.positions[:, 0] < 3.4  # the far wall and a third of everything else was never scanned
+    part = PointCloud(cloud.positions[kept], cloud.colors[kept])
+    found = localizer.localize(box_panorama, [build_map_index(part)])
+    assert found.status == "localized"
+    assert_found(found, box_pose)
+
+
+# Labels.
+
+
+LABELS = ((230, 25, 75), (60, 180, 75), (255, 225, 25), (0, 130, 200), (245, 130, 48), (145, 30, 180), (0, 0, 0))
+
+
+def test_semantic_labels_are_localized_by_their_boundaries(localizer: Localizer, box_pose: Pose) -> None:
+    box = PaintedBox(seed=5, palette=LABELS)
+    index = build_map_index(box.scan(), IndexOptions(color_kind="labels"))
+    assert index.color_kind == "labels"
+    found = localizer.localize(box.panorama(box_pose), [index])
+    assert found.status == "localized"
+    assert found.best is not None
+    assert found.best.color_model == "labels"
+    assert_found(found, box_pose)
+
+
+# Deadlines and options.
+
+
+def test_a_deadline_that_has_passed_raises(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> None:
+    for timeout_s in (0.0, 0.05):
+        with pytest.raises(DeadlineExceededError):
+            localizer.localize(box_panorama, [box_index], timeout_s=timeout_s)
+
+
+@pytest.mark.slow
+def test_the_paper_method_stops_soon_after_its_deadline(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
+) -> None:
+    began = time.process_time()
+    with pytest.raises(DeadlineExceededError):
+        localizer.localize(box_panorama, [box_index], method="paper", timeout_s=0.1)
+    assert time.process_time() - began < 1.5
+
+
+@pytest.mark.parametrize("options", [{"top_k": 0}, {"top_k": 33}, {"method": "slow"}])
+def test_options_out_of_range_are_refused(
+    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, options: dict[str, object]
+) -> None:
+    with pytest.raises(OptionsError, match=next(iter(options))):
+        localizer.localize(box_panorama, [box_index], **options)  # type: ignore[arg-type]
+
+
+def test_no_map_at_all_is_refused(localizer: Localizer, box_panorama: Panorama) -> None:
+    with pytest.raises(OptionsError, match="maps"):
+        localizer.localize(box_panorama, [])
+
+
+# The paper's method.
+
+
+@pytest.fixture(scope="module")
+def small_paper() -> Localizer:
+    config = LocalizerConfig(
+        paper=PaperConfig(num_starts=30, num_rotations=216, iterations=40, view_height=64, map_rows=8, map_columns=16)
+    )
+    return Localizer(config, device="cpu")
+
+
+@pytest.fixture(scope="module")
+def tiny_index(box: PaintedBox) -> MapIndex:
+    return build_map_index(box.scan(4000), IndexOptions(spacing_m=0.8))
+
+
+@pytest.fixture(scope="module")
+def paper_answer(
+    small_paper: Localizer, tiny_index: MapIndex, box: PaintedBox, box_pose: Pose
+) -> Iterator[Localization]:
+    panorama = box.panorama(box_pose, 128)
+    yield small_paper.localize(panorama, [tiny_index], method="paper")
+    assert torch.is_grad_enabled()
+
+
+def test_the_paper_method_lands_near_in_a_tiny_cloud(paper_answer: Localization, box_pose: Pose) -> None:
+    assert_found(paper_answer, box_pose, 0.3, 10.0)
+    assert paper_answer.search["method"] == "paper"
+
+
+def test_the_paper_method_ranks_by_the_sampling_loss(paper_answer: Localization) -> None:
+    assert paper_answer.best is not None
+    losses = [candidate.sampling_loss for candidate in (paper_answer.best, *paper_answer.alternatives)]
+    assert losses == sorted(losses)
+    assert paper_answer.best.color_model == "global_transport"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "ablation",
+    [
+        {"match_colors": False},
+        {"initialize_by_histograms": False, "num_starts": 4, "num_rotations": 24},
+        {"use_score_map_2d": False},
+        {"use_score_map_3d": False},
+    ],
+)
+def test_the_paper_method_runs_without_each_of_its_parts(
+    tiny_index: MapIndex, box: PaintedBox, box_pose: Pose, ablation: dict[str, object]
+) -> None:
+    sizes = {"num_starts": 12, "num_rotations": 24, "iterations": 5, "view_height": 64, "num_candidates": 2}
+    config = LocalizerConfig(paper=PaperConfig(**(sizes | ablation)))  # type: ignore[arg-type]
+    found = Localizer(config, device="cpu").localize(box.panorama(box_pose, 128), [tiny_index], method="paper")
+    assert found.best is not None
+    assert math.isfinite(found.best.sampling_loss)
+    assert found.search["num_poses"] > 0
