@@ -1,0 +1,114 @@
+"""The service as its users run it: a process, spoken to over HTTP."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from service.process_tree import descendants, process_name
+
+ROOT = Path(__file__).parents[2]
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def is_running(pid: int) -> bool:
+    """Tell whether a process exists and is no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def eventually(holds: Callable[[], bool], within_s: float) -> bool:
+    """Poll until it holds."""
+    deadline = time.monotonic() + within_s
+    while not holds():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+class RunningService:
+    """`panoloc serve` on a free port."""
+
+    def __init__(self, data_dir: Path, **settings: str) -> None:
+        self._log = data_dir.with_suffix(".log")
+        port = free_port()
+        own = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
+        given = {f"PANOLOC_{name.upper()}": value for name, value in settings.items()}
+        environment = own | given | {"PANOLOC_DATA_DIR": str(data_dir), "PANOLOC_PORT": str(port)}
+        self.started = time.monotonic()
+        with self._log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "service.cli", "serve"],
+                cwd=ROOT, env=environment, stdout=log, stderr=log, start_new_session=True,
+            )  # fmt: skip
+        self.http = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=90)
+
+    def status(self, path: str) -> int | None:
+        """Return the status of a GET, None when nobody answers."""
+        try:
+            return self.http.get(path).status_code
+        except httpx.TransportError:
+            return None
+
+    def wait_until_ready(self, within_s: float = 90) -> None:
+        """Return when the service takes requests."""
+        assert eventually(lambda: self.status("/health/ready") == 200 or self.process.poll() is not None, within_s)
+        assert self.process.poll() is None, self._log.read_text()[-3000:]
+
+    def register(self, scan: bytes, options: str) -> str:
+        """Upload a PLY, wait until the map is ready, and return its id."""
+        answer = self.http.post("/maps", files={"file": ("room.ply", scan)}, data={"options": options})
+        assert answer.status_code == 202, answer.text
+        map_id = str(answer.json()["id"])
+        assert eventually(lambda: self.map(map_id)["status"] in ("ready", "failed"), 90)
+        assert self.map(map_id)["status"] == "ready", self.map(map_id)
+        return map_id
+
+    def map(self, map_id: str) -> dict[str, Any]:
+        """Return the map."""
+        return dict(self.http.get(f"/maps/{map_id}").json())
+
+    def localize(self, panorama: bytes, map_id: str, options: str = "{}") -> httpx.Response:
+        """Send one query and return the answer, whatever it is."""
+        files = {"image": ("panorama.jpg", panorama, "image/jpeg")}
+        return self.http.post("/localize", files=files, data={"map_id": map_id, "options": options})
+
+    def family(self) -> list[int]:
+        """Return the process and everything below it."""
+        return [self.process.pid, *descendants(self.process.pid)]
+
+    def worker_pid(self) -> int:
+        """Return the process that answers queries."""
+        (worker,) = [pid for pid in self.family() if "ServeReplica" in process_name(pid)]
+        return worker
+
+    def stop(self) -> int:
+        """Ask the service to end; return its exit code."""
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            return self.process.wait(60)
+        finally:
+            self.kill()
+
+    def kill(self) -> None:
+        """End the service without asking."""
+        self.http.close()
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()

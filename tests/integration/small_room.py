@@ -1,0 +1,40 @@
+"""A small furnished room with a query of known pose, quick to register and to localize in."""
+
+import io
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from core.pose import Pose, PoseError, pose_error
+from core.scan import encode_ply
+from core.scene import SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
+
+# A dozen starts suffice for a room of 12 m².
+OPTIONS = '{"starts": {"method": "grid", "spacing_m": 1.0}}'
+
+
+@dataclass(frozen=True)
+class SmallRoom:
+    """scan: PLY. panorama: JPEG. pose: the truth."""
+
+    scan: bytes
+    panorama: bytes
+    pose: Pose
+
+    def error_of(self, answer: dict[str, Any]) -> PoseError:
+        """Return how far the pose in the answer is from the truth."""
+        matrix = np.array(answer["pose"]["map_from_camera"]["matrix"])
+        return pose_error(Pose(matrix[:3, :3], matrix[:3, 3]), self.pose)
+
+
+@cache
+def small_room() -> SmallRoom:
+    """Build the room once."""
+    scene = build_scene(SceneSpec(kind="room", seed=5, area_m2=12))
+    pose = sample_pose(scene, np.random.default_rng(1))
+    buffer = io.BytesIO()
+    Image.fromarray(take_panorama(scene, pose, 512).color).save(buffer, "JPEG", quality=92)
+    return SmallRoom(encode_ply(scan_scene(scene, num_points=40_000)), buffer.getvalue(), pose)

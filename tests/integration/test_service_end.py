@@ -1,0 +1,59 @@
+"""How the service ends, asked and unasked, and that it begins again where it was. Embedded Redis."""
+
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from tests.integration.running_service import RunningService, eventually, is_running
+from tests.integration.small_room import OPTIONS, small_room
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def data_dir() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        yield Path(folder) / "data"
+
+
+def test_it_lives_within_two_seconds_and_finishes_what_runs_when_asked_to_end(data_dir: Path) -> None:
+    service = RunningService(data_dir)
+    try:
+        assert eventually(lambda: service.status("/health/live") == 200, 10)
+        lived_after_s = time.monotonic() - service.started
+        assert service.status("/health/ready") == 503
+        service.wait_until_ready()
+        map_id = service.register(small_room().scan, OPTIONS)
+        family = service.family()
+        with ThreadPoolExecutor(1) as client:
+            request = client.submit(service.localize, small_room().panorama, map_id)
+            time.sleep(0.3)
+            service.process.send_signal(signal.SIGTERM)
+            time.sleep(0.1)
+            assert service.status("/health/ready") in (503, None)
+            assert request.result().status_code == 200
+        assert service.process.wait(30) == 0
+    finally:
+        service.kill()
+    assert eventually(lambda: not any(is_running(pid) for pid in family), 10)
+    assert lived_after_s < 2
+
+
+def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data_dir: Path) -> None:
+    service = RunningService(data_dir)
+    try:
+        service.wait_until_ready()
+        (known,) = service.http.get("/maps").json()["items"]
+        assert service.localize(small_room().panorama, known["id"]).status_code == 200
+        family = service.family()
+    finally:
+        service.kill()
+    assert len(family) > 5
+    assert eventually(lambda: not any(is_running(pid) for pid in family), 10), [
+        Path(f"/proc/{pid}/cmdline").read_text() for pid in family if is_running(pid)
+    ]
