@@ -88,6 +88,10 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
 
 
 def _check(hints: Hints) -> None:
+    corners = hints.region or ()
+    numbers = [*(hints.position_m or ()), *(value for corner in corners for value in corner)]
+    if not all(math.isfinite(value) for value in (*numbers, hints.heading_deg or 0.0)):
+        raise OptionsError(f"hints: expected finite numbers, got {hints}")
     if hints.radius_m is not None and hints.position_m is None:
         raise OptionsError(
             "hints.radius_m: expected together with hints.position_m; give the position or leave out the radius"
