@@ -51,7 +51,6 @@ class RunningService:
         own = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
         given = {f"PANOLOC_{name.upper()}": value for name, value in settings.items()}
         environment = own | given | {"PANOLOC_DATA_DIR": str(data_dir), "PANOLOC_PORT": str(port)}
-        self.started = time.monotonic()
         with self._log.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "service.cli", "serve"],

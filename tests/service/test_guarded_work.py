@@ -1,0 +1,40 @@
+import pytest
+
+from core.errors import CoreError, PanoramaShapeError
+from service import errors
+from service.guarded_work import error_of, guarded
+from service.worker_reply import WorkerFailure
+
+
+def raise_(error: Exception) -> None:
+    raise error
+
+
+def test_an_exception_becomes_a_value_with_its_name_message_and_origin() -> None:
+    outcome, failure = guarded(lambda: raise_(PanoramaShapeError("expected 2:1, got 3:2")))
+    assert outcome is None
+    assert failure is not None
+    assert (failure.kind, failure.message) == ("PanoramaShapeError", "expected 2:1, got 3:2")
+    assert "raise_" in failure.traceback
+
+
+def test_what_ends_the_process_passes_through() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        guarded(lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+
+
+def test_errors_of_the_service_come_back_as_themselves() -> None:
+    assert isinstance(error_of(WorkerFailure("CacheDownError", "no Redis")), errors.CacheDownError)
+    assert isinstance(error_of(WorkerFailure("MapNotFoundError", "gone")), errors.MapNotFoundError)
+
+
+def test_a_deadline_inside_the_algorithm_is_a_deadline() -> None:
+    assert isinstance(error_of(WorkerFailure("DeadlineExceededError", "late")), errors.DeadlineError)
+
+
+@pytest.mark.parametrize("kind", [*(each.__name__ for each in CoreError.__subclasses__()), "ZeroDivisionError", "Any"])
+def test_everything_else_keeps_its_name(kind: str) -> None:
+    error = error_of(WorkerFailure(kind, "message"))
+    if kind != "DeadlineExceededError":
+        assert isinstance(error, errors.WorkerError)
+        assert error.kind == kind

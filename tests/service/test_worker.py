@@ -1,0 +1,184 @@
+"""The worker and the registrar without Ray: a real index, a real Redis, a folder; only the search is made up."""
+
+import hashlib
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import redis
+import torch
+
+from core.map_index import MapIndex
+from core.panorama import Panorama
+from core.point_cloud import PointCloud
+from core.pose import Pose
+from core.results import Candidate, Localization
+from core.scan import encode_ply
+from service.cache import WorkerCache
+from service.embedded_redis import EmbeddedRedis
+from service.lifeline import Lifeline
+from service.map_catalog import MapCatalog
+from service.pool import LocalizeJob, MapRef, RegisterJob
+from service.records import MapRecord, Revision, key_of, write_record
+from service.registration import Registrar
+from service.storage import FolderStorage
+from service.worker import LocalizationWorker
+from service.worker_settings import WorkerSettings
+
+MAP = MapRef("map_box", 1)
+OPTIONS: dict[str, Any] = {"unit": "m", "up_axis": "z", "color_kind": "rgb",
+                           "starts": {"method": "grid", "spacing_m": 1.5, "region": None}}  # fmt: skip
+
+
+class MadeUpLocalizer:
+    """Finds the first start of the first map, and remembers what it was asked."""
+
+    device = torch.device("cpu")
+
+    def __init__(self) -> None:
+        self.calls: list[dict[str, Any]] = []
+
+    def localize(self, panorama: Panorama, maps: Sequence[MapIndex], **options: Any) -> Localization:
+        self.calls.append(options)
+        best = Candidate(Pose(np.eye(3), maps[0].start_positions[0]), 0, 0.9, 1.0, 0.1, "none", 10)
+        return Localization("localized", best, (), 0.01, 0.1, 0.0, 0.0, None, None, {"search": 0.01}, {})
+
+
+@dataclass
+class Place:
+    registrar: Registrar
+    worker: LocalizationWorker
+    localizer: MadeUpLocalizer
+    redis: "redis.Redis"
+    folder: Path
+    job: RegisterJob
+
+
+@pytest.fixture
+def place() -> Iterator[Place]:
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory(prefix="pl-") as name:
+        folder, lifeline = Path(name), Lifeline()
+        server = EmbeddedRedis(folder, lifeline)
+        server.start()
+        storage = FolderStorage(folder / "data")
+        job = store_box(storage)
+        settings = WorkerSettings(redis_url=server.url, storage_url=str(folder / "data"))
+        cache, localizer = WorkerCache(server.url, index_lifetime_s=60), MadeUpLocalizer()
+        yield Place(
+            Registrar(settings, MapCatalog(storage), cache),
+            LocalizationWorker(settings, localizer, MapCatalog(storage), cache),  # type: ignore[arg-type]
+            localizer,
+            redis.Redis.from_url(server.url),
+            folder,
+            job,
+        )
+        server.stop()
+        lifeline.close()
+
+
+def store_box(storage: FolderStorage) -> RegisterJob:
+    """Put the scan and the record of a coloured box of 4 x 4 x 2.5 m into storage."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (20_000, 3)) * [2, 2, 1.25]
+    side = rng.integers(0, 3, len(points))
+    walls = np.sign(points) * [2, 2, 1.25]
+    points[np.arange(len(points)), side] = walls[np.arange(len(points)), side]
+    colors = (127 + 60 * np.sin(3 * points)).astype(np.uint8)
+    scan = encode_ply(PointCloud(points.astype(np.float32), colors))
+    key, now = key_of(MAP, "scan.ply"), "2026-01-01T00:00:00Z"
+    storage.put(key, scan)
+    revision = Revision(1, key, "box.ply", len(scan), hashlib.sha256(scan).hexdigest(), OPTIONS)
+    write_record(storage, MapRecord(MAP.id, "box", now, now, revision))
+    return RegisterJob(MAP, key, "box.ply", OPTIONS, "req_1")
+
+
+def query(panorama: bytes | None = None, seconds: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
+    options: dict[str, Any] = {"frame": "ros", "method": "fast", "hints": None, "artifacts": ["overlay"], "top_k": 3}
+    return LocalizeJob(
+        "loc_1", "req_2", panorama or grey_png(), None, maps, options, deadline_unix_s=time.time() + seconds
+    )
+
+
+def grey_png() -> bytes:
+    from core.pictures import encode_png
+
+    return encode_png(np.full((128, 256, 3), 128, dtype=np.uint8))
+
+
+def test_a_registered_map_is_in_redis_and_describes_itself(place: Place) -> None:
+    reply = place.registrar.register(place.job)
+    assert reply.failure is None
+    assert reply.outcome is not None
+    stats = reply.outcome.stats
+    assert stats["num_points"] == 20_000
+    assert stats["bounds"]["max"] == pytest.approx([2, 2, 1.25], abs=0.01)
+    assert stats["num_starts"] == len(reply.outcome.starts) > 0
+    assert set(stats["seconds"]) == {"read", "starts", "render", "describe", "store"}
+    (key,) = place.redis.keys("index:*")
+    assert place.redis.strlen(key) == stats["index_bytes"]
+    assert place.redis.ttl(key) > 0
+    assert reply.outcome.preview_png.startswith(b"\x89PNG")
+    assert reply.outcome.points_ply.startswith(b"ply\n")
+
+
+def test_a_query_takes_the_index_from_redis_once_and_keeps_it(place: Place) -> None:
+    place.registrar.register(place.job)
+    first, second = place.worker.localize(query()), place.worker.localize(query())
+    assert (first.failure, second.failure) == (None, None)
+    assert first.index_loads == {"redis": 1}
+    assert second.index_loads == {"resident": 1}
+    assert second.resident_bytes > 100_000
+    assert first.outcome is not None
+    assert first.outcome.body["map_id"] == MAP.id
+    assert list(first.outcome.artifacts) == ["overlay"]
+    assert {"load", "decode", "search", "pictures"} <= set(first.outcome.body["timings_s"])
+
+
+def test_the_search_gets_the_options_and_what_is_left_of_the_time(place: Place) -> None:
+    place.registrar.register(place.job)
+    place.worker.localize(query(seconds=20))
+    (call,) = place.localizer.calls
+    assert (call["method"], call["hints"], call["top_k"]) == ("fast", None, 3)
+    assert 15 < call["timeout_s"] <= 20
+
+
+def test_an_index_that_redis_has_lost_is_reported_and_can_be_built_again(place: Place) -> None:
+    place.registrar.register(place.job)
+    place.redis.flushall()
+    reply = place.worker.localize(query())
+    assert (reply.outcome, reply.failure, reply.missing) == (None, None, (MAP,))
+    assert place.registrar.rebuild(MAP).failure is None
+    assert place.worker.localize(query()).outcome is not None
+
+
+def test_a_query_past_its_deadline_is_not_begun(place: Place) -> None:
+    reply = place.worker.localize(query(seconds=-1))
+    assert reply.failure is not None
+    assert reply.failure.kind == "DeadlineExceededError"
+    assert place.localizer.calls == []
+
+
+def test_what_is_no_image_fails_by_the_name_of_its_error(place: Place) -> None:
+    place.registrar.register(place.job)
+    reply = place.worker.localize(query(panorama=b"this is text"))
+    assert reply.failure is not None
+    assert reply.failure.kind == "PanoramaFormatError"
+
+
+def test_a_map_deleted_meanwhile_is_not_found(place: Place) -> None:
+    reply = place.worker.localize(query(maps=(MapRef("map_gone", 1),)))
+    assert reply.failure is not None
+    assert reply.failure.kind == "MapNotFoundError"
+
+
+def test_a_scan_that_changed_on_disk_is_not_registered(place: Place) -> None:
+    (place.folder / "data" / place.job.scan_key).write_bytes(b"ply\n")
+    reply = place.registrar.register(place.job)
+    assert reply.failure is not None
+    assert reply.failure.kind == "StoredFileDamagedError"
