@@ -15,7 +15,8 @@ def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure 
     try:
         return work(), None
     except Exception as error:
-        return None, WorkerFailure(type(error).__name__, str(error), traceback.format_exc())
+        origin = "" if _is_raised_on_purpose(error) else traceback.format_exc()
+        return None, WorkerFailure(type(error).__name__, str(error), origin)
 
 
 def error_of(failure: WorkerFailure) -> errors.ServiceError:
@@ -26,3 +27,8 @@ def error_of(failure: WorkerFailure) -> errors.ServiceError:
     if isinstance(own, type) and issubclass(own, errors.ServiceError) and own is not errors.WorkerError:
         return own(failure.message)
     return errors.WorkerError(failure.kind, failure.message)
+
+
+def _is_raised_on_purpose(error: Exception) -> bool:
+    # By the name of the module: the HTTP process imports this one, and must not import `core`.
+    return any(each.__module__ in ("core.errors", "service.errors") for each in type(error).__mro__)

@@ -83,7 +83,7 @@ class RayPool:
 
     def state(self) -> PoolState:
         """Return what readiness and metrics tell about the pool."""
-        waiting_for = "nothing: the service is shutting down" if self._draining else self._waiting_for
+        waiting_for = "its end: the service is shutting down" if self._draining else self._waiting_for
         return PoolState(
             ready=waiting_for is None,
             waiting_for=waiting_for,
@@ -96,8 +96,7 @@ class RayPool:
 
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
-        if self._draining or self._handle is None:
-            raise NoWorkerError(f"no worker can answer: waiting for {self.state().waiting_for}")
+        self._require_workers()
         with self._admission.admit():
             for _ in range(_MAX_REBUILDS + 1):
                 reply = await self._on_some_worker(job)
@@ -108,18 +107,29 @@ class RayPool:
 
     async def register(self, job: RegisterJob) -> RegisterOutcome:
         """Build and store a map's index in a process of its own, after the registrations that came before it."""
+        # Also because Ray starts a cluster by itself when it is given a task before there is one.
+        self._require_workers()
         return self._outcome(await self._builds.register(job))
 
+    def _require_workers(self) -> Any:
+        if self._draining or self._handle is None:
+            raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
+        return self._handle
+
     async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        from ray.exceptions import RayError
+        from ray.exceptions import RayError, RayTaskError
         from ray.serve.exceptions import RayServeException
 
         for attempt in range(1, _MAX_ATTEMPTS + 1):
-            response = self._handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
+            handle = self._require_workers() if self._handle is None else self._handle
+            response = handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
             try:
                 reply: WorkerReply[LocalizeOutcome] = await self._before_deadline(_result_of(response), job)
+            except RayTaskError:
+                raise  # a fault in our own code, which no other worker would be spared
             except (RayError, RayServeException) as error:
                 self._num_retries += 1
+                self._workers.clear()
                 lost = {"request_id": job.request_id, "attempt": attempt, "error": type(error).__name__}
                 _log.warning("a worker was lost", extra=lost)
                 continue
@@ -143,6 +153,8 @@ class RayPool:
 
     def _outcome(self, reply: WorkerReply[Result]) -> Result:
         if reply.failure is not None:
+            if reply.failure.traceback:
+                _log.error("a worker met a fault of its own", extra={"origin": reply.failure.traceback})
             raise error_of(reply.failure)
         assert reply.outcome is not None
         return reply.outcome

@@ -12,7 +12,7 @@ Outcome = TypeVar("Outcome")
 
 @dataclass(frozen=True)
 class WorkerFailure:
-    """An exception of `core` or of the service, by the name of its class."""
+    """An exception by the name of its class; traceback: only of one that nobody raised on purpose."""
 
     kind: str
     message: str
