@@ -2,18 +2,20 @@
 
 from typing import Any
 
+import structlog
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from service.errors import InvalidOptionsError, MalformedRequestError, ServiceError
+from service.errors import InvalidOptionsError, MalformedRequestError, ServiceError, WorkerError
 from service.problem_response import plain_problem_response, problem_response
-from service.problems import HTTP_PROBLEMS, Problem
+from service.problems import HTTP_PROBLEMS, Problem, problem_of
 from service.request_context import current_request_id
 from service.validation import mistakes_error
 
+_log = structlog.get_logger(__name__)
 _CLIENT_CLOSED_REQUEST = 499
 
 
@@ -30,6 +32,10 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 async def _service_error(request: Request, error: ServiceError) -> Response:
+    if problem_of(error).status == 500:
+        # What callers are not told, the log has to say.
+        kind = error.kind if isinstance(error, WorkerError) else type(error).__name__
+        _log.error("the service failed", kind=kind, error=str(error))
     return problem_response(error, current_request_id())
 
 

@@ -29,6 +29,7 @@ class MapRegistry:
         self._storage = storage
         self._max_maps = max_maps
         self._records: dict[str, MapRecord] = {}
+        self._last_revisions: dict[str, int] = {}
         self._writing = asyncio.Lock()
         self._under_way: set[asyncio.Task[Any]] = set()
 
@@ -39,8 +40,8 @@ class MapRegistry:
             try:
                 record = await asyncio.to_thread(read_record, self._storage, map_id)
             except StorageError as error:
-                # An upload that was cut off leaves a folder without a record; nobody was told of it.
-                _log.error("a map record cannot be read", map_id=map_id, error=str(error))
+                # Never deleted here: it may be a scan that somebody wants back.
+                _log.error("a folder of maps is left alone, its record cannot be read", map_id=map_id, error=str(error))
                 continue
             self._records[map_id] = record
             await self._remove_forgotten_revisions(record)
@@ -75,6 +76,12 @@ class MapRegistry:
     def num_by_status(self) -> Counter[str]:
         """Count the maps by what became of their newest revision."""
         return Counter(record.newest.status for record in self._records.values())
+
+    def next_revision(self, map_id: str) -> MapRef:
+        """Return a reference that nobody else gets, also when two scans of a map are uploaded at the same time."""
+        last = max(self._last_revisions.get(map_id, 0), self.get(map_id).newest.number)
+        self._last_revisions[map_id] = last + 1
+        return MapRef(map_id, last + 1)
 
     def check_room(self) -> None:
         """Raise MapLimitError when there are as many maps as allowed."""
@@ -111,6 +118,7 @@ class MapRegistry:
             self.get(map_id)
             await asyncio.to_thread(self._storage.delete_all, folder_of(map_id))
             del self._records[map_id]
+            self._last_revisions.pop(map_id, None)
 
         await self._finished(remove())
 

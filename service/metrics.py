@@ -13,7 +13,8 @@ from service.pool import PoolState
 
 _METHODS = frozenset({"GET", "POST", "PUT", "PATCH", "DELETE", "HEAD", "OPTIONS"})
 _STAGES = (
-    "queue", "decode", "load_index", "colors", "search", "candidates", "refine", "judge", "confidence", "draw", "total",
+    "queue", "load", "decode", "prepare", "color_matching", "search", "candidates", "refine", "judge", "confidence",
+    "change", "pictures", "total",
 )  # fmt: skip
 _MAP_STATUSES = ("queued", "ready", "failed")
 _INDEX_SOURCES = ("resident", "redis", "missing")

@@ -1,11 +1,12 @@
 """Brings every uploaded scan to `ready` or `failed`: after an upload, and again after a restart.
 
-One task per map waits for the pool. A newer scan or the end of the map cancels it.
+One task per revision waits for the pool. A newer scan or the end of the map cancels it.
 """
 
 import asyncio
 import json
 import time
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +39,7 @@ class Registrations:
         self._cache = cache
         self._storage = storage
         self._metrics = metrics
-        self._running: dict[str, asyncio.Task[None]] = {}
+        self._running: dict[MapRef, asyncio.Task[None]] = {}
 
     def resume(self) -> None:
         """Begin again with every scan that has not come to an end."""
@@ -47,33 +48,30 @@ class Registrations:
                 self.begin(record.newest_ref, request_id=f"resume-{record.id}")
 
     def begin(self, ref: MapRef, request_id: str) -> None:
-        """Register a revision whose record and scan are stored, after whatever the pool has to do before."""
+        """Register a revision whose record and scan are stored; does nothing when that is under way."""
+        if ref in self._running:
+            return
         task = asyncio.create_task(self._run(ref, request_id), name=f"register {ref.id}")
-        self._running[ref.id] = task
-        task.add_done_callback(lambda done: self._running.pop(ref.id) if self._running.get(ref.id) is done else None)
+        self._running[ref] = task
+        task.add_done_callback(lambda _: self._running.pop(ref))
 
-    async def cancel(self, map_id: str) -> None:
-        """End the registration of a map, when there is one, and wait until it has ended."""
-        task = self._running.get(map_id)
-        if task is not None:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+    async def cancel(self, map_id: str, keep: MapRef | None = None) -> None:
+        """End the registrations of a map, save that of `keep`, and wait until they have ended."""
+        found = [task for ref, task in self._running.items() if ref.id == map_id and ref != keep]
+        await _end(found)
+        for _ in found:
             self._metrics.note_registration("cancelled")
 
     async def stop(self) -> None:
         """End all registrations; their scans are taken up again at the next start."""
-        running = list(self._running.values())
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
+        await _end(list(self._running.values()))
 
     async def _run(self, ref: MapRef, request_id: str) -> None:
         structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
         began = time.monotonic()
         try:
             outcome = await self._outcome_of(ref, request_id)
-            await self._store_files(ref, outcome)
-            await self._finish(ref, outcome)
+            await _to_the_end(self._finish(ref, outcome))
             result = "ready"
         except Exception as error:
             if not isinstance(error, ServiceError):
@@ -118,6 +116,7 @@ class Registrations:
             await asyncio.to_thread(self._storage.put, key_of(ref, name), data)
 
     async def _finish(self, ref: MapRef, outcome: RegisterOutcome) -> None:
+        await self._store_files(ref, outcome)
         former = self._registry.get(ref.id).serving_ref
 
         def ready(record: MapRecord) -> MapRecord:
@@ -126,14 +125,18 @@ class Registrations:
             )
             return replace(record, newest=newest, serving=newest)
 
-        await self._registry.change(ref.id, ready)
-        if former is not None and former != ref:
+        await self._change_if_newest(ref, ready)
+        if former is not None and former != self._registry.get(ref.id).serving_ref:
             await self._forget(former)
 
     async def _fail(self, ref: MapRef, error: dict[str, Any]) -> None:
-        await self._registry.change(
-            ref.id, lambda record: replace(record, newest=replace(record.newest, status="failed", error=error))
+        await self._change_if_newest(
+            ref, lambda record: replace(record, newest=replace(record.newest, status="failed", error=error))
         )
+
+    async def _change_if_newest(self, ref: MapRef, update: Callable[[MapRecord], MapRecord]) -> None:
+        """Change a map unless a newer scan of it has come meanwhile."""
+        await self._registry.change(ref.id, lambda record: update(record) if record.newest_ref == ref else record)
 
     async def _forget(self, ref: MapRef) -> None:
         """Remove a revision that serves no more. A query that still holds it is sent to the new one."""
@@ -142,6 +145,22 @@ class Registrations:
             await self._cache.forget_revision(ref)
         except CacheDownError as error:
             _log.warning("an old revision stays in Redis until its lifetime ends", error=str(error))
+
+
+async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:
+    """Wait for work that must not stop half-way; a cancellation takes effect after it."""
+    task = asyncio.create_task(work)
+    try:
+        await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait({task})
+        raise
+
+
+async def _end(tasks: list[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _job(revision: Revision, ref: MapRef, request_id: str) -> RegisterJob:

@@ -105,15 +105,35 @@ async def put_scan(request: Request, map_id: str) -> Response:
     with await _read(request, services) as form:
         given = parse_json(ScanOptions, form.single("options"), "options")
         scan = await _checked_scan(form, services)
-        await services.registrations.cancel(map_id)
-        former = services.registry.get(map_id)
-        ref = MapRef(map_id, former.newest.number + 1)
-        options = {**former.newest.options, **given.model_dump(mode="json", include=given.model_fields_set)}
-        revision = await _store(services, ref, scan, options)
-        record = await services.registry.change(map_id, lambda record: replace(record, newest=revision))
-    if former.newest_ref != record.serving_ref:
-        await services.registry.remove_revision(former.newest_ref)
-    return _accepted(services, record)
+        ref = services.registry.next_revision(map_id)
+        options = {**services.registry.get(map_id).newest.options, **_given(given)}
+        try:
+            revision = await _store(services, ref, scan, options)
+            replaced, record = await _replace(services, map_id, revision)
+        except BaseException:
+            await asyncio.shield(services.registry.remove_revision(ref))
+            raise
+    await services.registrations.cancel(map_id, keep=record.newest_ref)
+    record = services.registry.get(map_id)
+    for each in {replaced, ref} - {record.newest_ref, record.serving_ref}:
+        await services.registry.remove_revision(each)
+    return _accepted(services, services.registry.get(map_id))
+
+
+async def _replace(services: Services, map_id: str, revision: Revision) -> tuple[MapRef, MapRecord]:
+    """Make a revision the newest of its map, unless a newer one came meanwhile; return the one before, and the map."""
+    replaced: list[MapRef] = []
+
+    def update(record: MapRecord) -> MapRecord:
+        replaced.append(record.newest_ref)
+        return replace(record, newest=revision) if revision.number > record.newest.number else record
+
+    record = await services.registry.change(map_id, update)
+    return replaced[0], record
+
+
+def _given(options: ScanOptions) -> dict[str, Any]:
+    return options.model_dump(mode="json", include=options.model_fields_set)
 
 
 async def _read(request: Request, services: Services) -> Form:
@@ -144,6 +164,7 @@ async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: di
 
 
 def _accepted(services: Services, record: MapRecord) -> Response:
-    services.registrations.begin(record.newest_ref, current_request_id())
+    if record.newest.status == "queued":
+        services.registrations.begin(record.newest_ref, current_request_id())
     headers = {"Location": f"/maps/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
     return JSONResponse(map_document(record, None), 202, headers)

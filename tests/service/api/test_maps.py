@@ -1,7 +1,10 @@
 """Maps over HTTP: from the upload to the deletion."""
 
+import asyncio
 import json
+from collections.abc import AsyncIterator
 
+import httpx
 import pytest
 import redis
 
@@ -148,6 +151,35 @@ async def test_the_replaced_revision_leaves_storage_and_cache(
     await running.eventually("/health", lambda body: not redis_client.keys(f"index:{map_id}:1:*"))
     assert running.storage.names(f"maps/{map_id}") == ["2", "map.json"]
     assert redis_client.keys(f"index:{map_id}:2:*")
+
+
+async def test_of_two_new_scans_at_the_same_time_one_stays(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    put = running.client.put
+    replies = await asyncio.gather(
+        *(put(f"/maps/{map_id}/scan", files={"file": (name, SCAN)}) for name in ("a.ply", "b.ply", "c.ply"))
+    )
+    assert [reply.status_code for reply in replies] == [202, 202, 202]
+    body = await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 4)
+    assert (body["revision"], body["status"]) == (4, "ready")
+    await running.eventually("/health", lambda body: running.storage.names(f"maps/{map_id}") == ["4", "map.json"])
+
+
+async def test_a_map_deleted_while_a_new_scan_comes_in_stays_deleted(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    request = httpx.Request("PUT", "http://panoloc", files={"file": ("a.ply", SCAN)})
+    body = request.read()
+
+    async def interrupted() -> AsyncIterator[bytes]:
+        yield body[:50]
+        assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+        yield body[50:]
+
+    headers = {"content-type": request.headers["content-type"]}
+    reply = await running.client.put(f"/maps/{map_id}/scan", headers=headers, content=interrupted())
+    assert reply.status_code == 404
+    assert running.storage.names("maps") == []
+    assert running.storage.names("uploads") == []
 
 
 async def test_a_new_scan_that_fails_leaves_the_old_one_serving(running: RunningService) -> None:
