@@ -1,0 +1,153 @@
+"""Multipart bodies however they are cut into pieces, and disks without space."""
+
+import asyncio
+import errno
+import hashlib
+import itertools
+import tempfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import httpx
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from service.errors import DamagedScanError, MalformedRequestError, StorageFullError, UploadTooLargeError
+from service.scan_sniffing import check_scan_file, scan_extension
+from service.spool import PartRule, Spool
+from service.uploads import Form, read_form
+
+RULES = {"file": PartRule(10_000, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True), "tag": PartRule(repeatable=True)}
+SCAN = b"1 2 3 4 5 6\r\n--x\r\n" * 40
+
+
+def body_of(scan: bytes = SCAN) -> tuple[bytes, dict[str, str]]:
+    files = [("tag", (None, "ä")), ("file", ("söme scan.XYZ", scan)), ("tag", (None, ""))]
+    request = httpx.Request("POST", "http://panoloc", files=files)
+    return request.read(), {"content-type": request.headers["content-type"]}
+
+
+def read(pieces: list[bytes], headers: dict[str, str], folder: Path) -> Form:
+    async def chunks() -> AsyncIterator[bytes]:
+        for piece in pieces:
+            yield piece
+
+    return asyncio.run(read_form(chunks(), headers, RULES, folder))
+
+
+@settings(max_examples=40)
+@given(st.lists(st.integers(1, 2000), max_size=8))
+def test_a_form_is_the_same_however_it_is_cut(cuts: list[int]) -> None:
+    body, headers = body_of()
+    places = sorted({0, len(body), *(cut for cut in cuts if cut < len(body))})
+    pieces = [body[a:b] for a, b in itertools.pairwise(places)]
+    with tempfile.TemporaryDirectory() as folder, read(pieces, headers, Path(folder)) as form:
+        assert form.scan is not None
+        assert form.scan.path.read_bytes() == SCAN
+        assert (form.scan.name, form.scan.num_bytes) == ("söme scan.XYZ", len(SCAN))
+        assert form.scan.sha256 == hashlib.sha256(SCAN).hexdigest()
+        assert form.texts("tag") == ["ä", ""]
+
+
+def test_leaving_a_form_removes_what_nobody_took_over(tmp_path: Path) -> None:
+    body, headers = body_of()
+    with read([body], headers, tmp_path) as form:
+        assert form.scan is not None
+        assert form.scan.path.exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_a_body_that_ends_early_is_malformed_and_leaves_nothing(tmp_path: Path, share: float) -> None:
+    body, headers = body_of()
+    with pytest.raises(MalformedRequestError, match="ends earlier"):
+        read([body[: int(share * len(body))]], headers, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_too_many_parts_are_refused(tmp_path: Path) -> None:
+    request = httpx.Request("POST", "http://panoloc", files=[("tag", (None, "x"))] * 200)
+    with pytest.raises(UploadTooLargeError, match="128 parts"):
+        read([request.read()], {"content-type": request.headers["content-type"]}, tmp_path)
+
+
+def test_a_field_is_not_a_way_to_fill_the_memory(tmp_path: Path) -> None:
+    request = httpx.Request("POST", "http://panoloc", files=[("tag", (None, "x" * 70_000))])
+    with pytest.raises(UploadTooLargeError, match="tag: expected at most 65,536 bytes"):
+        read([request.read()], {"content-type": request.headers["content-type"]}, tmp_path)
+
+
+def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, "a.xyz", RULES["file"], "file")
+    spool.add(SCAN)
+
+    class FullDisk:
+        def write(self, data: bytes) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    spool._file.close()
+    spool._file = FullDisk()  # type: ignore[assignment]
+    with pytest.raises(StorageFullError) as caught:
+        spool.write_out()
+    assert caught.value.retry_after_s >= 10
+
+
+@pytest.mark.parametrize(
+    ("name", "extension"),
+    [
+        ("a.PLY", ".ply"),
+        ("a", ""),
+        ("C:\\scans\\a.e57", ".e57"),
+        ("../../a.xyz", ".xyz"),
+        ("a.ply/..", ""),
+        ("a.b c", ""),
+    ],
+)
+def test_only_a_plain_extension_reaches_the_storage(name: str, extension: str) -> None:
+    assert scan_extension(name) == extension
+
+
+def header_of(properties: str, count: int, more: str = "") -> bytes:
+    lines = [
+        "ply",
+        "format binary_big_endian 1.0",
+        "comment x",
+        f"element vertex {count}",
+        *properties.split(";"),
+        more,
+    ]
+    return "\r\n".join([*filter(None, lines), "end_header"]).encode() + b"\r\n"
+
+
+@pytest.mark.parametrize(
+    ("properties", "stride"),
+    [
+        ("property float x;property float y;property float z", 12),
+        ("property double x;property uchar red;property int8 a", 10),
+    ],
+)
+def test_a_binary_ply_holds_all_its_vertices_or_is_cut_off(tmp_path: Path, properties: str, stride: int) -> None:
+    file = tmp_path / "a.ply"
+    header = header_of(properties, 10, "element face 3\r\nproperty list uchar int vertex_indices")
+    file.write_bytes(header + bytes(10 * stride))
+    check_scan_file(file, max_points=10)
+    file.write_bytes(header + bytes(10 * stride - 1))
+    with pytest.raises(DamagedScanError, match=f"10 points of {stride} bytes"):
+        check_scan_file(file, max_points=10)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"ply\nformat ascii 1.0\nelement vertex 5\nend_header\n",
+        header_of("property list uchar int x", 5),
+        header_of("property unknown x", 5),
+        b"ply\nno end",
+        b"LASF....",
+    ],
+)
+def test_what_cannot_be_checked_cheaply_is_left_to_the_reader(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "a.ply"
+    file.write_bytes(content)
+    check_scan_file(file, max_points=10)
