@@ -32,6 +32,9 @@ _ENVIRONMENT = {
     "RAY_task_events_report_interval_ms": "0",
     "RAY_enable_metrics_collection": "0",
     "RAY_SERVE_LOG_TO_STDERR": "0",
+    # Of each of Ray's log files, of which there are about thirty.
+    "RAY_ROTATION_MAX_BYTES": str(2**20),
+    "RAY_ROTATION_BACKUP_COUNT": "1",
     # Ray would run every worker at niceness 15; only registrations give way to the others here.
     "RAY_worker_niceness": "0",
     # A scan that does not fit into memory once will not fit the next time.

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import redis
 
+from service.process_tree import family_bytes
 from tests.integration.running_service import RunningService, eventually, free_port, is_running
 from tests.integration.small_room import OPTIONS, small_room
 
@@ -88,6 +89,17 @@ def test_the_worker_has_not_loaded_what_reads_scans(running: Running) -> None:
     mapped = Path(f"/proc/{running.service.worker_pid()}/maps").read_text()
     assert "torch" in mapped
     assert "open3d" not in mapped
+
+
+def test_after_many_queries_all_processes_together_hold_what_they_held_before(running: Running) -> None:
+    def idle_bytes() -> int:
+        time.sleep(3)
+        return sum(family_bytes(running.service.process.pid).values())
+
+    before = idle_bytes()
+    for _ in range(20):
+        assert running.service.localize(small_room().panorama, running.map_id).status_code == 200
+    assert idle_bytes() < 1.1 * before
 
 
 def test_a_worker_killed_under_eight_requests_costs_no_answer(running: Running) -> None:
