@@ -3,6 +3,7 @@
 import logging
 import logging.config
 import sys
+from collections.abc import MutableMapping
 from typing import Any, Literal
 
 import structlog
@@ -15,6 +16,7 @@ def configure_logging(level: str, log_format: Literal["console", "json"]) -> Non
         structlog.stdlib.add_logger_name,
         structlog.stdlib.add_log_level,
         structlog.stdlib.ExtraAdder(),
+        _without_noise,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
     ]
     structlog.configure(
@@ -38,6 +40,13 @@ def configure_logging(level: str, log_format: Literal["console", "json"]) -> Non
     for name in ("uvicorn", "uvicorn.error"):
         logging.getLogger(name).handlers = []
         logging.getLogger(name).propagate = True
+
+
+def _without_noise(logger: Any, method: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    """Remove what uvicorn and Ray add to every record for their own formatters."""
+    for name in ("color_message", "_ray_timestamp_ns"):
+        event.pop(name, None)
+    return event
 
 
 def _renderers(log_format: str) -> list[Any]:

@@ -13,7 +13,7 @@ from service.logging import configure_logging
 configure_logging("info", {format!r})
 structlog.contextvars.bind_contextvars(request_id="req_1")
 structlog.get_logger("service.x").info("ours", map_id="map_1")
-logging.getLogger("library").warning("theirs", extra={{"pid": 7}})
+logging.getLogger("library").warning("theirs", extra={{"pid": 7, "color_message": "x"}})
 structlog.get_logger("service.x").debug("too much")
 try:
     secret = "hunter2"
@@ -39,6 +39,7 @@ def test_json_lines_bear_the_request_id_and_every_field() -> None:
     ours, theirs, fault = map(json.loads, lines_of("json"))
     assert (ours["event"], ours["request_id"], ours["map_id"], ours["level"]) == ("ours", "req_1", "map_1", "info")
     assert (theirs["event"], theirs["pid"], theirs["logger"]) == ("theirs", 7, "library")
+    assert "color_message" not in theirs
     assert theirs["timestamp"].endswith("Z")
     assert "ValueError: broken" in fault["exception"]
 
