@@ -94,9 +94,8 @@ class LabelCodes:
 
         The tolerance absorbs what JPEG does to flat colours.
         """
-        flat = color.reshape(-1, 3).int()
-        unique, inverse = torch.unique(flat, dim=0, return_inverse=True)
-        distance = (unique[:, None] - self.labels[None].int()).abs().amax(-1)
+        keys, inverse = torch.unique(_packed(color.reshape(-1, 3)), return_inverse=True)
+        distance = (_unpacked(keys)[:, None] - self.labels[None].int()).abs().amax(-1)
         nearest = distance.min(dim=1)
         code = self.codes[nearest.indices][inverse]
         known = (nearest.values <= tolerance)[inverse]
@@ -105,9 +104,19 @@ class LabelCodes:
 
 def label_codes(colors: Tensor) -> LabelCodes:
     """Find the label colours among (N, 3) uint8 and give each a code; rare colours (below 0.01 %) count as noise."""
-    unique, counts = torch.unique(colors.int(), dim=0, return_counts=True)
-    unique = unique[counts >= max(1, int(1e-4 * len(colors)))]
-    return LabelCodes(unique, _separated_colors(len(unique)).to(colors.device))
+    keys, counts = torch.unique(_packed(colors), return_counts=True)
+    labels = _unpacked(keys[counts >= max(1, int(1e-4 * len(colors)))])
+    return LabelCodes(labels, _separated_colors(len(labels)).to(colors.device))
+
+
+def _packed(color: Tensor) -> Tensor:
+    """Return colours (N, 3) uint8 as one integer each (N,): sorting integers is ten times faster than sorting rows."""
+    red, green, blue = color.int().unbind(-1)
+    return (red << 16) | (green << 8) | blue
+
+
+def _unpacked(keys: Tensor) -> Tensor:
+    return torch.stack((keys >> 16, (keys >> 8) & 255, keys & 255), dim=-1)
 
 
 def _separated_colors(count: int) -> Tensor:

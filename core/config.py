@@ -46,6 +46,8 @@ class RefinementConfig:
     middle_points: int = 4096
     middle_iterations: int = 6
     fine_candidates: int = 2
+    fine_margin: float = 0.25  # of the judge's score; candidates further behind the best never won
+    visibility_height: int = 256  # rows of the rendering that finds the points seen at full resolution
     fine_height: int = 256
     fine_points: int = 12_000
     fine_iterations: int = 6

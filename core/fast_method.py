@@ -59,10 +59,11 @@ class FastMethod:
         with clock.stage("judge"):
             ranked = [h for h in best_distinct(self._judge(query, middle), len(middle)) if _allowed(h, limits)]
         with clock.stage("refine"):
-            fine, comparisons = self._refine_fine(query, ranked[: sizes.fine_candidates], clock)
+            close = [h for h in ranked[: sizes.fine_candidates] if h.score >= ranked[0].score - sizes.fine_margin]
+            fine, comparisons = self._refine_fine(query, close, clock)
         order = sorted((i for i, h in enumerate(fine) if _allowed(h, limits)), key=lambda i: -fine[i].score)
         best = comparisons[order[0]] if order else (None, None)
-        hypotheses = [fine[i] for i in order] + ranked[sizes.fine_candidates :]
+        hypotheses = [fine[i] for i in order] + ranked[len(close) :]
         return MethodResult(hypotheses, best[0], best[1], num_starts, num_poses)
 
     def _search(self, query: "_Query", limits: Sequence[PoseLimits]) -> tuple[list[Hypothesis], int, int]:
@@ -124,7 +125,7 @@ class FastMethod:
             clock.check()
             number = hypothesis.map_number
             cloud = query.cloud(number)
-            comparison = self._compare(query, number, cloud, [hypothesis], sizes.fine_height)
+            comparison = self._compare(query, number, cloud, [hypothesis], sizes.visibility_height)
             group = [hypothesis]
             for height, count, iterations in (
                 (sizes.fine_height, sizes.fine_points, sizes.fine_iterations),

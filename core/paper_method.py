@@ -98,7 +98,7 @@ class PaperMethod:
             start, turn = divmod(flat, len(rotations))
             with clock.stage("refine"):
                 rotation, position, loss = minimize_by_adam(
-                    problem, rotations[turn], starts[start], config.iterations, config.learning_rate
+                    problem, rotations[turn], starts[start], config.iterations, config.learning_rate, clock.check
                 )
             model = "labels" if index.labels is not None else ("global_transport" if config.match_colors else "none")
             found.append(

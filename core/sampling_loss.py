@@ -1,5 +1,6 @@
 """The paper's sampling loss and its minimisation by Adam. Paper: §3.3, Eq. 5."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -46,12 +47,17 @@ def sampling_loss(problem: SamplingProblem, rotation: Tensor, position: Tensor) 
 
 
 def minimize_by_adam(
-    problem: SamplingProblem, rotation: Tensor, position: Tensor, iterations: int, learning_rate: float
+    problem: SamplingProblem,
+    rotation: Tensor,
+    position: Tensor,
+    iterations: int,
+    learning_rate: float,
+    check: Callable[[], None] = lambda: None,
 ) -> tuple[Tensor, Tensor, float]:
     """Descend from one pose; return the rotation, position and loss of the best iterate.
 
     The learning rate (radians and metres) falls by 0.8 whenever the loss has not improved for five iterations, as in the reference
-    implementation.
+    implementation. check: called before every iteration; what it raises passes through.
     """
     turn = torch.zeros(3, device=rotation.device, requires_grad=True)
     move = torch.zeros(3, device=rotation.device, requires_grad=True)
@@ -59,6 +65,7 @@ def minimize_by_adam(
     schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.8, patience=5)
     best = (rotation, position, float("inf"))
     for _ in range(iterations):
+        check()
         optimizer.zero_grad()
         turned, moved = rotation @ rotation_from_vector(turn), position + move
         loss = sampling_loss(problem, turned, moved)

@@ -56,7 +56,8 @@ class SyntheticViews:
     """Views rendered from B positions, axes parallel to the map's.
 
     color: (B, H, W, 3) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
-    valid: (B, H, W) bool. point: (B, H, W) int64, the number of a visible point in each pixel, −1 where no point fell.
+    valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
+    nearest to each pixel's centre, −1 where no point fell.
     """
 
     color: Tensor
@@ -102,10 +103,20 @@ def render_views(cloud: RenderCloud, centers: Tensor, height: int, width: int) -
     values = torch.cat((cloud.colors[shown], torch.ones((len(shown), 1), device=relative.device)), dim=-1)
     sums.index_add_(0, cell[visible], values)
     color, valid = _compose_color(sums, offsets, batch, height, width)
-    number = torch.full((batch * height * width,), -1, dtype=torch.int64, device=relative.device)
-    # The highest number wins: arbitrary, but the same on every device and in every run.
-    number.scatter_reduce_(0, pixel[visible], shown, "amax")
+    number = _central_points(u[visible], v[visible], pixel[visible], shown, batch * height * width)
     return SyntheticViews(color, depth, valid, number.view(batch, height, width))
+
+
+def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixels: int) -> Tensor:
+    """Return for each pixel the number of the point nearest to its centre, −1 without any.
+
+    A pixel's colour is an average over the pixel; pairing it with a point to one side would shift every pose to that side.
+    """
+    off_center = (u - u.floor() - 0.5).square() + (v - v.floor() - 0.5).square()
+    none = torch.iinfo(torch.int64).max
+    best = torch.full((num_pixels,), none, dtype=torch.int64, device=u.device)
+    best.scatter_reduce_(0, pixel, ((off_center * 2**20).long() << 32) | point, "amin")
+    return torch.where(best == none, -1, best & 0xFFFFFFFF)
 
 
 def visible_points(cloud: RenderCloud, center: Tensor, depth: Tensor) -> Tensor:
