@@ -1,0 +1,76 @@
+"""Hints are never exceeded, whatever they are."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.pose_limits import pose_limits
+from core.results import Hints
+from tests.properties.strategies import Array, finite, rotations
+
+OFFSET = np.array([1_000_000.0, -2_000_000.0, 250.0])
+MAP = SimpleNamespace(origin_offset=OFFSET)
+points = st.tuples(finite(-3, 3), finite(-3, 3), finite(-3, 3)).map(np.array)
+
+
+@given(points, points, finite(0.1, 4))
+def test_a_position_is_allowed_within_the_radius_alone(center: Array, position: Array, radius: float) -> None:
+    distance = float(np.linalg.norm(center - position))
+    hints = Hints(position_m=tuple((center + OFFSET).tolist()), radius_m=radius)  # type: ignore[arg-type]
+    allowed = bool(pose_limits(hints, MAP).allows_position(torch.from_numpy(position)))  # type: ignore[arg-type]
+    if abs(distance - radius) > 1e-4:
+        assert allowed == (distance <= radius)
+
+
+@given(points, points, points)
+def test_a_position_is_allowed_inside_the_region_alone(one: Array, other: Array, position: Array) -> None:
+    low, high = np.minimum(one, other), np.maximum(one, other) + 0.01
+    corners = tuple((low + OFFSET).tolist()), tuple((high + OFFSET).tolist())
+    limits = pose_limits(Hints(region=corners), MAP)  # type: ignore[arg-type]
+    margin = np.minimum(position - low, high - position).min()
+    if abs(margin) > 1e-4:
+        assert bool(limits.allows_position(torch.from_numpy(position))) == (margin > 0)
+
+
+@given(rotations, finite(0, 180))
+def test_a_rotation_is_allowed_within_the_tilt_alone(rotation: Array, tilt: float) -> None:
+    found = math.degrees(math.acos(np.clip(rotation[2, 2], -1, 1)))  # the angle between the camera's up and the map's
+    limits = pose_limits(Hints(max_tilt_deg=tilt), MAP)  # type: ignore[arg-type]
+    if abs(found - tilt) > 1e-3:
+        assert bool(limits.allows_rotation(torch.from_numpy(rotation))) == (found <= tilt)
+
+
+@given(rotations, finite(-720, 720), finite(1, 180))
+def test_a_rotation_is_allowed_within_the_heading_alone_unless_it_has_none(
+    rotation: Array, heading: float, tolerance: float
+) -> None:
+    limits = pose_limits(Hints(heading_deg=heading, heading_tolerance_deg=tolerance), MAP)  # type: ignore[arg-type]
+    allowed = bool(limits.allows_rotation(torch.from_numpy(rotation)))
+    if np.hypot(rotation[0, 0], rotation[1, 0]) < 0.05:  # looks straight up or down
+        assert allowed
+        return
+    yaw = math.degrees(math.atan2(rotation[1, 0], rotation[0, 0]))
+    difference = abs((yaw - heading + 180) % 360 - 180)
+    if abs(difference - tolerance) > 1e-3:
+        assert allowed == (difference <= tolerance)
+
+
+@given(rotations, points, finite(-180, 180), finite(1, 90), finite(0, 90))
+def test_whatever_is_allowed_is_searched(
+    rotation: Array, position: Array, heading: float, tolerance: float, tilt: float
+) -> None:
+    hints = Hints((0.0, 0.0, 0.0), 1.5, ((-1, -1, -1), (2, 2, 2)), True, tilt, heading, tolerance)
+    limits = pose_limits(hints, SimpleNamespace(origin_offset=np.zeros(3)))  # type: ignore[arg-type]
+    turned, placed = torch.from_numpy(rotation)[None], torch.from_numpy(position)[None]
+    assert bool(limits.searched_rotations(turned)) or not bool(limits.allows_rotation(turned))
+    assert bool(limits.searched_starts(placed)) or not bool(limits.allows_position(placed))
+
+
+def test_without_hints_everything_is_allowed() -> None:
+    limits = pose_limits(None, MAP)  # type: ignore[arg-type]
+    assert bool(limits.allows_position(torch.full((3,), 1e6)))
+    assert bool(limits.allows_rotation(-torch.eye(3)))
