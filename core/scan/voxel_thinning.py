@@ -16,6 +16,7 @@ _MIN_TABLE_ROWS = 1 << 16
 # The first voxels are this much smaller than the bulk of the scan: about 1 mm in a room of 10 m.
 _FIRST_SIZE_RATIO = 1 / 8192
 _FILL_GOAL = 0.95
+_MIN_GROWTH = 1.3
 _MAX_SIZE_STEPS = 24
 
 
@@ -113,6 +114,9 @@ class VoxelThinner:
         for _ in range(_MAX_SIZE_STEPS):
             # Surfaces: the number of occupied voxels falls with the square of their size.
             guess = size * float(np.sqrt(count / (self._max_points * (1 + _FILL_GOAL) / 2)))
+            if count > self._max_points:
+                # Voxels far below the point spacing hold one point each: their number says nothing, so the size must grow fast.
+                guess = max(guess, _MIN_GROWTH * size)
             if not too_fine < guess < coarse_enough:
                 guess = float(np.sqrt(max(too_fine, coarse_enough * 1e-6) * coarse_enough))
             size = guess
