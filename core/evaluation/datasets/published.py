@@ -1,0 +1,24 @@
+"""Which data sets can be read, by name."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from core.errors import OptionsError
+from core.evaluation.known_cases import ScanCases
+from core.evaluation.source_errors import SourceError
+
+Reader = Callable[[Path, str | None], list[ScanCases]]
+
+DATASETS: Mapping[str, Reader] = {}
+
+
+def dataset_scans(name: str, root: Path, split: str | None = None) -> list[ScanCases]:
+    """Return the scans of a data set with their panoramas; `split` narrows them, None takes all.
+
+    Raises OptionsError for an unknown data set or split, SourceError when the folder is not laid out as expected.
+    """
+    if name not in DATASETS:
+        raise OptionsError(f"dataset: expected one of {', '.join(DATASETS)}, got {name!r}")
+    if not root.is_dir():
+        raise SourceError(f"{root}: expected the folder of {name}, found none")
+    return DATASETS[name](root, split)

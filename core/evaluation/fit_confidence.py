@@ -1,0 +1,191 @@
+"""Fits the confidence on rows with known truth, and says how it holds on groups of rows that it was not fitted on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from core.confidence import FEATURES, features_of
+from core.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
+from core.evaluation.rows import RIGHT, WRONG, Row, RowsError
+from core.hypotheses import Hypothesis
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_RADIUS_LEVEL = 0.68
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How probabilities held on the rows of groups that the fit had not seen.
+
+    threshold: the smallest from 0.5 up at which wrong answers stay within what was allowed; the shares below hold at it. wrong_answers:
+    of all rows, called localized though far off or of another map. answered_right: of the rows with a right pose, called localized.
+    """
+
+    groups: tuple[str, ...]
+    num_rows: int
+    num_right: int
+    calibration_error: float | None
+    area_under_roc: float | None
+    threshold: float
+    wrong_answers: float
+    answered_right: float | None
+    radius_holds_position: float | None
+    radius_holds_orientation: float | None
+
+
+@dataclass(frozen=True)
+class ConfidenceFit:
+    """The fit to all rows, as `core.confidence` reads it, and how it holds on held-out groups."""
+
+    document: dict[str, Any]
+    held_out: HeldOut
+
+
+def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wrong: float = 0.005) -> ConfidenceFit:
+    """Fit a logistic regression of `right` (0.3 m, 10 degrees; never for another map) on `core.confidence.FEATURES`.
+
+    regularization: L2, in rows, on standardised features. max_wrong: share of wrong answers allowed at the threshold. Every group is
+    predicted by a fit to the other groups; a single group is split into five parts by panorama's scan.
+    Raises RowsError when rows have no measures, or are all right or all wrong.
+    """
+    usable = [row for row in rows if row.search.get("measures") and row.search.get("score") is not None]
+    if not usable:
+        raise RowsError(
+            "rows: expected rows whose search has measures and score, found none; run `panoloc evaluate` again"
+        )
+    features = np.array([features_of_row(row) for row in usable])
+    right = np.array([row.within(RIGHT) for row in usable])
+    if right.all() or not right.any():
+        which = "right" if right.all() else "wrong"
+        raise RowsError(
+            f"rows: expected right and wrong poses, all {len(usable)} are {which}; add harder or easier cases"
+        )
+    names = _fold_names(usable)
+    predicted, radii = _predict_held_out(usable, features, right, names, regularization)
+    threshold = _threshold(predicted, usable, max_wrong)
+    held_out = _held_out(usable, right, predicted, radii, threshold, names)
+    intercept, coefficients = fit_logistic(features, right, regularization)
+    position, orientation = radius_factors(usable)
+    document = {
+        "intercept": intercept,
+        "coefficients": dict(zip(FEATURES, coefficients.tolist(), strict=True)),
+        "threshold": threshold,
+        "position_factor": position,
+        "orientation_factor": orientation,
+        "fitted_on": {"groups": sorted({row.group for row in usable}), "rows": len(usable), "right": int(right.sum())},
+    }
+    return ConfidenceFit(document, held_out)
+
+
+def features_of_row(row: Row) -> list[float]:
+    """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
+    search = row.search
+    judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, score=search["score"], measures=search["measures"])
+    values = features_of(judged, search.get("runner_up_score") or 0.0)
+    return [float(values[name]) for name in FEATURES]
+
+
+def fit_logistic(features: Floats, right: Flags, regularization: float, iterations: int = 100) -> tuple[float, Floats]:
+    """Return intercept and coefficients (F,) of features (N, F) as given, by Newton steps on the penalised likelihood.
+
+    Features are standardised for the penalty `½ regularization ‖w‖²`, which leaves the intercept free.
+    """
+    mean, deviation = features.mean(0), np.maximum(features.std(0), 1e-9)
+    design = np.column_stack((np.ones(len(features)), (features - mean) / deviation))
+    penalty = np.diag([1e-9, *[regularization] * features.shape[1]])
+    weights = np.zeros(design.shape[1])
+    for _ in range(iterations):
+        probability = _sigmoid(design @ weights)
+        gradient = design.T @ (probability - right) + penalty @ weights
+        curvature = (design * (probability * (1 - probability))[:, None]).T @ design + penalty
+        step = np.linalg.solve(curvature, gradient)
+        weights -= step * min(
+            1.0, 5.0 / max(float(np.abs(step).max()), 1e-12)
+        )  # far from the optimum a full step overshoots
+        if np.abs(step).max() < 1e-9:
+            break
+    coefficients = weights[1:] / deviation
+    return float(weights[0] - coefficients @ mean), coefficients
+
+
+def radius_factors(rows: Sequence[Row]) -> tuple[float, float]:
+    """Return by what the formal radii of position and orientation must grow to hold 68 % of the right poses; 1 without any."""
+    factors = []
+    for errors, formal in (
+        ("position_error_m", "formal_position_m"),
+        ("orientation_error_deg", "formal_orientation_deg"),
+    ):
+        ratios = [getattr(r, errors) / getattr(r, formal) for r in rows if r.within(RIGHT) and getattr(r, formal)]
+        factors.append(float(np.quantile(ratios, _RADIUS_LEVEL)) if ratios else 1.0)
+    return factors[0], factors[1]
+
+
+def _fold_names(rows: Sequence[Row]) -> list[str]:
+    """Return for each row the part that it is held out with: its group, or one of five parts of a single group."""
+    groups = [row.group for row in rows]
+    if len(set(groups)) > 1:
+        return groups
+    owners = [row.query.rpartition("/")[0] for row in rows]
+    number = {owner: k for k, owner in enumerate(sorted(set(owners)))}
+    return [f"{row.group}, part {number[owner] % 5 + 1}" for row, owner in zip(rows, owners, strict=True)]
+
+
+def _predict_held_out(
+    rows: Sequence[Row], features: Floats, right: Flags, names: Sequence[str], regularization: float
+) -> tuple[Floats, Floats]:
+    """Return probabilities (N,) and radius factors (N, 2), each from a fit to the other groups."""
+    predicted, radii = np.full(len(rows), right.mean()), np.ones((len(rows), 2))
+    for name in sorted(set(names)):
+        out = np.array([one == name for one in names])
+        rest = ~out
+        if right[rest].any() and not right[rest].all():
+            intercept, coefficients = fit_logistic(features[rest], right[rest], regularization)
+            predicted[out] = _sigmoid(intercept + features[out] @ coefficients)
+        radii[out] = radius_factors([row for row, kept in zip(rows, rest, strict=True) if kept])
+    return predicted, radii
+
+
+def _threshold(predicted: Floats, rows: Sequence[Row], max_wrong: float) -> float:
+    far_off = np.array([not row.within(WRONG) for row in rows])
+    for step in range(50, 100):
+        if float(np.mean((predicted >= step / 100) & far_off)) <= max_wrong:
+            return step / 100
+    return 0.99
+
+
+def _held_out(
+    rows: Sequence[Row], right: Flags, predicted: Floats, radii: Floats, threshold: float, names: Sequence[str]
+) -> HeldOut:
+    called = predicted >= threshold
+    far_off = np.array([not row.within(WRONG) for row in rows])
+    holds: list[list[bool]] = [[], []]
+    for row, good, factors in zip(rows, right, radii, strict=True):
+        for axis, (error, formal) in enumerate(
+            (
+                (row.position_error_m, row.formal_position_m),
+                (row.orientation_error_deg, row.formal_orientation_deg),
+            )
+        ):
+            if good and error is not None and formal is not None:
+                holds[axis].append(error <= formal * factors[axis])
+    return HeldOut(
+        groups=tuple(sorted(set(names))),
+        num_rows=len(rows),
+        num_right=int(right.sum()),
+        calibration_error=expected_calibration_error(predicted, right),
+        area_under_roc=area_under_roc(predicted, right),
+        threshold=threshold,
+        wrong_answers=float(np.mean(called & far_off)),
+        answered_right=float(np.mean(called[right])) if right.any() else None,
+        radius_holds_position=float(np.mean(holds[0])) if holds[0] else None,
+        radius_holds_orientation=float(np.mean(holds[1])) if holds[1] else None,
+    )
+
+
+def _sigmoid(logit: Floats) -> Floats:
+    return np.asarray(1 / (1 + np.exp(-np.clip(logit, -50, 50))))

@@ -1,0 +1,79 @@
+"""The report of an evaluation as a JSON-safe document: tables with everything that is needed to repeat them."""
+
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+import torch
+
+from core.evaluation.methods import ComparedMethod
+from core.evaluation.ranking_metrics import reliability_bins
+from core.evaluation.rows import RIGHT, Row
+from core.evaluation.summary import Limits, Summary
+
+
+def report_document(
+    found: Sequence[Summary],
+    rows: Sequence[Row],
+    methods: Sequence[ComparedMethod],
+    limits: Sequence[Limits],
+    command: Sequence[str],
+) -> dict[str, Any]:
+    """Return the tables, the reliability of the confidence by method, configurations with digests, machine, versions and command."""
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": list(command),
+        "machine": machine(),
+        "versions": versions(),
+        "methods": {
+            method.name: {"method": method.method, "digest": method.digest, "configuration": asdict(method.config)}
+            for method in methods
+        },
+        "limits": [{"position_m": position, "orientation_deg": orientation} for position, orientation in limits],
+        "summaries": [asdict(summary) for summary in found],
+        "reliability": {method.name: _reliability(rows, method.name) for method in methods},
+        "num_rows": len(rows),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """Return what the figures were measured on."""
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cpu_count": os.cpu_count(),
+        "torch_threads": torch.get_num_threads(),
+        "cuda_device": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that the figures depend on."""
+    return {
+        "panoloc": metadata.version("panoloc"),
+        "python": sys.version.split()[0],
+        "torch": str(torch.__version__),
+        "numpy": np.__version__,
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor()
+
+
+def _reliability(rows: Sequence[Row], method: str) -> list[dict[str, Any]]:
+    answers = [row for row in rows if row.method == method and row.confidence is not None]
+    confidences = np.array([row.confidence for row in answers], np.float64)
+    right = np.array([row.within(RIGHT) for row in answers], bool)
+    return [asdict(one) for one in reliability_bins(confidences, right)]
