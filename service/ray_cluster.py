@@ -37,6 +37,8 @@ _ENVIRONMENT = {
     "RAY_ROTATION_BACKUP_COUNT": "1",
     # Ray would run every worker at niceness 15; only registrations give way to the others here.
     "RAY_worker_niceness": "0",
+    # Ray's handler of SIGTERM sets an alarm that aborts the process three seconds later, in the middle of a drain.
+    "RAY_DISABLE_FAILURE_SIGNAL_HANDLER": "1",
     # A scan that does not fit into memory once will not fit the next time.
     "RAY_task_oom_retries": "1",
     # glibc keeps freed panoramas in up to eight heaps per core otherwise.

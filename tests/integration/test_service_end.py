@@ -32,13 +32,17 @@ def test_it_lives_within_two_seconds_and_finishes_what_runs_when_asked_to_end(da
         service.wait_until_ready()
         map_id = service.register(small_room().scan, OPTIONS)
         family = service.family()
-        with ThreadPoolExecutor(1) as client:
-            request = client.submit(service.localize, small_room().panorama, map_id)
-            time.sleep(0.3)
+        # Enough to last longer than the three seconds after which Ray's own handler of SIGTERM would abort.
+        with ThreadPoolExecutor(8) as clients:
+            requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(8)]
+            time.sleep(0.5)
             service.process.send_signal(signal.SIGTERM)
             time.sleep(0.1)
-            assert service.status("/health/ready") in (503, None)
-            assert request.result().status_code == 200
+            assert service.status("/health/ready") == 503
+            turned_away = service.localize(small_room().panorama, map_id)
+            assert [request.result().status_code for request in requests] == [200] * 8
+        assert turned_away.status_code == 503
+        assert int(turned_away.headers["Retry-After"]) >= 1
         assert service.process.wait(30) == 0
     finally:
         service.kill()
