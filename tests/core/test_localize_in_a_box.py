@@ -382,7 +382,7 @@ def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates(
     offset = np.array([4_500_000.25, 5_400_000.5, 312.125])
     index = build_map_index(box.scan(origin_offset=offset))
     near = tuple((offset + np.array([1.9, 2.2, 1.4])).tolist())
-    found = localizer.localize(box_panorama, [index], hints=Hints(position_m=near, radius_m=0.7))  # type: ignore[arg-type]
+    found = localizer.localize(box_panorama, [index], hints=Hints(position_m=near, radius_m=0.7))
     assert_found(found, Pose(box_pose.rotation, box_pose.position + offset))
     assert (index.start_positions.min(axis=0) > offset).all()
     assert (index.bounds[0] > offset - 0.1).all()

@@ -112,7 +112,7 @@ def test_a_room_scanned_from_one_place_alone_is_enough(localizer: Localizer, roo
 def test_grid_starts_in_a_region_find_the_pose_as_well(localizer: Localizer, room: Scene) -> None:
     pose = sample_pose(room, np.random.default_rng(6), "any")
     low, high = (tuple((pose.position + side).tolist()) for side in (-0.9, 0.9))
-    options = IndexOptions(starts_method="grid", spacing_m=0.6, region=(low, high))  # type: ignore[arg-type]
+    options = IndexOptions(starts_method="grid", spacing_m=0.6, region=(low, high))
     index = build_map_index(scan_scene(room, num_points=60_000), options)
     assert index.num_starts <= 27
     found = localizer.localize(take_panorama(room, pose, WIDTH), [index])

@@ -206,5 +206,5 @@ def test_every_setting_of_the_index_is_in_the_digest() -> None:
         value = getattr(base, section.name)
         for field in dataclasses.fields(value) if dataclasses.is_dataclass(value) else ():
             inner = getattr(value, field.name)
-            changed = dataclasses.replace(value, **{field.name: inner + type(inner)(1)})  # type: ignore[type-var]
+            changed = dataclasses.replace(value, **{field.name: inner + type(inner)(1)})
             assert dataclasses.replace(base, **{section.name: changed}).digest() != base.digest(), field.name

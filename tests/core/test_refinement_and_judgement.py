@@ -138,7 +138,7 @@ def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:
     target = source * [0.8, 1.5, 0.6] + [0.1, -0.2, 0.05] + rng.normal(0, 0.01, (200, 3))
     weights = rng.uniform(size=200)
     gain, offset = fit_gain_offset(
-        *(torch.from_numpy(x)[None] for x in (source, target)), torch.from_numpy(weights)[None]
+        torch.from_numpy(source)[None], torch.from_numpy(target)[None], torch.from_numpy(weights)[None]
     )
     for channel in range(3):
         slope, intercept = np.polyfit(source[:, channel], target[:, channel], 1, w=np.sqrt(weights))

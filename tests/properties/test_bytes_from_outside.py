@@ -166,8 +166,8 @@ def test_random_bytes_as_a_mask_are_refused(mask: bytes, kind: str) -> None:
 
 @given(st.lists(st.integers(0, 9_999_999) | st.sampled_from((0, 64, 128, 256)), min_size=6, max_size=6))
 def test_any_crop_fields_are_honoured_within_the_pixel_limit_or_refused(values: list[int]) -> None:
-    names = ("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels")
-    names = (*names, "CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels")
+    names = ["FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels"]
+    names += ["CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels"]
     fields = " ".join(f'GPano:{name}="{value}"' for name, value in zip(names, values, strict=True))
     packet = f'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description {fields}/></x:xmpmeta>'
     buffer = io.BytesIO()

@@ -20,7 +20,7 @@ points = st.tuples(finite(-3, 3), finite(-3, 3), finite(-3, 3)).map(np.array)
 @given(points, points, finite(0.1, 4))
 def test_a_position_is_allowed_within_the_radius_alone(center: Array, position: Array, radius: float) -> None:
     distance = float(np.linalg.norm(center - position))
-    hints = Hints(position_m=tuple((center + OFFSET).tolist()), radius_m=radius)  # type: ignore[arg-type]
+    hints = Hints(position_m=tuple((center + OFFSET).tolist()), radius_m=radius)
     allowed = bool(pose_limits(hints, MAP).allows_position(torch.from_numpy(position)))  # type: ignore[arg-type]
     if abs(distance - radius) > 1e-4:
         assert allowed == (distance <= radius)

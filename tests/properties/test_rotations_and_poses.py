@@ -62,7 +62,7 @@ def test_at_the_pole_roll_is_zero_and_the_product_still_holds(pitch: float) -> N
 @given(vectors.filter(lambda v: np.linalg.norm(v) > 1e-9))
 def test_a_rotation_vector_turns_about_itself_by_its_length(vector: Array) -> None:
     rotation = rotation_from_vector(torch.from_numpy(vector)).numpy()
-    np.testing.assert_allclose(rotation @ vector, vector, atol=1e-8 * (1 + np.linalg.norm(vector)))
+    np.testing.assert_allclose(rotation @ vector, vector, atol=1e-8 * (1 + float(np.linalg.norm(vector))))
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
     assert np.trace(rotation) == pytest.approx(1 + 2 * math.cos(np.linalg.norm(vector)), abs=1e-8)
 

@@ -42,7 +42,7 @@ def test_histograms_agree_with_counting_pixel_by_pixel(fast: object, slow: objec
     weights[rng.uniform(size=weights.shape) < 0.3] = 0.0
     patch = rng.integers(0, 4, 40)
     weights[0, patch == 2] = 0.0
-    colors[0, :4] = [[0, 0, 0], [1, 1, 1], [0.25, 0.5, 0.75], [0.999, 0.001, 1]]
+    colors[0, :4] = np.array([[0, 0, 0], [1, 1, 1], [0.25, 0.5, 0.75], [0.999, 0.001, 1]])
     found = fast(  # type: ignore[operator]
         torch.from_numpy(colors).float(),
         torch.from_numpy(weights).float(),
