@@ -2,10 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 
-from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png
-
 from core.map_index import MapIndex
 from core.panorama import Panorama
+from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png
 from core.results import Localization
 
 
