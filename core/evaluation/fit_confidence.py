@@ -53,7 +53,10 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
     predicted by a fit to the other groups; a single group is split into five parts by panorama's scan.
     Raises RowsError when rows have no measures, or are all right or all wrong.
     """
-    usable = [row for row in rows if row.search.get("measures") and row.search.get("score") is not None]
+    latest = {
+        (row.scan, row.query, row.method): row for row in rows
+    }  # of the same call with two configurations, the later
+    usable = [row for row in latest.values() if row.search.get("measures") and row.search.get("score") is not None]
     if not usable:
         raise RowsError(
             "rows: expected rows whose search has measures and score, found none; run `panoloc evaluate` again"

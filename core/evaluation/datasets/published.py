@@ -4,12 +4,21 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from core.errors import OptionsError
+from core.evaluation.datasets.data61 import data61
+from core.evaluation.datasets.omniscenes import omniscenes
+from core.evaluation.datasets.stanford import stanford
+from core.evaluation.datasets.structured3d import structured3d
 from core.evaluation.known_cases import ScanCases
 from core.evaluation.source_errors import SourceError
 
 Reader = Callable[[Path, str | None], list[ScanCases]]
 
-DATASETS: Mapping[str, Reader] = {}
+DATASETS: Mapping[str, Reader] = {
+    "omniscenes": omniscenes,
+    "stanford2d3ds": stanford,
+    "structured3d": structured3d,
+    "data61": data61,
+}
 
 
 def dataset_scans(name: str, root: Path, split: str | None = None) -> list[ScanCases]:
