@@ -4,7 +4,6 @@ import ast
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from importlib import metadata
 from typing import Any
 
 from core.confidence import load_confidence_model
@@ -23,12 +22,12 @@ class ComparedMethod:
 
     @property
     def digest(self) -> str:
-        """Return 12 hex digits that change whenever the method's part of the configuration, the confidence or the version does.
+        """Return 12 hex digits that change whenever the method's part of the configuration or the fitted confidence does.
 
         Rows of another digest are not reused.
         """
         sections = {k: v for k, v in asdict(self.config).items() if (k == "paper") == (self.method == "paper")}
-        text = repr((self.method, sorted(sections.items()), load_confidence_model(), metadata.version("panoloc")))
+        text = repr((self.method, sorted(sections.items()), load_confidence_model()))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

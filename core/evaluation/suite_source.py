@@ -1,5 +1,6 @@
 """Procedural suites as a source of cases."""
 
+import re
 from collections.abc import Sequence
 from typing import get_args
 
@@ -58,8 +59,8 @@ def seed_range(text: str) -> list[int]:
     """Return the seeds that a text such as `1000-1019`, `7` or `1,3,5-8` names; raises OptionsError for anything else."""
     seeds: list[int] = []
     for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        if not first.isdigit() or (last and not last.isdigit()) or (last and int(last) < int(first)):
+        match = re.fullmatch(r"(\d+)(?:-(\d+))?", part.strip())
+        if match is None or int(match[2] or match[1]) < int(match[1]):
             raise OptionsError(f"seeds: expected numbers and ranges such as 1000-1019 or 1,3,5-8, got {text!r}")
-        seeds += range(int(first), int(last or first) + 1)
+        seeds += range(int(match[1]), int(match[2] or match[1]) + 1)
     return seeds
