@@ -21,7 +21,7 @@ from core.candidate_points import (
 )
 from core.config import LocalizerConfig
 from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, prepare_level, refine
-from core.hypotheses import Hypothesis, MethodResult, best_distinct, by_map, stacked_poses
+from core.hypotheses import ELSEWHERE_DEG, ELSEWHERE_M, Hypothesis, MethodResult, best_distinct, by_map, stacked_poses
 from core.judge import agreement, judged_hypotheses
 from core.map_index import MapIndex
 from core.panorama import Panorama
@@ -64,7 +64,21 @@ class FastMethod:
         order = sorted((i for i, h in enumerate(fine) if _allowed(h, limits)), key=lambda i: -fine[i].score)
         best = comparisons[order[0]] if order else (None, None)
         hypotheses = [fine[i] for i in order] + ranked[len(close) :]
+        with clock.stage("judge"):
+            hypotheses = self._judge_rival(query, hypotheses, len(order))
         return MethodResult(hypotheses, best[0], best[1], num_starts, num_poses)
+
+    def _judge_rival(self, query: "_Query", hypotheses: list[Hypothesis], num_fine: int) -> list[Hypothesis]:
+        """Judge the best candidate at another place on the larger rendering too: the margin must compare like with like."""
+        height = self.config.judge.final_height
+        for k, rival in enumerate(hypotheses):
+            if num_fine and k and not rival.is_near(hypotheses[0], ELSEWHERE_M, ELSEWHERE_DEG):
+                if k >= num_fine:
+                    number = rival.map_number
+                    final = self._compare(query, number, query.cloud(number), [rival], height)
+                    hypotheses[k] = judged_hypotheses([rival], agreement(final, height))[0]
+                break
+        return hypotheses
 
     def _search(self, query: "_Query", limits: Sequence[PoseLimits]) -> tuple[list[Hypothesis], int, int]:
         """Search every map and keep the best candidates over all of them."""

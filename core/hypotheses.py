@@ -11,6 +11,9 @@ from core.candidate_points import Comparison
 from core.rotations import rotation_angle
 from core.synthetic_view import RenderCloud
 
+# Poses further apart than either of these are different answers.
+ELSEWHERE_M, ELSEWHERE_DEG = 0.5, 15.0
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -78,3 +81,12 @@ def best_distinct(
         if not any(hypothesis.is_near(other, distance_m, angle_deg) for other in kept):
             kept.append(hypothesis)
     return kept
+
+
+def distinct_places(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Keep hypotheses in their order, leaving out those at the place of one before."""
+    places: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        if not any(hypothesis.is_near(place, ELSEWHERE_M, ELSEWHERE_DEG) for place in places):
+            places.append(hypothesis)
+    return places

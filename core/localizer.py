@@ -10,7 +10,7 @@ from core.confidence import ConfidenceModel, error_radii, features_of, load_conf
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast_method import FastMethod
-from core.hypotheses import Hypothesis, MethodResult
+from core.hypotheses import Hypothesis, MethodResult, distinct_places
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.paper_method import PaperMethod
@@ -19,8 +19,8 @@ from core.results import Candidate, Hints, Localization, Method, Status
 from core.search import make_rotation_set
 from core.stage_clock import StageClock
 
-_ELSEWHERE_M, _ELSEWHERE_DEG = 0.5, 15.0
 _AMBIGUOUS_MARGIN = 0.08  # of the judge's score, between two places that both fit well
+_CLEAR_MARGIN = 0.4  # of the judge's score, what a right pose usually has over the best other place
 
 
 class Localizer:
@@ -84,7 +84,7 @@ class Localizer:
                 "not_localized", None, (), None, None, None, None, None, None, clock.timings_s, search, (warning,)
             )
         with clock.stage("confidence"):
-            places = _elsewhere(result.hypotheses)
+            places = distinct_places(result.hypotheses)
             candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
             status = self._status(places, candidates)
             position_m, orientation_deg = error_radii(places[0], self._confidence)
@@ -97,7 +97,7 @@ class Localizer:
             "sampling_loss": places[0].loss,
             "iterations": places[0].iterations,
             "score": places[0].score,
-            "runner_up_score": places[1].score if len(places) > 1 else None,
+            "runner_up_score": max((h.score for h in places[1:]), default=None),
             "measures": places[0].measures,
         }
         shown = len(candidates) if status == "ambiguous" else top_k
@@ -132,20 +132,13 @@ class Localizer:
     def _status(self, places: Sequence[Hypothesis], candidates: Sequence[Candidate]) -> Status:
         """Say whether the best pose is sure, one of several equals, or a guess."""
         model: ConfidenceModel = self._confidence
-        if len(places) > 1 and places[0].score - places[1].score < _AMBIGUOUS_MARGIN:
-            alone = model.probability(features_of(places[0], 0.0))
+        rival = max((h.score for h in places[1:]), default=0.0)
+        if places[0].score - rival < _AMBIGUOUS_MARGIN:
+            # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
+            alone = model.probability(features_of(places[0], places[0].score - _CLEAR_MARGIN))
             if alone >= model.threshold:
                 return "ambiguous"
         return "localized" if candidates[0].confidence >= model.threshold else "not_localized"
-
-
-def _elsewhere(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Keep hypotheses in their order, leaving out those near one before."""
-    places: list[Hypothesis] = []
-    for hypothesis in hypotheses:
-        if not any(hypothesis.is_near(place, _ELSEWHERE_M, _ELSEWHERE_DEG) for place in places):
-            places.append(hypothesis)
-    return places
 
 
 def _orthonormal(rotation: torch.Tensor) -> Any:
