@@ -43,6 +43,8 @@ _ENVIRONMENT = {
     "RAY_task_oom_retries": "1",
     # glibc keeps freed panoramas in up to eight heaps per core otherwise.
     "MALLOC_ARENA_MAX": "2",
+    # Threads of torch that wait by spinning starve each other where other work wants the cores: 24 s a query instead of 3.
+    "OMP_WAIT_POLICY": "PASSIVE",
 }
 
 
@@ -97,6 +99,7 @@ class RayCluster:
         """Leave the cluster; one of our own ends, with every process of it."""
         ray = _import_ray()
         ray.shutdown()
+        _forget_controller()
         deadline = time.monotonic() + 5
         for pid in self._guarded:
             while _is_alive(pid) and time.monotonic() < deadline:
@@ -149,6 +152,20 @@ def _end_processes_that_nobody_needs(ray: Any) -> None:
             getattr(node, name)(check_alive=False)
         except Exception as error:
             _log.warning("could not end a Ray process that is not needed", extra={"call": name, "error": repr(error)})
+
+
+def _forget_controller() -> None:
+    """Let handles of the next cluster look for its own Serve controller.
+
+    Serve keeps one client per controller for the life of the process, and takes the controller of a new cluster for
+    the old one when both have the same number, as the first actors of two clusters do.
+    """
+    try:
+        from ray.serve._private.router import SharedRouterLongPollClient
+
+        SharedRouterLongPollClient.get_or_create.cache_clear()
+    except (ImportError, AttributeError) as error:
+        _log.warning("could not clear a cache of Ray Serve", extra={"error": repr(error)})
 
 
 def _belongs_to(pid: int, folder: Path) -> bool:

@@ -137,7 +137,11 @@ class RayServing:
 
     def _environment(self) -> dict[str, Any]:
         # The processes of a cluster of our own inherit it.
-        return {} if self._cluster.is_ours else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2"}}}
+        return (
+            {}
+            if self._cluster.is_ours
+            else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2", "OMP_WAIT_POLICY": "PASSIVE"}}}
+        )
 
 
 def _app_name(cluster: RayCluster, plan: WorkerPlan) -> str:
