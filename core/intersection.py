@@ -8,18 +8,18 @@ from torch import Tensor
 
 
 def bin_major(histograms: Tensor) -> Tensor:
-    """Return histograms (T, P, B) as (B, T P), contiguous: the layout in which one query bin reads one row."""
-    return histograms.flatten(0, 1).T.contiguous()
+    """Return histograms (T, P, B) as (B, P T), contiguous: the layout in which one query bin reads one row."""
+    return histograms.permute(2, 1, 0).flatten(1).contiguous()
 
 
 def intersection_tensor(query: Tensor, views: Tensor, num_views: int) -> Tensor:
     """Return I (T, P, P'): Λ of query patch i (second axis) and view patch j (third axis), Λ(a, b) = Σ min(a, b).
 
-    query: (P, B) normalised histograms. views: (B, T P') from `bin_major`. Only the bins that a query patch
+    query: (P, B) normalised histograms. views: (B, P' T) from `bin_major`. Only the bins that a query patch
     occupies can contribute, about 12 of 512.
     """
     rows = []
     for histogram in query:
         occupied = histogram.nonzero()[:, 0]
         rows.append(torch.minimum(views[occupied], histogram[occupied, None]).sum(0))
-    return torch.stack(rows).view(len(query), num_views, -1).transpose(0, 1)
+    return torch.stack(rows).view(len(query), -1, num_views).permute(2, 0, 1)

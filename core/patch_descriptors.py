@@ -49,10 +49,13 @@ def principal_basis(roots: Tensor, size: int, sample: int = 20_000) -> Tensor:
 
 
 def similarity_tensor(query: Tensor, views: Tensor) -> Tensor:
-    """Return the centred similarity I (T, P, P) of query patches (P, D) (first) and view patches (T, P, D) (second)."""
+    """Return the centred similarity I (T, P, P) of query patches (P, D) (first) and view patches (T, P, D) (second).
+
+    In memory the start comes last, so that the gather of `core.pose_scores` reads whole rows and nothing has to be copied.
+    """
     num_views, num_patches, size = views.shape
-    product = views.reshape(-1, size) @ query.T
-    return product.view(num_views, num_patches, -1).transpose(1, 2)
+    product = query @ views.transpose(0, 1).reshape(-1, size).T
+    return product.view(len(query), num_patches, num_views).permute(2, 0, 1)
 
 
 def normalize_per_view(tensor: Tensor, query_weights: Tensor, view_weights: Tensor) -> Tensor:
@@ -60,6 +63,8 @@ def normalize_per_view(tensor: Tensor, query_weights: Tensor, view_weights: Tens
 
     The score of a pose then says how much better this alignment is than a random pairing of the same patches.
     """
-    per_row = torch.bmm(tensor.square(), view_weights[..., None])[..., 0]
-    deviation = (per_row * query_weights).sum(-1).sqrt().clamp_min(1e-9)
+    num_views, num_patches, _ = tensor.shape
+    squares = tensor.square().permute(1, 2, 0).reshape(num_patches, -1)
+    per_view_patch = (query_weights @ squares).view(-1, num_views)
+    deviation = (per_view_patch * view_weights.T).sum(0).sqrt().clamp_min(1e-9)
     return tensor / deviation[:, None, None]

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.rotations import rotation_angle
-
 
 @dataclass(frozen=True)
 class Candidates:
@@ -30,7 +28,7 @@ def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
     tensor: I (T, P, P), query patch first. table: π (R, P) from `core.spherical_patches.rotation_table`. weights: (P,).
     """
     num_views, num_patches, _ = tensor.shape
-    rows = tensor.reshape(num_views, -1).T.contiguous()
+    rows = tensor.permute(1, 2, 0).reshape(-1, num_views)
     index = table + torch.arange(num_patches, device=table.device) * num_patches
     scores = torch.nn.functional.embedding_bag(
         index, rows, mode="sum", per_sample_weights=weights.expand(len(table), -1).contiguous()
@@ -55,14 +53,15 @@ def select_candidates(
     keep_finite = top.values > -math.inf
     values, flat = top.values[keep_finite], top.indices[keep_finite]
     start, rotation = flat // scores.shape[1], flat % scores.shape[1]
-    place, turn = positions[start], rotations[rotation]
+    place, turn = positions[start], rotations.flatten(1)[rotation]
+    same_turn = 1 + 2 * math.cos(math.radians(distinct_angle_deg))  # the trace of a turn by that angle
     alive = torch.ones(len(flat), dtype=torch.bool, device=scores.device)
     chosen: list[int] = []
     while len(chosen) < count and bool(alive.any()):
         best = int(alive.int().argmax())
         chosen.append(best)
         near = (place - place[best]).norm(dim=-1) < distinct_distance_m
-        near &= rotation_angle(turn, turn[best]) < math.radians(distinct_angle_deg)
+        near &= turn @ turn[best] > same_turn
         alive &= ~near
         alive[best] = False
     pick = torch.tensor(chosen, dtype=torch.long, device=scores.device)
