@@ -7,11 +7,10 @@ Sources yield `ScanCases`; `Evaluation` runs methods on them and writes rows; `s
 from core.evaluation.datasets import DATASETS, dataset_scans
 from core.evaluation.fit_confidence import ConfidenceFit, HeldOut, fit_confidence
 from core.evaluation.folder_source import folder_scans
-from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, limited
+from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError, limited
 from core.evaluation.methods import METHOD_NAMES, ComparedMethod, compared_method
 from core.evaluation.rows import Row, RowsError, RowsFile, read_rows
 from core.evaluation.runner import Evaluation, RunOptions
-from core.evaluation.source_errors import SourceError
 from core.evaluation.suite_source import seed_range, suite_scans
 from core.evaluation.summary import DEFAULT_LIMITS, Summary, summaries
 

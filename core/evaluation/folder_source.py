@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from core.evaluation.source_errors import SourceError
+from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 from core.map_index import IndexOptions
 from core.panorama_reader import read_panorama
 from core.pose import Pose

@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.errors import CoreError
 from core.map_index import IndexOptions
 from core.panorama import Panorama
 from core.point_cloud import PointCloud
 from core.pose import Pose, PoseError, pose_error
+
+
+class SourceError(CoreError):
+    """Cases are not where they were expected, or not in the expected form. The message names the file and the form."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import OptionsError
-from core.evaluation.source_errors import SourceError
+from core.evaluation.known_cases import SourceError
 from core.panorama import Panorama
 from core.panorama_reader import read_panorama
 from core.pose import Pose

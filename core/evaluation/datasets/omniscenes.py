@@ -8,8 +8,7 @@ pcd/<room>_<number>.txt                                    x y z red green blue
 from pathlib import Path
 
 from core.evaluation.datasets.dataset_files import camera_from_map_pose, chosen, images_in, read_image
-from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from core.evaluation.source_errors import SourceError
+from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 from core.map_index import IndexOptions
 from core.scan import read_scan
 

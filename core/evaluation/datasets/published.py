@@ -8,8 +8,7 @@ from core.evaluation.datasets.data61 import data61
 from core.evaluation.datasets.omniscenes import omniscenes
 from core.evaluation.datasets.stanford import stanford
 from core.evaluation.datasets.structured3d import structured3d
-from core.evaluation.known_cases import ScanCases
-from core.evaluation.source_errors import SourceError
+from core.evaluation.known_cases import ScanCases, SourceError
 
 Reader = Callable[[Path, str | None], list[ScanCases]]
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.evaluation.datasets.dataset_files import chosen, images_in, pose_of, read_image, without_black_poles
-from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from core.evaluation.source_errors import SourceError
+from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 from core.map_index import IndexOptions
 from core.pose import Pose
 from core.scan import read_scan

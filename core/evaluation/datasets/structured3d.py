@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image
 
 from core.evaluation.datasets.dataset_files import chosen, read_image
-from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from core.evaluation.source_errors import SourceError
+from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 from core.map_index import IndexOptions
 from core.point_cloud import PointCloud
 from core.pose import Pose
