@@ -227,7 +227,7 @@ class _Query:
         if key not in self._levels:
             level = pyramid.level(height)
             color = level.canonical(self.maps[number].labels)
-            self._levels[key] = prepare_level(_blur(color) if blur else color, level.valid)
+            self._levels[key] = prepare_level(_blur(color, level.valid) if blur else color, level.valid)
         return self._levels[key]
 
     def level_for(self, number: int, height: int, tables: Tensor | None) -> ImageLevel:
@@ -241,8 +241,9 @@ def _allowed(hypothesis: Hypothesis, limits: Sequence[PoseLimits]) -> bool:
     return bool(limit.allows_position(hypothesis.position)) and bool(limit.allows_rotation(hypothesis.rotation))
 
 
-def _blur(color: Tensor) -> Tensor:
-    """Smooth (3, H, W) with the kernel 1 2 1 along both axes, around the seam and over the poles."""
-    padded = wrap_border(color)
-    rows = (padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]) / 4
-    return (rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]) / 4
+def _blur(color: Tensor, valid: Tensor) -> Tensor:
+    """Smooth (3, H, W) over valid pixels (H, W) with the kernel 1 2 1 along both axes, around the seam and over the poles."""
+    padded = wrap_border(torch.cat((color * valid, valid[None])))
+    rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
+    total = rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]
+    return total[:3] / total[3:].clamp_min(1.0)

@@ -1,7 +1,7 @@
 """Map indexes as bytes: a header, then little-endian arrays, compressed. No pickle: reading runs no code.
 
 Layout: magic `PLMI`, version (uint16), length of a JSON header (uint32), the header, the arrays. Positions are 16-bit steps of the bounds
-(under 2 mm for a scan of 100 m), descriptors bytes scaled per view (the rounding moves no score by more than 0.5 %).
+up to 100 m (at most 1.5 mm), 32-bit steps beyond, descriptors bytes scaled per view (the rounding moves no score by more than 0.5 %).
 """
 
 import json
@@ -21,6 +21,8 @@ from core.patch_descriptors import ViewDescriptors
 
 _MAGIC = b"PLMI"
 _VERSION = 1
+_SHORT_EXTENT_M = 100.0
+_LONG_STEP_M = 0.0005
 _PREFIX = struct.Struct("<4sHI")
 
 
@@ -98,7 +100,8 @@ def _read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
 def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) -> MapIndex:
     tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items() if name != "positions"}
     steps = np.asarray(arrays["positions"], np.float32)
-    positions = torch.from_numpy(steps * float(header["step"]) + np.asarray(header["lower"], np.float32))
+    with np.errstate(over="ignore", invalid="ignore"):  # a damaged header; `_check_fit` refuses what comes of it
+        positions = torch.from_numpy(steps * float(header["step"]) + np.asarray(header["lower"], np.float32))
     values = tensors["descriptors"].float() * tensors["descriptor_scale"][:, None, None]
     labels = LabelCodes(tensors["labels"], tensors["label_codes"]) if "labels" in tensors else None
     return MapIndex(
@@ -143,12 +146,19 @@ def _check_fit(index: MapIndex) -> None:
         raise ValueError("start_points: expected numbers of points of this map")
 
 
-def _quantize_positions(positions: Tensor) -> tuple[NDArray[np.float32], float, NDArray[np.uint16]]:
-    """Return the lower bound (3,), the step in metres and 16-bit steps (N, 3); one step for all axes keeps angles."""
+def _quantize_positions(positions: Tensor) -> tuple[NDArray[np.float32], float, NDArray[np.generic]]:
+    """Return the lower bound (3,), the step in metres and whole steps (N, 3); one step for all axes keeps angles.
+
+    16 bits up to 100 m, where a step is 1.5 mm; 32 bits beyond.
+    """
     points = _array(positions)
     lower = points.min(axis=0)
-    step = max(float((points.max(axis=0) - lower).max()) / 65535, 1e-9)
-    return lower, step, np.round((points - lower) / step).astype("<u2")
+    extent = float((points.max(axis=0) - lower).max())
+    if extent <= _SHORT_EXTENT_M:
+        step, dtype = max(extent / 65535, 1e-9), "<u2"
+    else:
+        step, dtype = _LONG_STEP_M, "<u4"
+    return lower, step, np.round((points - lower) / step).astype(dtype)
 
 
 def _array(tensor: Tensor) -> NDArray[np.generic]:

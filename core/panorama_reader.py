@@ -121,7 +121,8 @@ def _color_and_alpha(image: Image.Image) -> tuple[NDArray[np.uint8], NDArray[np.
         valid = np.asarray(image.getchannel("A")) >= 128
     if image.mode.startswith("I") or image.mode == "F":
         grey = np.asarray(image, dtype=np.float64)
-        grey = np.clip(grey / (257 if grey.max() > 255 else 1), 0, 255).astype(np.uint8)
+        # Pillow keeps PNG's 16-bit grey in these modes; 8-bit grey never gets here.
+        grey = np.clip(grey / 257, 0, 255).round().astype(np.uint8)
         return np.repeat(grey[..., None], 3, axis=2), valid
     return np.asarray(image.convert("RGB")), valid
 

@@ -73,7 +73,8 @@ def draw_map_preview(index: MapIndex, max_side: int = 900) -> Picture:
     """Draw the scan from above without what lies in the top 15 % (ceilings), with a dot at every start."""
     positions, colors = index.positions.cpu().numpy(), index.colors.cpu().numpy()
     lower, upper = np.quantile(positions, 0.001, axis=0), np.quantile(positions, 0.999, axis=0)
-    scale = max_side / max(float((upper - lower)[:2].max()), 1e-3)
+    # Half the size, enlarged afterwards: a point is then two pixels wide and floors have fewer gaps.
+    scale = max_side / 2 / max(float((upper - lower)[:2].max()), 1e-3)
     width, height = (np.maximum(16, np.ceil((upper - lower)[:2] * scale))).astype(int)
     cut = positions[:, 2] <= lower[2] + 0.85 * (upper[2] - lower[2])
     order = np.argsort(positions[cut, 2], kind="stable")
@@ -81,10 +82,10 @@ def draw_map_preview(index: MapIndex, max_side: int = 900) -> Picture:
     picture = np.full((height, width, 3), 250, dtype=np.uint8)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     picture[y[inside], x[inside]] = colors[cut][order][inside]
-    drawn = Image.fromarray(picture)
+    drawn = Image.fromarray(picture).resize((2 * width, 2 * height), Image.Resampling.NEAREST)
     pen = ImageDraw.Draw(drawn)
     for u, v in zip(*_to_picture(index.starts.cpu().numpy(), lower, scale, height), strict=True):
-        pen.ellipse((int(u) - 2, int(v) - 2, int(u) + 2, int(v) + 2), fill=(30, 90, 220))
+        pen.ellipse((2 * int(u) - 2, 2 * int(v) - 2, 2 * int(u) + 3, 2 * int(v) + 3), fill=(30, 90, 220))
     return np.asarray(drawn, dtype=np.uint8)
 
 
