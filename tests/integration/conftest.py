@@ -1,5 +1,7 @@
 """Set-up shared by the tests that start real processes."""
 
+import os
+import secrets
 import sys
 from pathlib import Path
 
@@ -16,3 +18,7 @@ def pytest_configure(config: pytest.Config) -> None:
 # Test modules import their companions, and Ray's workers the scripted worker, as `tests.integration.…`.
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
+
+# One token for all clusters of this run: Ray reads it once per process, some tests start a cluster and others join one.
+os.environ["RAY_AUTH_MODE"] = "token"
+os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))

@@ -29,7 +29,7 @@ def cluster_address() -> Iterator[str]:
         command = [str(Path(sys.executable).with_name("ray")), "start", "--head", "--block", "--num-cpus=4",
                    "--include-dashboard=false", "--object-store-memory=80000000", "--node-ip-address=127.0.0.1",
                    f"--port={address.rpartition(':')[2]}", f"--temp-dir={folder}"]  # fmt: skip
-        environment = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled"}
+        environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0"}
         head = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
         try:
             wait_for_port(address)
