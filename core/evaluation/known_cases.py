@@ -64,12 +64,12 @@ class ScanCases:
 
 
 def limited(scans: Sequence[ScanCases], limit: int | None) -> list[ScanCases]:
-    """Return the scans with at most `limit` queries in all, the first ones; None for all."""
+    """Return the scans with at most `limit` queries per group, the first ones; None for all."""
     if limit is None:
         return list(scans)
     kept: list[ScanCases] = []
     for scan in scans:
-        names = scan.query_names[: max(0, limit - sum(len(one.query_names) for one in kept))]
+        names = scan.query_names[: max(0, limit - sum(len(one.query_names) for one in kept if one.group == scan.group))]
         if names:
             kept.append(ScanCases(scan.name, scan.group, names, scan.load, scan.place, scan.facts))
     return kept

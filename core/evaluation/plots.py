@@ -23,15 +23,16 @@ def write_plots(rows: Sequence[Row], folder: Path) -> list[Path] | None:
 def _error_plot(by_method: dict[str, list[Row]], path: Path) -> Path:
     """Plot the share of queries whose error is below each value; a query without a pose never is."""
     figure, axes = _figure(2)
-    for axis, field, label in (
-        (axes[0], "position_error_m", "position error (m)"),
-        (axes[1], "orientation_error_deg", "orientation error (degrees)"),
+    for axis, field, label, span in (
+        (axes[0], "position_error_m", "position error (m)", (1e-4, 30.0)),
+        (axes[1], "orientation_error_deg", "orientation error (degrees)", (1e-3, 180.0)),
     ):
         for name, rows in by_method.items():
             own = [row for row in rows if not row.cross]
             errors = sorted(getattr(row, field) for row in own if getattr(row, field) is not None)
-            axis.step(errors, np.arange(1, len(errors) + 1) / max(1, len(own)), where="post", label=name)
-        axis.set(xscale="log", xlabel=label, ylabel="share of queries", ylim=(0, 1))
+            shares = np.append(0, np.arange(1, len(errors) + 1)) / max(1, len(own))
+            axis.step([span[0], *errors, span[1]], [*shares, shares[-1]], where="post", label=name)
+        axis.set(xscale="log", xlabel=label, ylabel="share of queries", xlim=span, ylim=(0, 1.02))
         axis.grid(alpha=0.3)
         axis.legend()
     figure.savefig(path)
@@ -49,7 +50,7 @@ def _reliability_plot(by_method: dict[str, list[Row]], path: Path) -> Path:
         axis.plot([b.mean_probability for b in bins], [b.share_right for b in bins], marker="o", label=name)
         for one in bins:
             axis.annotate(str(one.count), (one.mean_probability, one.share_right), fontsize=7)
-    axis.set(xlabel="confidence", ylabel="share within 0.3 m and 10 degrees", xlim=(0, 1), ylim=(0, 1))
+    axis.set(xlabel="confidence", ylabel="share within 0.3 m and 10 degrees", xlim=(-0.02, 1.02), ylim=(-0.02, 1.05))
     axis.grid(alpha=0.3)
     axis.legend()
     figure.savefig(path)

@@ -47,7 +47,7 @@ def evaluate(
         list[str] | None, typer.Option(help="Split of the data set; repeatable.", rich_help_panel=SOURCES)
     ] = None,
     limit: Annotated[
-        int | None, typer.Option(min=1, help="Queries per suite, folder or split.", rich_help_panel=SOURCES)
+        int | None, typer.Option(min=1, help="Queries per suite, case folder or split.", rich_help_panel=SOURCES)
     ] = None,
     methods: Annotated[
         list[str] | None,

@@ -25,7 +25,7 @@ def accuracy_table(found: "Sequence[Summary]", limits: Sequence[tuple[float, flo
             escape(one.group),
             escape(one.method),
             str(one.num_queries),
-            _quartiles(one.position_error_m, 3),
+            _quartiles(one.position_error_m, 4),
             _quartiles(one.orientation_error_deg, 2),
             *(f"{share:.2f}" for share in one.accuracies),
             f"{one.answered:.2f}",

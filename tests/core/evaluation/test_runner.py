@@ -82,7 +82,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
 
 def test_another_configuration_is_run_anew(box_folder: Path, finished: tuple[Path, list[Row]]) -> None:
     other = compared_method("fast=fast:search.num_candidates=3,search.num_rotations=64")
-    scans = limited(folder_scans(box_folder), 1)
+    scans = limited(folder_scans(box_folder), 1)[:1]
     ((_, is_new),) = Evaluation(scans, [other], RowsFile(finished[0].with_name("copy")), RunOptions("cpu")).rows()
     assert is_new
     known = {row.digest for row in finished[1]}
@@ -90,7 +90,7 @@ def test_another_configuration_is_run_anew(box_folder: Path, finished: tuple[Pat
 
 
 def test_a_call_that_fails_is_a_row_that_says_why(box_folder: Path, tmp_path: Path) -> None:
-    scans = limited(folder_scans(box_folder), 1)
+    scans = limited(folder_scans(box_folder), 1)[:1]
     options = RunOptions("cpu", timeout_s=1e-9)
     ((row, _),) = Evaluation(scans, [FAST], RowsFile(tmp_path / "rows.jsonl"), options).rows()
     assert row.status == "error"

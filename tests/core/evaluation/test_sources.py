@@ -1,6 +1,7 @@
 """Suites and case folders as sources."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,10 +74,12 @@ def test_tags_choose_queries(box_folder: Path) -> None:
     assert [scan.query_names for scan in folder_scans(box_folder, tags=("q1",))] == [("q1.jpg",), ()]
 
 
-def test_a_limit_counts_queries_over_scans(box_folder: Path) -> None:
+def test_a_limit_counts_the_queries_of_each_group(box_folder: Path) -> None:
     scans = folder_scans(box_folder)
-    assert [scan.query_names for scan in limited(scans, 1)] == [("q0.jpg",)]
-    assert sum(len(scan.query_names) for scan in limited(scans, 3)) == 3
+    assert [scan.query_names for scan in limited(scans, 1)] == [("q0.jpg",), ("q0.jpg",)]
+    one_group = [replace(scan, group="both") for scan in scans]
+    assert [scan.query_names for scan in limited(one_group, 1)] == [("q0.jpg",)]
+    assert [len(scan.query_names) for scan in limited(one_group, 3)] == [2, 1]
     assert limited(scans, None) == scans
 
 
