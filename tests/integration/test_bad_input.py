@@ -1,0 +1,156 @@
+"""Twelve kinds of bad input against a running service: what each is told, and that the next good request is answered."""
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.integration.running_service import RunningService, eventually
+from tests.integration.small_room import OPTIONS, small_room
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    running = RunningService(tmp_path_factory.mktemp("bad-input") / "data")
+    try:
+        running.wait_until_ready()
+        yield running
+    finally:
+        running.stop()
+
+
+@pytest.fixture(scope="module")
+def map_id(service: RunningService) -> str:
+    return service.register(small_room().scan, OPTIONS)
+
+
+def ascii_ply(points: np.ndarray, with_color: bool = True) -> bytes:
+    color = "property uchar red\nproperty uchar green\nproperty uchar blue\n" if with_color else ""
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n{color}"
+    rows = [" ".join(f"{v}" for v in p) + (" 10 200 30" if with_color else "") for p in points]
+    return (head + "end_header\n" + "\n".join(rows) + "\n").encode()
+
+
+def png_header(width: int, height: int) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+        + chunk(b"IEND", b"")
+    )
+
+
+def jpeg(width: int, height: int) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)).save(buffer, "JPEG")
+    return buffer.getvalue()
+
+
+@dataclass(frozen=True)
+class BadScan:
+    """A file that cannot become a map: refused at once with `status`, or accepted and the map then failed; `says` is in the message."""
+
+    name: str
+    content: bytes
+    statuses: tuple[int, ...]
+    says: tuple[str, ...] = field(default=())
+
+
+POINTS = np.random.default_rng(1).uniform(0, 3, (500, 3))
+BAD_SCANS = {
+    "empty file": BadScan("room.ply", b"", (400, 415, 422), ("empty",)),
+    "truncated PLY": BadScan(
+        "room.ply", small_room().scan[: len(small_room().scan) // 2], (422,), ("expected", "points")
+    ),
+    "PLY without colour": BadScan("room.ply", ascii_ply(POINTS, with_color=False), (422,), ("colo",)),
+    "NaN points": BadScan("room.ply", ascii_ply(np.full((50, 3), np.nan)), (422,), ("finite",)),
+    "a single point": BadScan("room.ply", ascii_ply(POINTS[:1]), (422,), ("point",)),
+    "wrong extension": BadScan("room.ply", jpeg(64, 32), (415,), ("expected",)),
+}
+BAD_IMAGES = {
+    "text as image": (b"this is no image at all, but a letter " * 40, 415),
+    "truncated JPEG": (jpeg(1024, 512)[:20_000], 422),
+    "PNG bomb": (png_header(40_000, 20_000), 413),
+    "3:2 photo": (jpeg(600, 400), 422),
+}
+
+
+def refusal_of(service: RunningService, scan: BadScan) -> tuple[int, str]:
+    """Return the status and message of an upload; a map that fails after the upload counts as 422."""
+    answer = service.http.post("/maps", files={"file": (scan.name, scan.content)})
+    if answer.status_code != 202:
+        return answer.status_code, answer.json()["detail"]
+    path = f"/maps/{answer.json()['id']}"
+    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 60)
+    document = service.http.get(path).json()
+    assert document["status"] == "failed", document
+    return 422, document["error"]["detail"]
+
+
+def localize(service: RunningService, image: bytes, map_id: str) -> httpx.Response:
+    return service.http.post("/localize", files={"image": ("photo.jpg", image)}, data={"map_id": map_id})
+
+
+def assert_still_answers(service: RunningService, map_id: str) -> None:
+    answer = localize(service, small_room().panorama, map_id)
+    assert answer.status_code == 200
+    assert small_room().error_of(answer.json()).within(0.05, 5.0)
+
+
+@pytest.mark.parametrize("kind", BAD_SCANS)
+def test_a_bad_scan_is_refused_with_a_reason_and_the_next_query_is_answered(
+    service: RunningService, map_id: str, kind: str
+) -> None:
+    status, detail = refusal_of(service, BAD_SCANS[kind])
+    print(f"{kind}: {status} {detail}")
+    assert status in BAD_SCANS[kind].statuses
+    assert all(word in detail.lower() for word in BAD_SCANS[kind].says), detail
+    assert_still_answers(service, map_id)
+
+
+@pytest.mark.parametrize("kind", BAD_IMAGES)
+def test_a_bad_image_is_refused_with_a_reason_and_the_next_query_is_answered(
+    service: RunningService, map_id: str, kind: str
+) -> None:
+    image, status = BAD_IMAGES[kind]
+    answer = localize(service, image, map_id)
+    print(f"{kind}: {answer.status_code} {answer.json()['detail']}")
+    assert answer.status_code == status
+    assert answer.headers["content-type"].startswith("application/problem+json")
+    assert {"type", "title", "status", "detail", "request_id"} <= set(answer.json())
+    assert_still_answers(service, map_id)
+
+
+def test_an_unknown_map_is_404(service: RunningService, map_id: str) -> None:
+    answer = localize(service, small_room().panorama, "map_doesnotexist")
+    print(f"unknown map: {answer.status_code} {answer.json()['detail']}")
+    assert answer.status_code == 404
+    assert_still_answers(service, map_id)
+
+
+def test_a_map_that_is_not_ready_is_409_and_says_when_to_come_back(service: RunningService, map_id: str) -> None:
+    scan = service.http.post("/maps", files={"file": ("room.ply", small_room().scan)}, data={"options": OPTIONS})
+    answer = localize(service, small_room().panorama, scan.json()["id"])
+    print(f"map not ready: {answer.status_code} {answer.json()['detail']}")
+    assert answer.status_code == 409
+    assert int(answer.headers["retry-after"]) >= 1
+    assert_still_answers(service, map_id)
+
+
+def test_bad_uploads_leave_nothing_behind(service: RunningService, map_id: str) -> None:
+    before = len(service.http.get("/maps").json()["items"])
+    refused = service.http.post("/maps", files={"file": ("room.ply", b"")})
+    assert refused.status_code >= 400
+    assert len(service.http.get("/maps").json()["items"]) == before
