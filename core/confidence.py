@@ -17,6 +17,10 @@ from core.hypotheses import Hypothesis
 FEATURES = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "log_coverage", "margin")
 
 
+# Beyond this the runner-up says nothing more; without one (all candidates in one place) the margin is neither sign.
+_MAX_MARGIN, _UNKNOWN_MARGIN = 0.5, 0.2
+
+
 @dataclass(frozen=True)
 class ConfidenceModel:
     """Logistic coefficients by feature, the threshold for `localized`, and the factor from formal to observed error radius."""
@@ -42,7 +46,8 @@ def load_confidence_model() -> ConfidenceModel:
 
 
 def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, float]:
-    """Return the signs of confidence of a hypothesis; `best_elsewhere`: the judge's score of the best candidate at another place."""
+    """Return the signs of confidence of a hypothesis; `best_elsewhere`: the judge's score of the best candidate at
+    another place, 0 where there is none."""
     measures = hypothesis.measures
     return {
         "correlation": measures["correlation"],
@@ -50,7 +55,7 @@ def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, floa
         "mutual_information": measures["mutual_information"],
         "inlier_share": measures["inlier_share"],
         "log_coverage": math.log(max(measures["coverage"], 1e-3)),
-        "margin": hypothesis.score - max(0.0, best_elsewhere),
+        "margin": min(hypothesis.score - best_elsewhere, _MAX_MARGIN) if best_elsewhere > 0 else _UNKNOWN_MARGIN,
     }
 
 
