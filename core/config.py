@@ -37,14 +37,15 @@ class RefinementConfig:
     """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
 
     start_points: int = 1024  # points per start, spread evenly over the sphere
-    coarse_iterations: tuple[int, int] = (12, 8)  # at 32 and 64 rows, points seen from the start
+    coarse_iterations: tuple[int, int] = (20, 15)  # at 32 and 64 rows, points seen from the start
     robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
     min_residual: float = 0.02  # floor of the robust scale, canonical colours
     min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
     middle_candidates: int = 8
-    middle_height: int = 128
     middle_points: int = 4096
-    middle_iterations: int = 6
+    middle_iterations: int = 6  # in each of the rounds below
+    # Rows of the image, and robust scale: changed furniture loses its vote as poses settle.
+    middle_rounds: tuple[tuple[int, float], ...] = ((64, 2.5), (128, 1.5))
     fine_candidates: int = 2
     fine_margin: float = 0.25  # of the judge's score; candidates further behind the best never won
     visibility_height: int = 256  # rows of the rendering that finds the points seen at full resolution

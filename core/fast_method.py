@@ -121,11 +121,13 @@ class FastMethod:
         refined: list[Hypothesis] = []
         for number, group in by_map(hypotheses):
             cloud = query.cloud(number)
-            comparison = self._compare(query, number, cloud, group, height)
-            points = points_seen_from_poses(cloud, comparison, sizes.middle_points)
-            refined += self._refined(
-                query, query.canonical_level(number, sizes.middle_height), points, group, sizes.middle_iterations
-            )
+            for rows, scale in sizes.middle_rounds:
+                # Rendered anew each time: what a pose sees changes as it moves.
+                comparison = self._compare(query, number, cloud, group, height)
+                points = points_seen_from_poses(cloud, comparison, sizes.middle_points)
+                level = query.canonical_level(number, rows)
+                group = self._refined(query, level, points, group, sizes.middle_iterations, scale)
+            refined += group
         return refined
 
     def _refine_fine(
@@ -171,13 +173,19 @@ class FastMethod:
         return compare(cloud, level, rotations, positions, height, query.maps[number].labels is not None)
 
     def _refined(
-        self, query: "_Query", level: ImageLevel, points: CandidatePoints, group: Sequence[Hypothesis], iterations: int
+        self,
+        query: "_Query",
+        level: ImageLevel,
+        points: CandidatePoints,
+        group: Sequence[Hypothesis],
+        iterations: int,
+        robust_scale: float | None = None,
     ) -> list[Hypothesis]:
         rotations, positions = stacked_poses(group)
         sizes = self.config.refinement
         is_labels = query.maps[group[0].map_number].labels is not None
         floor = sizes.min_residual_labels if is_labels else sizes.min_residual
-        steps = RefinementSteps(iterations, not is_labels, sizes.robust_scale, floor)
+        steps = RefinementSteps(iterations, not is_labels, robust_scale or sizes.robust_scale, floor)
         result = refine(level, points, rotations, positions, steps)
         losses, scales, counts = result.loss.tolist(), result.scale.tolist(), result.num_points.tolist()
         return [

@@ -117,6 +117,8 @@ def refine(
         weights = base / (1 + ratio).square()  # Geman-McClure: bounded influence
         loss = (base * ratio / (1 + ratio)).sum(-1) / base.sum(-1).clamp_min(1e-9)
         count = (base > 0).sum(-1)
+        if steps.fit_light:
+            jacobian = _without_light(jacobian, residual + points.colors, weights)
         weighted = jacobian * weights[..., None, None]
         hessian = torch.einsum("knci,kncj->kij", weighted, jacobian)
         gradient = torch.einsum("knci,knc->ki", weighted, residual)
@@ -161,6 +163,20 @@ def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Te
     prior = 1e-3
     gain = ((covariance + prior) / (variance + prior)).clamp(0.3, 3.0)
     return gain, mean_target - gain * mean_source
+
+
+def _without_light(jacobian: Tensor, fitted: Tensor, weights: Tensor) -> Tensor:
+    """Remove from the Jacobian (K, N, 3, 6) what a change of gain and offset would undo.
+
+    fitted: (K, N, 3) colours after the fit. Gain and offset are solved for anew in every step; a step that takes them for constants
+    crawls where light and pose pull against each other (variable projection, Golub and Pereyra 1973).
+    """
+    share = (weights / weights.sum(-1, keepdim=True).clamp_min(1e-9))[..., None]
+    centered = jacobian - (share[..., None] * jacobian).sum(1, keepdim=True)
+    contrast = fitted - (share * fitted).sum(1, keepdim=True)
+    variance = (share * contrast.square()).sum(1).clamp_min(1e-6)
+    slope = ((share * contrast)[..., None] * centered).sum(1) / variance[..., None]
+    return centered - contrast[..., None] * slope[:, None]
 
 
 def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
