@@ -72,7 +72,7 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
     predicted, radii = _predict_held_out(usable, features, right, names, regularization)
     threshold = _threshold(predicted, usable, max_wrong)
     held_out = _held_out(usable, right, predicted, radii, threshold, names)
-    intercept, coefficients = fit_logistic(features, right, regularization)
+    intercept, coefficients = fit_growing_logistic(features, right, regularization)
     position, orientation = radius_factors(usable)
     document = {
         "intercept": intercept,
@@ -91,6 +91,23 @@ def features_of_row(row: Row) -> list[float]:
     judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, score=search["score"], measures=search["measures"])
     values = features_of(judged, search.get("runner_up_score") or 0.0)
     return [float(values[name]) for name in FEATURES]
+
+
+def fit_growing_logistic(features: Floats, right: Flags, regularization: float) -> tuple[float, Floats]:
+    """Return intercept and coefficients (F,) as `fit_logistic` does, none of them negative.
+
+    Every feature is a sign of agreement; a negative weight would let an answer that agrees better be trusted less, which only a
+    coincidence of the fitted rows can ask for. Features with a negative weight are left out, the worst first.
+    """
+    kept = np.arange(features.shape[1])
+    while True:
+        intercept, coefficients = fit_logistic(features[:, kept], right, regularization)
+        if len(kept) == 0 or coefficients.min() >= 0:
+            break
+        kept = np.delete(kept, int((coefficients * features[:, kept].std(0)).argmin()))
+    full = np.zeros(features.shape[1])
+    full[kept] = coefficients
+    return intercept, full
 
 
 def fit_logistic(features: Floats, right: Flags, regularization: float, iterations: int = 100) -> tuple[float, Floats]:
@@ -147,7 +164,7 @@ def _predict_held_out(
         out = np.array([one == name for one in names])
         rest = ~out
         if right[rest].any() and not right[rest].all():
-            intercept, coefficients = fit_logistic(features[rest], right[rest], regularization)
+            intercept, coefficients = fit_growing_logistic(features[rest], right[rest], regularization)
             predicted[out] = _sigmoid(intercept + features[out] @ coefficients)
         radii[out] = radius_factors([row for row, kept in zip(rows, rest, strict=True) if kept])
     return predicted, radii

@@ -5,7 +5,7 @@ import pytest
 
 from core.confidence import FEATURES, ConfidenceModel
 from core.evaluation import Row, RowsError, fit_confidence
-from core.evaluation.fit_confidence import features_of_row, fit_logistic, radius_factors
+from core.evaluation.fit_confidence import features_of_row, fit_growing_logistic, fit_logistic, radius_factors
 from tests.core.evaluation.made_rows import made_row, measures
 
 
@@ -137,3 +137,12 @@ def test_rows_that_are_all_right_cannot_be_fitted() -> None:
     rows = [made_row(n, search={"measures": measures(0.5), "score": 1.0}) for n in range(4)]
     with pytest.raises(RowsError, match="all 4 are right"):
         fit_confidence(rows)
+
+
+def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:
+    rng = np.random.default_rng(3)
+    strength = rng.normal(size=400)
+    features = np.column_stack((strength + 0.1 * rng.normal(size=400), -strength + rng.normal(size=400)))
+    _, coefficients = fit_growing_logistic(features, strength > 0, regularization=1.0)
+    assert coefficients[0] > 0
+    assert coefficients[1] == 0
