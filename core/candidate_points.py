@@ -16,6 +16,9 @@ from core.projection import pixel_directions, pixel_solid_angles, project, sampl
 from core.sphere_points import even_directions
 from core.synthetic_view import RenderCloud, SyntheticViews, make_render_cloud, render_views
 
+# Colour distance at which a pixel counts half, and how many regions a view's height has.
+_AGREEING_DISTANCE, _REGIONS_PER_HEIGHT = 0.3, 32
+
 
 def render_cloud(index: MapIndex) -> RenderCloud:
     """Return the index's points with canonical colours (as scanned, or label codes), ready for rendering."""
@@ -70,10 +73,14 @@ def compare(
     return Comparison(scan, panorama, weights, tables, seen.sum(-1) / solid.sum(), views)
 
 
-def points_seen_from_poses(cloud: RenderCloud, comparison: Comparison, count: int) -> CandidatePoints:
+def points_seen_from_poses(
+    cloud: RenderCloud, comparison: Comparison, count: int, weigh_changes: bool
+) -> CandidatePoints:
     """Return `count` points (K, count) seen at the rendered poses, spread evenly over the sphere.
 
-    Their colours are those of the rendered pixels: averages over a pixel, as in the panorama.
+    Their colours are those of the rendered pixels: averages over a pixel, as in the panorama. With `weigh_changes`, regions that
+    have changed since the scan lose their vote (the role of the score maps in the paper's Eq. 5): it frees poses that furniture holds
+    back, but it also mutes edges, which the last millimetres need.
     """
     height, width = comparison.views.depth.shape[1:]
     u, v = project(even_directions(count).to(comparison.scan.device), height, width)
@@ -82,4 +89,18 @@ def points_seen_from_poses(cloud: RenderCloud, comparison: Comparison, count: in
     number = comparison.views.point.flatten(1)[:, pixel]
     solid = pixel_solid_angles(height, width, pixel.device).expand(-1, width).flatten()[pixel]
     weights = (number >= 0) * (solid / solid.mean())
+    if weigh_changes:
+        weights = weights * _unchanged_share(comparison)[:, pixel]
     return CandidatePoints(cloud.positions[number.clamp_min(0)], comparison.scan[:, pixel], weights)
+
+
+def _unchanged_share(comparison: Comparison) -> Tensor:
+    """Return (K, S) in 0..1 how well each pixel's surroundings agree, relative to the best region of the view."""
+    height, width = comparison.views.depth.shape[1:]
+    distance = (comparison.scan - comparison.panorama).norm(dim=-1) / _AGREEING_DISTANCE
+    share = (1 / (1 + distance.square())).view(-1, 1, height, width)
+    reach = max(1, height // _REGIONS_PER_HEIGHT)
+    padded = torch.nn.functional.pad(share, (reach, reach, 0, 0), mode="circular")
+    padded = torch.nn.functional.pad(padded, (0, 0, reach, reach), mode="replicate")
+    smooth = torch.nn.functional.avg_pool2d(padded, 2 * reach + 1, stride=1)
+    return smooth.flatten(1).square()

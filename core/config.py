@@ -46,6 +46,7 @@ class RefinementConfig:
     middle_iterations: int = 6  # in each of the rounds below
     # Rows of the image, and robust scale: changed furniture loses its vote as poses settle.
     middle_rounds: tuple[tuple[int, float], ...] = ((64, 2.5), (128, 1.5))
+    fine_robust_scale: float = 2.5  # 1.5 loses millimetres (docs/experiments.md)
     fine_candidates: int = 2
     fine_margin: float = 0.25  # of the judge's score; candidates further behind the best never won
     visibility_height: int = 256  # rows of the rendering that finds the points seen at full resolution

@@ -124,7 +124,7 @@ class FastMethod:
             for rows, scale in sizes.middle_rounds:
                 # Rendered anew each time: what a pose sees changes as it moves.
                 comparison = self._compare(query, number, cloud, group, height)
-                points = points_seen_from_poses(cloud, comparison, sizes.middle_points)
+                points = points_seen_from_poses(cloud, comparison, sizes.middle_points, weigh_changes=True)
                 level = query.canonical_level(number, rows)
                 group = self._refined(query, level, points, group, sizes.middle_iterations, scale)
             refined += group
@@ -147,9 +147,9 @@ class FastMethod:
                 (sizes.fine_height, sizes.fine_points, sizes.fine_iterations),
                 (sizes.finest_height, sizes.finest_points, sizes.finest_iterations),
             ):
-                points = points_seen_from_poses(cloud, comparison, count)
+                points = points_seen_from_poses(cloud, comparison, count, weigh_changes=False)
                 level = query.level_for(number, height, comparison.tables)
-                group = self._refined(query, level, points, group, iterations)
+                group = self._refined(query, level, points, group, iterations, sizes.fine_robust_scale)
             final = self._compare(query, number, cloud, group, judge.final_height)
             refined += judged_hypotheses(group, agreement(final, judge.final_height))
             comparisons.append((final, cloud))

@@ -20,7 +20,6 @@ from core.search import make_rotation_set
 from core.stage_clock import StageClock
 
 _AMBIGUOUS_MARGIN = 0.08  # of the judge's score, between two places that both fit well
-_CLEAR_MARGIN = 0.4  # of the judge's score, what a right pose usually has over the best other place
 
 
 class Localizer:
@@ -79,7 +78,11 @@ class Localizer:
             "num_poses": result.num_poses,
         }
         if not result.hypotheses:
-            warning = "the hints leave no pose to search; widen them or leave them out"
+            warning = (
+                "no pose within the hints fits after refinement; widen them or leave them out"
+                if result.num_poses
+                else "the hints leave no pose to search; widen them or leave them out"
+            )
             return Localization(
                 "not_localized", None, (), None, None, None, None, None, None, clock.timings_s, search, (warning,)
             )
@@ -135,7 +138,7 @@ class Localizer:
         rival = max((h.score for h in places[1:]), default=0.0)
         if places[0].score - rival < _AMBIGUOUS_MARGIN:
             # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-            alone = model.probability(features_of(places[0], places[0].score - _CLEAR_MARGIN))
+            alone = model.probability(features_of(places[0], 0.0))
             if alone >= model.threshold:
                 return "ambiguous"
         return "localized" if candidates[0].confidence >= model.threshold else "not_localized"

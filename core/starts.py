@@ -17,6 +17,7 @@ from core.config import StartsConfig
 from core.errors import OptionsError
 
 FloatArray = NDArray[np.float64]
+_MAX_CELLS = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,9 @@ def octree_starts(
     Raises OptionsError when no start fits.
     """
     lower, upper = _extent(positions, region)
-    spacing = config.spacing_m
+    # Grids of more cells than this would not fit into memory; a scan that large is no building, or its unit is wrong.
+    volume = float(np.prod(np.maximum(upper - lower, 1.0)))
+    spacing = max(config.spacing_m, 4 * (volume / _MAX_CELLS) ** (1 / 3))
     for _ in range(12):
         starts = _empty_leaves(positions, lower, upper, spacing, config.clearance_m)
         starts = _thin(starts, config.thinning_share * spacing)

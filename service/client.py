@@ -87,7 +87,7 @@ class PanolocClient:
             reply = self._send(
                 "POST",
                 "/maps",
-                files={"file": (scan.name, upload, "application/octet-stream")},
+                files={"file": (_sendable(scan.name), upload, "application/octet-stream")},
                 data={"options": json.dumps(options)} if options else {},
                 timeout=httpx.Timeout(UPLOAD_READ_TIMEOUT_S, connect=CONNECT_TIMEOUT_S),
             )
@@ -160,9 +160,9 @@ class PanolocClient:
         fields |= {"options": json.dumps(options)} if options else {}
         with ExitStack() as stack:
             image = ProgressFile(stack.enter_context(panorama.open("rb")), progress)
-            files: JsonObject = {"image": (panorama.name, image, _image_type(panorama))}
+            files: JsonObject = {"image": (_sendable(panorama.name), image, _image_type(panorama))}
             if mask is not None:
-                files["mask"] = (mask.name, stack.enter_context(mask.open("rb")), _image_type(mask))
+                files["mask"] = (_sendable(mask.name), stack.enter_context(mask.open("rb")), _image_type(mask))
             limits = httpx.Timeout(deadline_s + DEADLINE_MARGIN_S, connect=CONNECT_TIMEOUT_S)
             reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)
         return _json_object(_checked(reply))
@@ -231,3 +231,8 @@ def _failure_text(error: object) -> str:
 def _image_type(path: Path) -> str:
     types = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png", ".webp": "image/webp"}
     return types.get(path.suffix.lower(), "application/octet-stream")
+
+
+def _sendable(name: str) -> str:
+    """Return a file name as UTF-8 can carry it; bytes that are none become question marks."""
+    return name.encode("utf-8", "replace").decode()

@@ -1,0 +1,16 @@
+"""Scans that are no buildings: the number of octree cells stays bounded whatever the extent."""
+
+import numpy as np
+import pytest
+
+from core.config import StartsConfig
+from core.starts import octree_starts
+
+
+@pytest.mark.parametrize("extent_m", [300.0, 1e7])
+def test_a_scan_of_any_extent_gives_a_bounded_number_of_starts(extent_m: float) -> None:
+    points = np.random.default_rng(0).uniform(0, extent_m, (500, 3)).astype(np.float32)
+    starts = octree_starts(points, StartsConfig(max_starts=50))
+    assert 1 <= len(starts) <= 50
+    assert bool((starts.positions >= 0).all())
+    assert bool((starts.positions <= extent_m).all())
