@@ -36,7 +36,6 @@ class SearchConfig:
 class RefinementConfig:
     """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
 
-    start_points: int = 1024  # points per start, spread evenly over the sphere
     coarse_iterations: tuple[int, int] = (20, 15)  # at 32 and 64 rows, points seen from the start
     robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
     min_residual: float = 0.02  # floor of the robust scale, canonical colours
@@ -103,7 +102,7 @@ class IndexConfig:
 
     starts: StartsConfig = field(default_factory=StartsConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
-    start_points: int = 1024
+    start_points: int = 1024  # points kept per start, spread evenly over the sphere
     render_batch: int = 8  # views rendered at once
 
     def digest(self) -> str:
