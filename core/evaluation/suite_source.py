@@ -13,11 +13,18 @@ _QUERY = "panorama"
 
 
 def suite_scans(
-    suite: str, seeds: Sequence[int], *, families: Sequence[str] = (), width: int = 1024, spacing_m: float | None = None
+    suite: str,
+    seeds: Sequence[int],
+    *,
+    families: Sequence[str] = (),
+    width: int = 1024,
+    num_points: int | None = None,
+    spacing_m: float | None = None,
 ) -> list[ScanCases]:
     """Return one scan with one panorama per seed; nothing is made before it is loaded.
 
-    families: style families to draw from, none for all. width: of the panorama in pixels. spacing_m: of the starts, None for the default.
+    families: style families to draw from, none for all. width: of the panorama in pixels. num_points: of the scan, None for what
+    the suite says. spacing_m: of the starts, None for the default.
     Raises OptionsError for an unknown suite or family.
     """
     if suite not in suite_names():
@@ -27,12 +34,12 @@ def suite_scans(
     among = "-".join(families)
 
     def scan_of(seed: int) -> ScanCases:
-        name = f"{suite}-{seed}" + (f"-{among}" if among else "") + (f"-{width}px" if width != 1024 else "")
+        name = f"{suite}-{seed}" + (f"-{among}" if among else "") + _sizes(width, num_points)
         return ScanCases(
             name=name,
             group=suite,
             query_names=(_QUERY,),
-            load=lambda: _load(suite, seed, families, width, spacing_m),
+            load=lambda: _load(suite, seed, families, width, num_points, spacing_m),
             place=f"seed {seed}",  # suites of the same seed show the same rooms
             facts={**facts, "seed": seed},
         )
@@ -40,8 +47,16 @@ def suite_scans(
     return [scan_of(seed) for seed in seeds]
 
 
-def _load(suite: str, seed: int, families: Sequence[str], width: int, spacing_m: float | None) -> LoadedScan:
-    case = next(iter(suite_cases(suite, [seed], families=families or None, width=width)))
+def _sizes(width: int, num_points: int | None) -> str:
+    """Return what of a scan's name says that its sizes are not the usual ones."""
+    return (f"-{width}px" if width != 1024 else "") + (f"-{num_points}pts" if num_points is not None else "")
+
+
+def _load(
+    suite: str, seed: int, families: Sequence[str], width: int, num_points: int | None, spacing_m: float | None
+) -> LoadedScan:
+    cases = suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points)
+    case = next(iter(cases))
     query = KnownQuery(
         case.panorama,
         (case.pose, *case.alternatives),

@@ -1,6 +1,7 @@
 """Named evaluation suites: recipes from which cases with known poses are made, one per seed."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from core.errors import OptionsError
 from core.scene.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
@@ -42,11 +43,17 @@ def suite_names() -> tuple[str, ...]:
 
 
 def suite_cases(
-    name: str, seeds: Sequence[int], *, families: Sequence[str] | None = None, width: int = 1024
+    name: str,
+    seeds: Sequence[int],
+    *,
+    families: Sequence[str] | None = None,
+    width: int = 1024,
+    num_points: int | None = None,
 ) -> Iterator[Case]:
     """Yield one case per seed, made when asked for.
 
     families: style families to draw from, None for all; holding some out tests generalization. width: of the panorama.
+    num_points: of the scan, None for what the suite says.
     Raises OptionsError for an unknown suite or family.
     """
     if name not in SUITES:
@@ -54,4 +61,5 @@ def suite_cases(
     unknown = set(families or ()) - set(FAMILIES)
     if unknown:
         raise OptionsError(f"families: expected some of {', '.join(FAMILIES)}, got {', '.join(sorted(unknown))}")
-    return (make_case(name, SUITES[name], seed, families, width) for seed in seeds)
+    suite = SUITES[name] if num_points is None else replace(SUITES[name], num_points=num_points)
+    return (make_case(name, suite, seed, families, width) for seed in seeds)

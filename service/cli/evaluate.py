@@ -31,6 +31,9 @@ def evaluate(
         typer.Option("--family", help="Style family of the suites; repeatable.", rich_help_panel=SOURCES),
     ] = None,
     width: Annotated[int, typer.Option(min=128, help="Pixels of a suite's panorama.", rich_help_panel=SOURCES)] = 1024,
+    points: Annotated[
+        int | None, typer.Option(min=1000, help="Points of a suite's scan.", rich_help_panel=SOURCES)
+    ] = None,
     cases: Annotated[
         list[Path] | None,
         typer.Option(help="Folder with truth.json in it or one below; repeatable.", rich_help_panel=SOURCES),
@@ -96,6 +99,7 @@ def evaluate(
             seeds=seeds,
             families=tuple(families or ()),
             width=width,
+            num_points=points,
             cases=tuple(cases or ()),
             tags=tuple(tags or ()),
             dataset=dataset,

@@ -45,6 +45,7 @@ class EvaluationRequest:
     seeds: str
     families: tuple[str, ...]
     width: int
+    num_points: int | None
     cases: tuple[Path, ...]
     tags: tuple[str, ...]
     dataset: str | None
@@ -97,7 +98,14 @@ def scans_of(request: EvaluationRequest) -> list[ScanCases]:
     groups: list[Sequence[ScanCases]] = []
     seeds = seed_range(request.seeds)
     for suite in request.suites:
-        made = suite_scans(suite, seeds, families=request.families, width=request.width, spacing_m=request.spacing_m)
+        made = suite_scans(
+            suite,
+            seeds,
+            families=request.families,
+            width=request.width,
+            num_points=request.num_points,
+            spacing_m=request.spacing_m,
+        )
         groups.append(made)
     groups += [folder_scans(folder, tags=request.tags) for folder in request.cases]
     if request.dataset is not None:

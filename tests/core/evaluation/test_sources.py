@@ -35,8 +35,9 @@ def test_names_differ_where_the_cases_do() -> None:
         suite_scans("rooms", [1])[0].name,
         suite_scans("rooms", [1], families=["nordic"])[0].name,
         suite_scans("rooms", [1], width=512)[0].name,
+        suite_scans("rooms", [1], num_points=5000)[0].name,
     }
-    assert len(names) == 3
+    assert len(names) == 4
 
 
 def test_unknown_suites_and_families_are_refused() -> None:
@@ -47,8 +48,9 @@ def test_unknown_suites_and_families_are_refused() -> None:
 
 
 def test_a_loaded_suite_case_knows_its_pose_and_what_changed() -> None:
-    scan = suite_scans("changed", [3], width=128)[0]
+    scan = suite_scans("changed", [3], width=128, num_points=5000)[0]
     loaded = scan.load()
+    assert 2500 < len(loaded.cloud) <= 5000
     query = loaded.query(scan.query_names[0])
     assert query.panorama.valid.shape == (64, 128)
     assert query.changed_pixels is not None
