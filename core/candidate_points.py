@@ -14,15 +14,10 @@ from core.map_index import MapIndex
 from core.panorama_pyramid import PanoramaLevel
 from core.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
 from core.sphere_points import even_directions
-from core.synthetic_view import RenderCloud, SyntheticViews, make_render_cloud, render_views
+from core.synthetic_view import RenderCloud, SyntheticViews, render_views
 
 # Colour distance at which a pixel counts half, and how many regions a view's height has.
 _AGREEING_DISTANCE, _REGIONS_PER_HEIGHT = 0.3, 32
-
-
-def render_cloud(index: MapIndex) -> RenderCloud:
-    """Return the index's points with canonical colours (as scanned, or label codes), ready for rendering."""
-    return make_render_cloud(index.positions, index.canonical_cloud_colors(), index.spacing)
 
 
 def points_seen_from_starts(index: MapIndex, starts: Tensor, coarse: bool) -> CandidatePoints:
@@ -50,15 +45,21 @@ class Comparison:
 
 
 def compare(
-    cloud: RenderCloud, level: PanoramaLevel, rotations: Tensor, positions: Tensor, height: int, is_labels: bool
+    cloud: RenderCloud,
+    level: PanoramaLevel,
+    rotations: Tensor,
+    positions: Tensor,
+    height: int,
+    is_labels: bool,
+    with_points: bool = True,
 ) -> Comparison:
     """Render the cloud at K poses and turn the panorama into the same axes.
 
     rotations: (K, 3, 3) map_from_camera; positions: (K, 3). Colours are equalized over the pixels that both sides see, so that
-    what only one of them shows does not shift the colours of the rest.
+    what only one of them shows does not shift the colours of the rest. with_points: needed by `points_seen_from_poses`.
     """
     width = 2 * height
-    views = render_views(cloud, positions, height, width)
+    views = render_views(cloud, positions, height, width, with_points)
     directions = pixel_directions(height, width, positions.device).view(-1, 3)
     u, v = project(directions @ rotations, level.height, 2 * level.height)
     sampled = sample_bilinear(torch.cat((level.color, level.valid[None])), u, v)

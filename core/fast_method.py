@@ -17,7 +17,6 @@ from core.candidate_points import (
     compare,
     points_seen_from_poses,
     points_seen_from_starts,
-    render_cloud,
 )
 from core.config import LocalizerConfig
 from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, prepare_level, refine
@@ -75,7 +74,7 @@ class FastMethod:
             if num_fine and k and not rival.is_near(hypotheses[0], ELSEWHERE_M, ELSEWHERE_DEG):
                 if k >= num_fine:
                     number = rival.map_number
-                    final = self._compare(query, number, query.cloud(number), [rival], height)
+                    final = self._compare(query, number, query.cloud(number), [rival], height, with_points=False)
                     hypotheses[k] = judged_hypotheses([rival], agreement(final, height))[0]
                 break
         return hypotheses
@@ -150,7 +149,7 @@ class FastMethod:
                 points = points_seen_from_poses(cloud, comparison, count, weigh_changes=False)
                 level = query.level_for(number, height, comparison.tables)
                 group = self._refined(query, level, points, group, iterations, sizes.fine_robust_scale)
-            final = self._compare(query, number, cloud, group, judge.final_height)
+            final = self._compare(query, number, cloud, group, judge.final_height, with_points=False)
             refined += judged_hypotheses(group, agreement(final, judge.final_height))
             comparisons.append((final, cloud))
         return refined, comparisons
@@ -162,15 +161,23 @@ class FastMethod:
             cloud = query.cloud(number)
             for first in range(0, len(group), _RENDER_BATCH):
                 part = group[first : first + _RENDER_BATCH]
-                judged += judged_hypotheses(part, agreement(self._compare(query, number, cloud, part, height), height))
+                comparison = self._compare(query, number, cloud, part, height, with_points=False)
+                judged += judged_hypotheses(part, agreement(comparison, height))
         return judged
 
     def _compare(
-        self, query: "_Query", number: int, cloud: RenderCloud, group: Sequence[Hypothesis], height: int
+        self,
+        query: "_Query",
+        number: int,
+        cloud: RenderCloud,
+        group: Sequence[Hypothesis],
+        height: int,
+        with_points: bool = True,
     ) -> Comparison:
         rotations, positions = stacked_poses(group)
         level = query.pyramid(number).level(height)
-        return compare(cloud, level, rotations, positions, height, query.maps[number].labels is not None)
+        is_labels = query.maps[number].labels is not None
+        return compare(cloud, level, rotations, positions, height, is_labels, with_points)
 
     def _refined(
         self,
@@ -216,7 +223,6 @@ class _Query:
             for m in maps
         ]
         self._levels: dict[tuple[int, int, bool], ImageLevel] = {}
-        self._clouds: dict[int, RenderCloud] = {}
 
     def pyramid(self, number: int) -> PanoramaPyramid:
         """Return the pyramid for the map with this number."""
@@ -224,9 +230,7 @@ class _Query:
 
     def cloud(self, number: int) -> RenderCloud:
         """Return the cloud of a map, ready for rendering."""
-        if number not in self._clouds:
-            self._clouds[number] = render_cloud(self.maps[number])
-        return self._clouds[number]
+        return self.maps[number].render_cloud
 
     def canonical_level(self, number: int, height: int, blur: bool = False) -> ImageLevel:
         """Return a level equalized over the whole panorama, prepared for sampling; blurred for the widest basin."""

@@ -9,27 +9,28 @@ the problem has six unknowns, so second-order steps from coarse to fine need an 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from core.projection import bilinear_corners, project, wrap_border
+from core.projection import project, sample_planes, wrap_border
 from core.rotations import rotation_from_vector
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
 _MIN_DISTANCE_M = 0.05
+_VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 
 
 @dataclass(frozen=True)
 class ImageLevel:
     """One level of the panorama's pyramid, prepared for sampling.
 
-    packed: ((H + 2) (W + 2), 13) float32: colour (3), spatial gradient per channel (3 x 3: red x y z, green x y z, blue x y z; per
-    radian, camera frame), validity (1); with the border of `wrap_border`.
+    planes: (10, H + 2, W + 2) float32: colour (3), its derivatives by azimuth (3) and by elevation (3) per radian, validity (1);
+    with the border of `wrap_border`.
     """
 
-    packed: Tensor
+    planes: Tensor
     height: int
     width: int
 
@@ -37,23 +38,14 @@ class ImageLevel:
 def prepare_level(color: Tensor, valid: Tensor) -> ImageLevel:
     """Prepare an image (3, H, W) float32 with validity (H, W) float32 in 0..1 for sampling."""
     _, height, width = color.shape
-    device = color.device
     padded = wrap_border(color)
-    step = 2 * math.pi / width
     seen = wrap_border(valid[None])  # the gradient at the edge of a mask is unknown, not that towards a black pixel
-    along_u = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / (2 * step) * (seen[:, 1:-1, 2:] * seen[:, 1:-1, :-2])
-    along_v = padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]
-    along_v = along_v / (2 * math.pi / height) * (seen[:, 2:, 1:-1] * seen[:, :-2, 1:-1])
-    azimuth = math.pi - (torch.arange(width, device=device) + 0.5) * step
-    elevation = math.pi / 2 - (torch.arange(height, device=device) + 0.5) * (math.pi / height)
-    cosine, sine = elevation.cos()[:, None], elevation.sin()[:, None]
-    zero = torch.zeros((height, width), device=device)
-    east = torch.stack((-azimuth.sin() + zero, azimuth.cos() + zero, zero))  # direction of growing azimuth
-    north = torch.stack((-sine * azimuth.cos(), -sine * azimuth.sin(), cosine + zero))
-    # u falls with azimuth, v falls with elevation.
-    gradient = -along_u[:, None] / cosine.clamp_min(_MIN_COSINE) * east - along_v[:, None] * north
-    stack = torch.cat((color, gradient.flatten(0, 1), valid[None]))
-    return ImageLevel(wrap_border(stack).flatten(1).T.contiguous(), height, width)
+    # Columns run against the azimuth, rows against the elevation.
+    by_azimuth = (padded[:, 1:-1, :-2] - padded[:, 1:-1, 2:]) * (width / (4 * math.pi))
+    by_azimuth = by_azimuth * (seen[:, 1:-1, 2:] * seen[:, 1:-1, :-2])
+    by_elevation = (padded[:, :-2, 1:-1] - padded[:, 2:, 1:-1]) * (height / (2 * math.pi))
+    by_elevation = by_elevation * (seen[:, 2:, 1:-1] * seen[:, :-2, 1:-1])
+    return ImageLevel(wrap_border(torch.cat((color, by_azimuth, by_elevation, valid[None]))), height, width)
 
 
 @dataclass(frozen=True)
@@ -105,48 +97,109 @@ def refine(
 
     rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres.
     """
+    # One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
+    place, target = points.positions.transpose(1, 2).contiguous(), points.colors.transpose(1, 2).contiguous()
     hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
     loss = torch.zeros(len(rotations), device=rotations.device)
-    scale, count = loss[:, None], loss
+    scale, count = loss, loss
     weights = points.weights
     for _ in range(steps.iterations):
-        residual, jacobian, base = _linearize(level, points, rotations, positions, weights, steps.fit_light)
-        magnitude = residual.square().sum(-1).sqrt()
-        scale = (steps.robust_scale * _weighted_median(magnitude, base)).clamp_min(steps.min_scale)[:, None]
-        ratio = (magnitude / scale).square()
+        seen, inside = _see(level, place, rotations, positions)
+        base = points.weights * inside
+        if steps.fit_light:
+            seen = seen.with_light(*_line_fit(seen.color, target, weights * inside))
+        residual = seen.color - target
+        squared = residual.square().sum(1)
+        scale = (steps.robust_scale * _weighted_median(squared, base).sqrt()).clamp_min(steps.min_scale)
+        ratio = squared / scale.square()[:, None]
         weights = base / (1 + ratio).square()  # Geman-McClure: bounded influence
         loss = (base * ratio / (1 + ratio)).sum(-1) / base.sum(-1).clamp_min(1e-9)
         count = (base > 0).sum(-1)
-        if steps.fit_light:
-            jacobian = _without_light(jacobian, residual + points.colors, weights)
-        weighted = jacobian * weights[..., None, None]
-        hessian = torch.einsum("knci,kncj->kij", weighted, jacobian)
-        gradient = torch.einsum("knci,knc->ki", weighted, residual)
+        hessian, gradient = _normal_equations(seen, residual, weights, steps.fit_light)
         rotations, positions = _step(rotations, positions, hessian, gradient, steps)
-    return Refined(rotations, positions, loss, hessian, scale[:, 0], count)
+    return Refined(rotations, positions, loss, hessian, scale, count)
 
 
-def _linearize(
-    level: ImageLevel, points: CandidatePoints, rotations: Tensor, positions: Tensor, weights: Tensor, fit_light: bool
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return residuals (K, N, 3), Jacobians (K, N, 3, 6) by turn and move in the camera frame, and base weights (K, N)."""
-    in_camera = (points.positions - positions[:, None]) @ rotations
-    distance = in_camera.norm(dim=-1, keepdim=True).clamp_min(_MIN_DISTANCE_M)
-    direction = in_camera / distance
-    u, v = project(in_camera, level.height, level.width)
-    corners, shares = bilinear_corners(u, v, level.height, level.width)
-    sampled = (level.packed[corners] * shares[..., None]).sum(-2)
-    color, valid = sampled[..., :3], sampled[..., 12]
-    gradient = sampled[..., 3:12].reshape(*sampled.shape[:-1], 3, 3)
-    base = points.weights * (valid > 0.99)
+@dataclass(frozen=True)
+class _Seen:
+    """What the panorama shows where the N points of K candidates project to.
+
+    color, by_azimuth, by_elevation: (K, 3, N), as in `ImageLevel`. azimuth, elevation: (K, 6, N), derivatives of the points'
+    directions by a turn (rad) and a move (m) of the camera in its own frame.
+    """
+
+    color: Tensor
+    by_azimuth: Tensor
+    by_elevation: Tensor
+    azimuth: Tensor
+    elevation: Tensor
+
+    def with_light(self, gain: Tensor, offset: Tensor) -> "_Seen":
+        """Return the same in another light: gain and offset (K, 3)."""
+        gain, offset = gain[..., None], offset[..., None]
+        color = torch.addcmul(offset, self.color, gain)
+        return replace(self, color=color, by_azimuth=self.by_azimuth * gain, by_elevation=self.by_elevation * gain)
+
+
+def _see(level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor) -> tuple[_Seen, Tensor]:
+    """Sample the level where points (K, 3, N) project to from K poses; also tell which (K, N) fall on valid pixels."""
+    inverse = rotations.transpose(1, 2)
+    in_camera = torch.baddbmm(-(inverse @ positions[..., None]), inverse, place)
+    u, v = project(in_camera.transpose(1, 2), level.height, level.width)
+    sampled = sample_planes(level.planes, u, v)
+    x, y, z = in_camera.unbind(1)
+    flat_square = x.square() + y.square()
+    square = torch.addcmul(flat_square, z, z).clamp_min(_MIN_DISTANCE_M**2)
+    per_flat = flat_square.clamp_min(1e-12).rsqrt()
+    # A turn ω and a move τ take a point p to p − ω × p − τ, with f² = x² + y² and d² = x² + y² + z²:
+    # ∂azimuth/∂p = (−y, x, 0) / f² and ∂elevation/∂p = (−x z / f, −y z / f, f) / d².
+    per_square = per_flat * torch.maximum(flat_square, square * _MIN_COSINE**2).rsqrt()
+    over_x, over_y, none = x * per_square, y * per_square, torch.zeros_like(x)
+    azimuth = torch.stack((z * over_x, z * over_y, -flat_square * per_square, over_y, -over_x, none), dim=1)
+    unit_x, unit_y, rise = x * per_flat, y * per_flat, z / square
+    fall = -(flat_square * per_flat) / square
+    elevation = torch.stack((-unit_y, unit_x, none, rise * unit_x, rise * unit_y, fall), dim=1)
+    seen = _Seen(sampled[:, :3], sampled[:, 3:6], sampled[:, 6:9], azimuth, elevation)
+    return seen, (sampled[:, 9] > _VALID_SHARE).to(sampled.dtype)
+
+
+def _normal_equations(seen: _Seen, residual: Tensor, weights: Tensor, fit_light: bool) -> tuple[Tensor, Tensor]:
+    """Return the Gauss-Newton Hessian (K, 6, 6) and gradient (K, 6) by turn and move.
+
+    residual: (K, 3, N); weights: (K, N). The Jacobian of a channel is its derivative by azimuth times that of the azimuth by the pose, and
+    the same for elevation, so channels are summed up before the products with the six unknowns.
+
+    Gain and offset are solved for anew in every step; a step that takes them for constants crawls where light and pose pull against
+    each other. So what a change of gain and offset would undo is projected out (variable projection, Golub and Pereyra 1973).
+    """
+    weight = weights[:, None]
+    by_azimuth, by_elevation = seen.by_azimuth * weight, seen.by_elevation * weight
+    both = (by_azimuth * seen.by_elevation).sum(1, keepdim=True)
+    first = (by_azimuth * seen.by_azimuth).sum(1, keepdim=True) * seen.azimuth + both * seen.elevation
+    second = both * seen.azimuth + (by_elevation * seen.by_elevation).sum(1, keepdim=True) * seen.elevation
+    left = [first, (by_azimuth * residual).sum(1, keepdim=True)]
+    right = [second, (by_elevation * residual).sum(1, keepdim=True)]
+    total = weights.sum(-1).clamp_min(1e-9)[:, None]
+    contrast = seen.color - ((seen.color * weight).sum(-1) / total)[..., None]
     if fit_light:
-        gain, offset = fit_gain_offset(color, points.colors, weights * (valid > 0.99))
-        color = color * gain[:, None] + offset[:, None]
-        gradient = gradient * gain[:, None, :, None]
-    # A camera turn ω and move τ (camera frame) shift the point's direction by −ω × d and −τ / ρ.
-    turn = -torch.linalg.cross(direction[..., None, :].expand_as(gradient), gradient, dim=-1)
-    move = -gradient / distance[..., None]
-    return color - points.colors, torch.cat((turn, move), dim=-1), base
+        left += [by_azimuth, by_azimuth * contrast]
+        right += [by_elevation, by_elevation * contrast]
+    products = torch.baddbmm(
+        seen.azimuth @ torch.cat(left, dim=1).transpose(1, 2),
+        seen.elevation,
+        torch.cat(right, dim=1).transpose(1, 2),
+    )
+    hessian, gradient = products[..., :6], products[..., 6]
+    if not fit_light:
+        return hessian, gradient
+    # Sums of the Jacobian with the derivatives by offset (1) and by gain (the contrast), per channel: (K, 6, 3) each.
+    by_offset, by_gain = products[..., 7:10], products[..., 10:13]
+    weighted = contrast * weight
+    power = (weighted * contrast).sum(-1).clamp_min(1e-6 * total)
+    light = torch.cat((by_offset / total[:, None], by_gain / power[:, None]), dim=-1)
+    undone = torch.cat(((residual * weight).sum(-1), (residual * weighted).sum(-1)), dim=-1)
+    hessian = hessian - light @ products[..., 7:13].transpose(1, 2)
+    return hessian, gradient - (light @ undone[..., None])[..., 0]
 
 
 def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
@@ -154,29 +207,19 @@ def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Te
 
     A small prior towards gain 1 keeps the fit defined where there is no contrast.
     """
-    total = weights.sum(-1).clamp_min(1e-9)[:, None]
-    share = (weights / total)[..., None]
-    mean_source, mean_target = (share * source).sum(1), (share * target).sum(1)
-    centered = source - mean_source[:, None]
-    variance = (share * centered.square()).sum(1)
-    covariance = (share * centered * (target - mean_target[:, None])).sum(1)
+    return _line_fit(source.transpose(1, 2).contiguous(), target.transpose(1, 2).contiguous(), weights)
+
+
+def _line_fit(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Do what `fit_gain_offset` does for planes (K, 3, N)."""
+    share = (weights / weights.sum(-1, keepdim=True).clamp_min(1e-9))[:, None]
+    weighted = share * source
+    mean_source, mean_target = weighted.sum(-1), (share * target).sum(-1)
+    centered = weighted - share * mean_source[..., None]
+    variance, covariance = (centered * source).sum(-1), (centered * target).sum(-1)
     prior = 1e-3
-    gain = ((covariance + prior) / (variance + prior)).clamp(0.3, 3.0)
+    gain = ((covariance + prior) / (variance.clamp_min(0) + prior)).clamp(0.3, 3.0)
     return gain, mean_target - gain * mean_source
-
-
-def _without_light(jacobian: Tensor, fitted: Tensor, weights: Tensor) -> Tensor:
-    """Remove from the Jacobian (K, N, 3, 6) what a change of gain and offset would undo.
-
-    fitted: (K, N, 3) colours after the fit. Gain and offset are solved for anew in every step; a step that takes them for constants
-    crawls where light and pose pull against each other (variable projection, Golub and Pereyra 1973).
-    """
-    share = (weights / weights.sum(-1, keepdim=True).clamp_min(1e-9))[..., None]
-    centered = jacobian - (share[..., None] * jacobian).sum(1, keepdim=True)
-    contrast = fitted - (share * fitted).sum(1, keepdim=True)
-    variance = (share * contrast.square()).sum(1).clamp_min(1e-6)
-    slope = ((share * contrast)[..., None] * centered).sum(1) / variance[..., None]
-    return centered - contrast[..., None] * slope[:, None]
 
 
 def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:

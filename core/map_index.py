@@ -1,6 +1,7 @@
 """The map index: everything about a scan that a query needs, computed once at registration."""
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,10 +12,12 @@ from torch import Tensor
 from core.color_equalization import LabelCodes
 from core.errors import OptionsError
 from core.patch_descriptors import ViewDescriptors
+from core.synthetic_view import RenderCloud, make_render_cloud
 
 ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
 Vector = tuple[float, float, float]
+_RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
 
 
 @dataclass(frozen=True)
@@ -80,10 +83,11 @@ class MapIndex:
 
     @property
     def num_bytes(self) -> int:
-        """Return the memory of all arrays in bytes."""
+        """Return the memory of all arrays in bytes, what `render_cloud` adds with the first query included."""
         tensors = [getattr(self, f.name) for f in fields(self)]
         tensors += [self.descriptors.values, self.descriptors.basis, self.descriptors.weights]
-        return sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
+        rendered = _RENDERED_BYTES * self.num_points
+        return rendered + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
 
     @property
     def start_positions(self) -> NDArray[np.float64]:
@@ -111,6 +115,12 @@ class MapIndex:
         if self.labels is None:
             return self.colors.float() / 255
         return self.labels.recode(self.colors)[0]
+
+    @cached_property
+    def render_cloud(self) -> RenderCloud:
+        """Return the points with canonical colours (as scanned, or label codes), ready for rendering; made once."""
+        with torch.inference_mode(False):  # what one query makes must serve every other
+            return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
 
     def to(self, device: torch.device | str) -> "MapIndex":
         """Return the index with its arrays on `device`."""

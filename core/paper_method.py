@@ -10,7 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from core.candidate_points import Comparison, compare, render_cloud
+from core.candidate_points import Comparison, compare
 from core.color_equalization import transport
 from core.config import PaperConfig
 from core.hypotheses import Hypothesis, MethodResult
@@ -120,7 +120,7 @@ class PaperMethod:
         """Render all starts: colours (T, S, 3) and solid-angle weights (T, S)."""
         height = self.config.view_height
         solid = pixel_solid_angles(height, 2 * height, self.device).expand(-1, 2 * height).flatten()
-        cloud = render_cloud(index)
+        cloud = index.render_cloud
         rendered = [render_views(cloud, start[None], height, 2 * height) for start in starts]
         return torch.cat([v.color.flatten(1, 2) for v in rendered]), torch.cat(
             [v.valid.flatten(1) * solid for v in rendered]
@@ -173,7 +173,7 @@ class PaperMethod:
         judged, compared = [], []
         for hypothesis in hypotheses:
             index = maps[hypothesis.map_number]
-            cloud = render_cloud(index)
+            cloud = index.render_cloud
             level = PanoramaPyramid(panorama, _JUDGE_HEIGHT, index.labels, self.device).level(_JUDGE_HEIGHT)
             comparison = compare(
                 cloud,

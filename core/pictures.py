@@ -4,6 +4,7 @@ Green means "as scanned", red "changed", grey "not scanned" or "not seen".
 """
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from core.panorama import Panorama
 from core.pose import Pose
 from core.projection import pixel_directions, project
 from core.results import Localization
-from core.synthetic_view import make_render_cloud, render_views
+from core.synthetic_view import counted_colors, render_views
 
 Picture = NDArray[np.uint8]
 _WIDTH = 1024
@@ -107,7 +108,7 @@ def _render(index: MapIndex, pose: Pose, colors: torch.Tensor) -> Picture:
     height, width = _WIDTH // 2, _WIDTH
     device = index.positions.device
     position = torch.from_numpy(pose.position - index.origin_offset).float().to(device)
-    views = render_views(make_render_cloud(index.positions, colors, index.spacing), position[None], height, width)
+    views = render_views(replace(index.render_cloud, colors=counted_colors(colors)), position[None], height, width)
     rotation = torch.from_numpy(pose.rotation).float().to(device)
     u, v = project(pixel_directions(height, width, device) @ rotation.T, height, width)
     row, column = v.long().clamp(0, height - 1), u.long().clamp(0, width - 1)

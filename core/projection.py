@@ -19,7 +19,8 @@ def project(points: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
 
     The origin has no direction; it lands in the forward direction and its depth of zero tells it apart.
     """
-    x, y, z = points.unbind(-1)
+    # Contiguous planes: on strided views the arc tangents alone cost fifteen times as much.
+    x, y, z = (part.contiguous() for part in points.unbind(-1))
     azimuth = torch.atan2(y, x)
     elevation = torch.atan2(z, torch.hypot(x, y))
     u = (math.pi - azimuth) * (width / (2 * math.pi))
@@ -58,24 +59,14 @@ def wrap_border(image: Tensor) -> Tensor:
     return torch.cat((tall[..., -1:], tall, tall[..., :1]), dim=2)
 
 
-def bilinear_corners(u: Tensor, v: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Return flat indices (..., 4) into a bordered image (H + 2, W + 2) and bilinear weights (..., 4)."""
-    column, row = u + 0.5, v + 0.5  # centre of the first real pixel lies at 1.0 of the bordered image
-    left = column.floor().clamp_(0, width)
-    top = row.floor().clamp_(0, height)
-    right_share, bottom_share = column - left, row - top
-    corner = (top * (width + 2) + left).long()
-    corners = torch.stack((corner, corner + 1, corner + width + 2, corner + width + 3), dim=-1)
-    weights = torch.stack(
-        (
-            (1 - right_share) * (1 - bottom_share),
-            right_share * (1 - bottom_share),
-            (1 - right_share) * bottom_share,
-            right_share * bottom_share,
-        ),
-        dim=-1,
-    )
-    return corners, weights
+def sample_planes(bordered: Tensor, u: Tensor, v: Tensor) -> Tensor:
+    """Sample an image (C, H + 2, W + 2) with the border of `wrap_border` at pixel coordinates (K, N), bilinearly: (K, C, N)."""
+    height, width = bordered.shape[-2:]
+    # The centre of the first real pixel lies at 1.0 of the bordered image; grid_sample wants -1..1 between the outermost centres.
+    grid = torch.stack(((u + 0.5) * (2 / (width - 1)) - 1, (v + 0.5) * (2 / (height - 1)) - 1), dim=-1)
+    images = bordered.expand(len(u), -1, -1, -1)
+    sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
+    return sampled[:, :, 0]
 
 
 def sample_bilinear(image: Tensor, u: Tensor, v: Tensor) -> Tensor:
@@ -83,7 +74,5 @@ def sample_bilinear(image: Tensor, u: Tensor, v: Tensor) -> Tensor:
 
     Differentiable in `image`, `u` and `v` (piecewise, as bilinear interpolation is).
     """
-    height, width = image.shape[-2:]
-    bordered = wrap_border(image).flatten(1).T
-    corners, weights = bilinear_corners(u, v, height, width)
-    return (bordered[corners] * weights[..., None]).sum(-2)
+    sampled = sample_planes(wrap_border(image), u.reshape(1, -1), v.reshape(1, -1))
+    return sampled[0].T.reshape(*u.shape, len(image))

@@ -30,8 +30,9 @@ _MAX_STRIDE_EXPONENT = 5
 class RenderCloud:
     """Points ordered along a space-filling curve, so that each run of 64 lies together.
 
-    positions: (N, 3) float32 metres. colors: (N, 3) float32 in 0..1. spacing: metres between points.
-    block_centers: (M, 3) and block_radii: (M,), metres, of the runs.
+    positions: (N, 3) float32 metres. colors: (64 M, 4) of `counted_colors`. spacing: metres between points.
+    block_centers: (M, 3) and block_radii: (M,), metres, of the runs. block_points: for k = 0..5 every 2^k-th point of each run
+    (M, 3, 64 >> k), so that thinned runs are read as they lie in memory.
     """
 
     positions: Tensor
@@ -39,16 +40,27 @@ class RenderCloud:
     spacing: float
     block_centers: Tensor
     block_radii: Tensor
+    block_points: tuple[Tensor, ...]
 
 
 def make_render_cloud(positions: Tensor, colors: Tensor, spacing: float) -> RenderCloud:
-    """Prepare ordered points for rendering."""
+    """Prepare ordered points (N, 3) and their colours (N, 3) for rendering."""
     missing = -len(positions) % _BLOCK
     padded = torch.cat((positions, positions[-1:].expand(missing, 3))) if missing else positions
-    blocks = padded.view(-1, _BLOCK, 3)
-    centers = blocks.mean(1)
-    radii = (blocks - centers[:, None]).norm(dim=-1).amax(1)
-    return RenderCloud(positions, colors, spacing, centers, radii)
+    blocks = padded.view(-1, _BLOCK, 3).transpose(1, 2).contiguous()
+    centers = blocks.mean(2)
+    radii = (blocks - centers[..., None]).square().sum(1).amax(1).sqrt()
+    thinned = [blocks[..., :: 1 << k].contiguous() for k in range(_MAX_STRIDE_EXPONENT + 1)]
+    return RenderCloud(positions, counted_colors(colors), spacing, centers, radii, tuple(thinned))
+
+
+def counted_colors(colors: Tensor) -> Tensor:
+    """Return colours (64 M, 4) for a `RenderCloud` of colours (N, 3).
+
+    The fourth number counts points when colours are summed up: 1, and 0 for what fills up the last run.
+    """
+    counted = torch.cat((colors, torch.ones_like(colors[:, :1])), dim=1)
+    return torch.nn.functional.pad(counted, (0, 0, 0, -len(colors) % _BLOCK))
 
 
 @dataclass(frozen=True)
@@ -57,7 +69,7 @@ class SyntheticViews:
 
     color: (B, H, W, 3) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
     valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
-    nearest to each pixel's centre, −1 where no point fell.
+    nearest to each pixel's centre, −1 where no point fell; empty where points were not asked for.
     """
 
     color: Tensor
@@ -82,28 +94,34 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
-def render_views(cloud: RenderCloud, centers: Tensor, height: int, width: int) -> SyntheticViews:
+def render_views(
+    cloud: RenderCloud, centers: Tensor, height: int, width: int, with_points: bool = True
+) -> SyntheticViews:
     """Render the cloud from each of the centers (B, 3) in metres, in images of `height` x `width` pixels.
 
-    Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
+    with_points: also find the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the
+    caller chooses B.
     """
     batch, levels = len(centers), num_levels(height)
-    point, view, spacing = _drawn_points(cloud, centers, math.pi / height)
-    relative = cloud.positions[point] - centers[view]
-    distance = relative.norm(dim=-1)
-    u, v = project(relative, height, width)
+    point, view, relative, spacing = _drawn_points(cloud, centers, math.pi / height)
+    distance = relative.square().sum(0).sqrt()
+    u, v = project(relative.T, height, width)
     cell, offsets, size = _cells_of(u, v, distance, spacing, view, batch, height, width, levels)
     nearest = torch.full((size,), math.inf, device=relative.device)
     nearest.scatter_reduce_(0, cell, distance, "amin")
     depth = _compose_depth(nearest, offsets, batch, height, width)
     pixel = _pixel_of(u, v, view, height, width)
-    visible = distance <= depth.flatten()[pixel] * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * spacing
-    shown = point[visible]
+    limit = torch.add(_SLACK_SPACINGS * spacing, depth.flatten().index_select(0, pixel), alpha=1 + _SLACK_SHARE)
+    visible = (distance <= limit).nonzero()[:, 0]
+    shown = point.index_select(0, visible)
     sums = torch.zeros((size, 4), device=relative.device)
-    values = torch.cat((cloud.colors[shown], torch.ones((len(shown), 1), device=relative.device)), dim=-1)
-    sums.index_add_(0, cell[visible], values)
+    sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
     color, valid = _compose_color(sums, offsets, batch, height, width)
-    number = _central_points(u[visible], v[visible], pixel[visible], shown, batch * height * width)
+    if not with_points:
+        return SyntheticViews(color, depth, valid, point[:0])
+    u, v, pixel = (part.index_select(0, visible) for part in (u, v, pixel))
+    # What fills up the last run lies where its last point does.
+    number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), batch * height * width)
     return SyntheticViews(color, depth, valid, number.view(batch, height, width))
 
 
@@ -130,25 +148,25 @@ def visible_points(cloud: RenderCloud, center: Tensor, depth: Tensor) -> Tensor:
     return visible
 
 
-def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tuple[Tensor, Tensor, Tensor]:
-    """Choose the points of each view: their numbers (M,), the view of each (M,), and the spacing (M,) they are left with.
+def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Choose the points of each view.
 
-    A block is thinned by the largest power of two that leaves a point in every pixel.
+    Returns their numbers (M,), from N on for what fills up the last run; the view of each (M,); where they lie from it (3, M) in metres;
+    and the spacing (M,) they are left with. A block is thinned by the largest power of two that leaves a point in every pixel.
     """
     distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
     per_point = (distance * (pixel_angle / (_FOOTPRINT * cloud.spacing))).clamp_min(1.0).square()
-    exponent = torch.log2(per_point).floor_().clamp_(0, _MAX_STRIDE_EXPONENT).to(torch.int64)
-    points, views, spacings = [], [], []
-    for step in range(_MAX_STRIDE_EXPONENT + 1):
+    exponent = torch.log2(per_point).floor_().clamp_(0, _MAX_STRIDE_EXPONENT).to(torch.int8)
+    points, views, places, spacings = [], [], [], []
+    for step, blocks in enumerate(cloud.block_points):
         view, block = (exponent == step).nonzero(as_tuple=True)
+        place = blocks.index_select(0, block) - centers.index_select(0, view)[..., None]
         member = torch.arange(0, _BLOCK, 1 << step, device=centers.device)
-        number = (block[:, None] * _BLOCK + member).flatten()
-        points.append(number)
+        points.append((block[:, None] * _BLOCK + member).flatten())
         views.append(view.repeat_interleave(len(member)))
-        spacings.append(torch.full((len(number),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
-    point, view, spacing = torch.cat(points), torch.cat(views), torch.cat(spacings)
-    real = point < len(cloud.positions)
-    return (point, view, spacing) if bool(real.all()) else (point[real], view[real], spacing[real])
+        places.append(place.transpose(0, 1).flatten(1))
+        spacings.append(torch.full((len(points[-1]),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
+    return torch.cat(points), torch.cat(views), torch.cat(places, dim=1), torch.cat(spacings)
 
 
 def _pixel_of(u: Tensor, v: Tensor, view: Tensor, height: int, width: int) -> Tensor:

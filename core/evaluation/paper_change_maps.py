@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from core.candidate_points import render_cloud
 from core.color_equalization import transport
 from core.config import PaperConfig
 from core.intersection import bin_major, intersection_tensor
@@ -45,7 +44,7 @@ def paper_change_maps(panorama: Panorama, index: MapIndex, config: PaperConfig |
 
     count = min(config.num_starts, index.num_starts)
     starts = index.starts[torch.linspace(0, index.num_starts - 1, count, device=device).round().long()]
-    cloud = render_cloud(index)
+    cloud = index.render_cloud
     solid = pixel_solid_angles(height, 2 * height, device).expand(-1, 2 * height).flatten()
     view_patch = grid.patch_of_pixel(height, 2 * height, device).flatten()[None]
     histograms = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from core.candidate_points import Comparison, compare, render_cloud
+from core.candidate_points import Comparison, compare
 from core.color_equalization import label_codes
 from core.confidence import FEATURES, error_radii, load_confidence_model
 from core.gauss_newton import CandidatePoints, RefinementSteps, fit_gain_offset, prepare_level, refine
@@ -159,7 +159,7 @@ def comparisons(box_index: MapIndex, box_panorama: Panorama, box_pose: Pose) -> 
     rotations = torch.stack((true_rotation, true_rotation, turned, far))
     positions = torch.stack((position, position + torch.tensor([0.1, 0, 0]), position, torch.tensor([4.0, 1.0, 1.0])))
     level = PanoramaPyramid(box_panorama, 64, None, "cpu").level(64)
-    return compare(render_cloud(box_index), level, rotations, positions, 64, False)
+    return compare(box_index.render_cloud, level, rotations, positions, 64, False)
 
 
 def test_the_judge_prefers_the_true_pose_and_falls_with_the_error(comparisons: Comparison) -> None:
@@ -185,7 +185,7 @@ def test_the_judge_does_not_see_a_growing_tone_curve(
     level = PanoramaPyramid(dark, 64, None, "cpu").level(64)
     rotation = torch.from_numpy(box_pose.rotation).float()[None]
     position = torch.from_numpy(box_pose.position).float()[None]
-    relit = compare(render_cloud(box_index), level, rotation, position, 64, False)
+    relit = compare(box_index.render_cloud, level, rotation, position, 64, False)
     assert float(agreement(relit, 64).score[0]) == pytest.approx(float(agreement(comparisons, 64).score[0]), abs=0.06)
 
 

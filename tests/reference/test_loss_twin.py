@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core import gauss_newton
-from core.gauss_newton import CandidatePoints, prepare_level
+from core.gauss_newton import prepare_level
 from core.projection import pixel_directions
 from core.rotations import rotation_from_vector, uniform_rotations
 from core.sampling_loss import SamplingProblem, sampling_loss
@@ -120,17 +120,23 @@ def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProble
 HEIGHT = 128
 
 
+def jacobian_of(seen: gauss_newton._Seen) -> np.ndarray:
+    """Return the Jacobians (N, 3, 6) of the first candidate."""
+    by_azimuth, by_elevation, azimuth, elevation = (
+        part[0].numpy() for part in (seen.by_azimuth, seen.by_elevation, seen.azimuth, seen.elevation)
+    )
+    return np.asarray(np.einsum("cn,kn->nck", by_azimuth, azimuth) + np.einsum("cn,kn->nck", by_elevation, elevation))
+
+
 def linearized(positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals (N, 3) and Jacobians (N, 3, 6) of the code at the pose moved by `step` in the camera frame."""
+    """Return colours (N, 3) and Jacobians (N, 3, 6) of the code at the pose moved by `step` in the camera frame."""
     image = torch.from_numpy(painted(pixel_directions(HEIGHT, 2 * HEIGHT).numpy())).float().permute(2, 0, 1)
     level = prepare_level(image, torch.ones(image.shape[1:]))
-    points = CandidatePoints(
-        torch.from_numpy(positions).float()[None], torch.zeros((1, len(positions), 3)), torch.ones((1, len(positions)))
-    )
+    place = torch.from_numpy(positions).float().T[None]
     rotation = torch.from_numpy(loss_twin.turned(ROTATION, step[:3])).float()[None]
     position = torch.from_numpy(POSITION + ROTATION @ step[3:]).float()[None]
-    residual, jacobian, _ = gauss_newton._linearize(level, points, rotation, position, points.weights, False)
-    return residual[0].numpy(), jacobian[0].numpy()
+    seen, _ = gauss_newton._see(level, place, rotation, position)
+    return seen.color[0].T.numpy(), jacobian_of(seen)
 
 
 def test_the_jacobian_of_refinement_agrees_with_finite_differences_of_a_painted_sphere() -> None:
@@ -151,11 +157,35 @@ def test_the_jacobian_of_refinement_agrees_with_finite_differences_of_a_painted_
         np.testing.assert_allclose(jacobian[:, :, axis], expected, atol=0.01)
 
 
+@pytest.mark.parametrize("fit_light", [True, False])
+def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light: bool) -> None:
+    rng = np.random.default_rng(2)
+    count = 60
+    parts = {name: rng.normal(size=(1, 3, count)) for name in ("color", "by_azimuth", "by_elevation")}
+    parts |= {name: rng.normal(size=(1, 6, count)) for name in ("azimuth", "elevation")}
+    seen = gauss_newton._Seen(**{name: torch.from_numpy(value) for name, value in parts.items()})
+    residual, weights = rng.normal(size=(1, 3, count)), rng.uniform(size=(1, count))
+    hessian, gradient = gauss_newton._normal_equations(
+        seen, torch.from_numpy(residual), torch.from_numpy(weights), fit_light
+    )
+    jacobian = jacobian_of(seen)
+    expected_hessian, expected_gradient = np.zeros((6, 6)), np.zeros(6)
+    for channel in range(3):
+        rows, root = jacobian[:, channel], np.sqrt(weights[0])[:, None]
+        if fit_light:  # what the best gain and offset leave of every column
+            light = np.column_stack((parts["color"][0, channel], np.ones(count)))
+            rows = rows - light @ np.linalg.lstsq(root * light, root * rows, rcond=None)[0]
+        expected_hessian += (root * rows).T @ (root * rows)
+        expected_gradient += rows.T @ (weights[0] * residual[0, channel])
+    np.testing.assert_allclose(hessian[0].numpy(), expected_hessian, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(gradient[0].numpy(), expected_gradient, rtol=1e-6, atol=1e-9)
+
+
 def test_the_image_gradient_next_to_a_mask_does_not_see_what_is_under_it() -> None:
     image = torch.rand((3, 16, 32), generator=torch.Generator().manual_seed(1))
     valid = torch.ones((16, 32))
     valid[5:9, 10:15] = 0
     repainted = torch.where(valid.bool(), image, torch.zeros(()))
     one, other = prepare_level(image, valid), prepare_level(repainted, valid)
-    inside = one.packed[:, 12] > 0.99
-    torch.testing.assert_close(one.packed[inside], other.packed[inside])
+    inside = one.planes[9] > 0.99
+    torch.testing.assert_close(one.planes[:, inside], other.planes[:, inside])
