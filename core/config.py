@@ -41,6 +41,9 @@ class RefinementConfig:
     min_residual: float = 0.02  # floor of the robust scale, canonical colours
     min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
     middle_candidates: int = 8
+    middle_margin: float = (
+        0.35  # of the judge's score; candidates further behind the best never won (docs/experiments.md)
+    )
     middle_points: int = 4096
     middle_iterations: int = 6  # in each of the rounds below
     # Rows of the image, and robust scale: changed furniture loses its vote as poses settle.

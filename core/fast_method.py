@@ -20,7 +20,17 @@ from core.candidate_points import (
 )
 from core.config import LocalizerConfig
 from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, prepare_level, refine
-from core.hypotheses import ELSEWHERE_DEG, ELSEWHERE_M, Hypothesis, MethodResult, best_distinct, by_map, stacked_poses
+from core.hypotheses import (
+    ELSEWHERE_DEG,
+    ELSEWHERE_M,
+    Hypothesis,
+    MethodResult,
+    best_distinct,
+    by_map,
+    converged,
+    promising,
+    stacked_poses,
+)
 from core.judge import agreement, judged_hypotheses
 from core.map_index import MapIndex
 from core.panorama import Panorama
@@ -52,7 +62,8 @@ class FastMethod:
         with clock.stage("refine"):
             coarse = self._refine_coarse(query, found)
         with clock.stage("judge"):
-            kept = best_distinct(self._judge(query, coarse), sizes.middle_candidates)
+            judged = best_distinct(self._judge(query, converged(coarse)), len(coarse))
+            kept = promising(judged, sizes.middle_candidates, sizes.middle_margin)
         with clock.stage("refine"):
             middle = self._refine_middle(query, kept)
         with clock.stage("judge"):

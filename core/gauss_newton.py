@@ -63,7 +63,10 @@ class CandidatePoints:
 
 @dataclass(frozen=True)
 class RefinementSteps:
-    """How one level is refined: how often, the light model, and the robust scale as a multiple of the median residual."""
+    """How one level is refined: how often, the light model, and the robust scale as a multiple of the median residual.
+
+    relaxation: what steps are lengthened by. Weights lag behind the pose, so plain steps fall short and creep; the last one is plain.
+    """
 
     iterations: int
     fit_light: bool = True
@@ -72,6 +75,7 @@ class RefinementSteps:
     max_turn: float = 0.2  # radians per step
     max_move: float = 0.3  # metres per step
     damping: float = 1e-3
+    relaxation: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ def refine(
     loss = torch.zeros(len(rotations), device=rotations.device)
     scale, count = loss, loss
     weights = points.weights
-    for _ in range(steps.iterations):
+    for iteration in range(steps.iterations):
         seen, inside = _see(level, place, rotations, positions)
         base = points.weights * inside
         if steps.fit_light:
@@ -116,7 +120,8 @@ def refine(
         loss = (base * ratio / (1 + ratio)).sum(-1) / base.sum(-1).clamp_min(1e-9)
         count = (base > 0).sum(-1)
         hessian, gradient = _normal_equations(seen, residual, weights, steps.fit_light)
-        rotations, positions = _step(rotations, positions, hessian, gradient, steps)
+        length = steps.relaxation if iteration + 1 < steps.iterations else 1.0
+        rotations, positions = _step(rotations, positions, hessian, gradient, steps, length)
     return Refined(rotations, positions, loss, hessian, scale, count)
 
 
@@ -229,12 +234,12 @@ def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
 
 
 def _step(
-    rotations: Tensor, positions: Tensor, hessian: Tensor, gradient: Tensor, steps: RefinementSteps
+    rotations: Tensor, positions: Tensor, hessian: Tensor, gradient: Tensor, steps: RefinementSteps, length: float
 ) -> tuple[Tensor, Tensor]:
-    """Solve the damped normal equations and move the poses, no further than the limits of `steps`."""
+    """Solve the damped normal equations and move the poses by `length` times the solution, no further than the limits of `steps`."""
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     damped = hessian + torch.diag_embed(diagonal * steps.damping + 1e-6)
-    update = -torch.linalg.solve(damped, gradient)
+    update = -length * torch.linalg.solve(damped, gradient)
     turn, move = update[:, :3], update[:, 3:]
     turn = turn * (steps.max_turn / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
     move = move * (steps.max_move / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)

@@ -74,13 +74,48 @@ def best_distinct(
     hypotheses: Sequence[Hypothesis], count: int, distance_m: float = 0.15, angle_deg: float = 4.0
 ) -> list[Hypothesis]:
     """Return up to `count` hypotheses by falling score, leaving out those that converged to one already taken."""
-    kept: list[Hypothesis] = []
-    for hypothesis in sorted(hypotheses, key=lambda h: -h.score):
+    return _first_distinct(sorted(hypotheses, key=lambda h: -h.score), count, distance_m, angle_deg)
+
+
+def converged(hypotheses: Sequence[Hypothesis], distance_m: float = 0.1, angle_deg: float = 3.0) -> list[Hypothesis]:
+    """Return one hypothesis, that of the smallest loss, for each pose that several have converged to."""
+    return _first_distinct(sorted(hypotheses, key=lambda h: h.loss), len(hypotheses), distance_m, angle_deg)
+
+
+def promising(hypotheses: Sequence[Hypothesis], count: int, margin: float) -> list[Hypothesis]:
+    """Return up to `count` of hypotheses that are sorted by falling score: those within `margin` of the best, and the best one elsewhere.
+
+    That one cannot win, but how far it is behind says how sure the answer is.
+    """
+    if not hypotheses:
+        return []
+    best = hypotheses[0]
+    kept = [h for h in hypotheses[:count] if h.score >= best.score - margin]
+    if all(h.is_near(best, ELSEWHERE_M, ELSEWHERE_DEG) for h in kept):
+        kept += [h for h in hypotheses[len(kept) :] if not h.is_near(best, ELSEWHERE_M, ELSEWHERE_DEG)][:1]
+    return kept
+
+
+def _first_distinct(
+    hypotheses: Sequence[Hypothesis], count: int, distance_m: float, angle_deg: float
+) -> list[Hypothesis]:
+    """Return up to `count` hypotheses in the order given, none near one before it."""
+    if not hypotheses:
+        return []
+    rotations, positions = stacked_poses(hypotheses)
+    number = torch.tensor([h.map_number for h in hypotheses], device=rotations.device)
+    # All pairs at once: one by one they cost more than the rendering they save.
+    near = (torch.cdist(positions, positions) < distance_m) & (number[:, None] == number)
+    traces = rotations.flatten(1) @ rotations.flatten(1).T
+    near &= traces > 1 + 2 * math.cos(math.radians(angle_deg))
+    rows = near.tolist()
+    kept: list[int] = []
+    for k in range(len(hypotheses)):
         if len(kept) == count:
             break
-        if not any(hypothesis.is_near(other, distance_m, angle_deg) for other in kept):
-            kept.append(hypothesis)
-    return kept
+        if not any(rows[k][other] for other in kept):
+            kept.append(k)
+    return [hypotheses[k] for k in kept]
 
 
 def distinct_places(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
