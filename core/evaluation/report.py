@@ -1,21 +1,17 @@
 """The report of an evaluation as a JSON-safe document: tables with everything that is needed to repeat them."""
 
-import os
-import platform
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from importlib import metadata
 from typing import Any
 
 import numpy as np
-import torch
 
 from core.evaluation.methods import ComparedMethod
 from core.evaluation.ranking_metrics import reliability_bins
 from core.evaluation.rows import RIGHT, Row
 from core.evaluation.summary import Limits, Summary
+from core.machine import machine, versions
 
 
 def report_document(
@@ -40,36 +36,6 @@ def report_document(
         "reliability": {method.name: _reliability(rows, method.name) for method in methods},
         "num_rows": len(rows),
     }
-
-
-def machine() -> dict[str, Any]:
-    """Return what the figures were measured on."""
-    return {
-        "system": platform.platform(),
-        "processor": _processor(),
-        "cpu_count": os.cpu_count(),
-        "torch_threads": torch.get_num_threads(),
-        "cuda_device": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
-    }
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that the figures depend on."""
-    return {
-        "panoloc": metadata.version("panoloc"),
-        "python": sys.version.split()[0],
-        "torch": str(torch.__version__),
-        "numpy": np.__version__,
-    }
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    except OSError:
-        names = []
-    return names[0] if names else platform.processor()
 
 
 def _reliability(rows: Sequence[Row], method: str) -> list[dict[str, Any]]:

@@ -1,0 +1,103 @@
+"""What the search of each method computes, on random histograms of the shape that a room gives (about 12 of 512 bins in a patch)."""
+
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from core.config import SearchConfig
+from core.intersection import bin_major, intersection_tensor
+from core.patch_descriptors import centered_roots, normalize_per_view, principal_basis, similarity_tensor
+from core.pose_scores import score_poses, select_candidates
+from core.rotations import uniform_rotations
+from core.score_maps import score_map_2d, view_patch_scores
+from core.spherical_patches import PatchGrid, rotation_table
+
+CONFIG = SearchConfig()
+GRID = PatchGrid(CONFIG.patch_rows, CONFIG.patch_columns)
+OCCUPIED_BINS = 12
+_ROOM_M = 6.0
+_PAPER_CANDIDATES = 6
+
+
+class Search(Protocol):
+    """One search over T starts and R rotations, everything of the map's side prepared as at registration."""
+
+    table: Tensor
+
+    def tensor(self) -> Tensor:
+        """Return how alike each patch of the panorama and each patch of each view are."""
+
+    def scores(self, tensor: Tensor) -> Tensor:
+        """Return the scores of the best poses."""
+
+
+def make_search(method: str, starts: int, num_rotations: int, device: torch.device) -> Search:
+    """Return the search of `fast` or `paper`; the same arguments give the same histograms."""
+    kind: type[FastSearch] | type[PaperSearch] = FastSearch if method == "fast" else PaperSearch
+    return kind(np.random.default_rng(0), starts, uniform_rotations(num_rotations), device)
+
+
+def score_maps(search: Search, tensor: Tensor) -> Tensor:
+    """Compute both score maps of the search and return that of the scan's side."""
+    score_map_2d(tensor, search.table)
+    return view_patch_scores(tensor, search.table)
+
+
+def random_histograms(rng: np.random.Generator, views: int) -> Tensor:
+    """Return histograms (V, P, bins³) with about a dozen occupied bins each."""
+    num_bins = CONFIG.bins**3
+    histograms = np.zeros((views * len(GRID), num_bins), np.float32)
+    bins = rng.integers(0, num_bins, (len(histograms), OCCUPIED_BINS))
+    np.put_along_axis(histograms, bins, rng.dirichlet(np.ones(OCCUPIED_BINS), len(histograms)).astype(np.float32), 1)
+    histograms /= histograms.sum(axis=1, keepdims=True)
+    return torch.from_numpy(histograms.reshape(views, len(GRID), num_bins))
+
+
+class FastSearch:
+    """What `core.search` computes for one map."""
+
+    def __init__(self, rng: np.random.Generator, starts: int, rotations: Tensor, device: torch.device) -> None:
+        solid = GRID.solid_angles()
+        parts = [random_histograms(rng, min(100, starts - first)) for first in range(0, starts, 100)]
+        self.basis = principal_basis(centered_roots(parts[0], solid)[0], CONFIG.descriptor_size).to(device)
+        centered = [centered_roots(part, solid) for part in parts]
+        self.views = torch.cat([roots @ self.basis.cpu() for roots, _ in centered]).to(device)
+        self.view_weights = torch.cat([weights for _, weights in centered]).to(device)
+        query, weights = centered_roots(random_histograms(rng, 1), solid)
+        self.query, self.weights = query[0].to(device), weights[0].to(device)
+        self.rotations = rotations.to(device)
+        self.table = rotation_table(GRID, rotations).to(device)
+        self.positions = torch.rand((starts, 3), generator=torch.Generator().manual_seed(0)).to(device) * _ROOM_M
+
+    def tensor(self) -> Tensor:
+        """Return normalized products of descriptors."""
+        products = similarity_tensor(self.query @ self.basis, self.views)
+        return normalize_per_view(products, self.weights, self.view_weights)
+
+    def scores(self, tensor: Tensor) -> Tensor:
+        """Score all poses and select distinct candidates."""
+        scores = score_poses(tensor, self.table, self.weights)
+        limits = CONFIG.distinct_angle_deg, CONFIG.distinct_distance_m
+        return select_candidates(scores, self.positions, self.rotations, CONFIG.num_candidates, *limits).scores
+
+
+class PaperSearch:
+    """Histogram intersections, score maps and Eq. 4 on the search grid."""
+
+    def __init__(self, rng: np.random.Generator, starts: int, rotations: Tensor, device: torch.device) -> None:
+        parts = [random_histograms(rng, min(100, starts - first)) for first in range(0, starts, 100)]
+        self.starts, self.views = starts, bin_major(torch.cat(parts)).to(device)
+        self.query = random_histograms(rng, 1)[0].to(device)
+        self.table = rotation_table(GRID, rotations).to(device)
+        self.sines = GRID.polar_sines(device)
+
+    def tensor(self) -> Tensor:
+        """Return intersections of histograms."""
+        return intersection_tensor(self.query, self.views, self.starts)
+
+    def scores(self, tensor: Tensor) -> Tensor:
+        """Score all poses and take the best."""
+        weights = 0.5 * (score_map_2d(tensor, self.table) + self.sines)
+        return score_poses(tensor, self.table, weights).flatten().topk(_PAPER_CANDIDATES).values
