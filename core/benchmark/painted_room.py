@@ -90,8 +90,9 @@ class PaintedRoom:
         rng = np.random.default_rng((self.seed, 3, seed))
         left = num_points
         while left:
-            # Some of what is drawn lies hidden behind boxes.
-            points, surface = (kept[:left] for kept in self._surface_points(rng, min(int(1.3 * left) + 16, chunk)))
+            # Some of what is drawn lies hidden behind boxes, so a little more is drawn than is missing.
+            drawn, surfaces = self._surface_points(rng, min(int(1.3 * left) + 16, chunk))
+            points, surface = drawn[:left], surfaces[:left]
             colors = self.color_at(points, surface) + rng.normal(0, _COLOR_NOISE, points.shape)
             noisy = points + rng.normal(0, _RANGE_NOISE_M, points.shape)
             yield noisy.astype(np.float32), np.clip(colors, 0, 255).astype(np.uint8)

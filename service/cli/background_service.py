@@ -1,9 +1,10 @@
-"""Starts a service in the background for `panoloc demo`, and waits until it serves requests."""
+"""Starts a service in the background for `panoloc demo` and `panoloc bench`, and waits until it serves requests."""
 
+import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -56,10 +57,10 @@ class BackgroundService:
         return "\n".join([f"The end of {self.log_file}:", *(f"  {line}" for line in lines)])
 
 
-def start_in_background(url: str, log_file: Path) -> BackgroundService:
+def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | None = None) -> BackgroundService:
     """Start `panoloc serve` for `url` as a process of its own session, so that it survives this one.
 
-    Raises StartError when the URL is not of this machine.
+    settings: environment variables that differ from those of this process. Raises StartError when the URL is not of this machine.
     """
     address = urlsplit(url)
     if address.hostname not in ("127.0.0.1", "localhost", "::1") or address.scheme != "http":
@@ -77,7 +78,12 @@ def start_in_background(url: str, log_file: Path) -> BackgroundService:
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, **(settings or {})},
         )
     return BackgroundService(process, log_file)
 

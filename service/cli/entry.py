@@ -7,7 +7,7 @@ import httpx
 import typer
 from rich.markup import escape
 
-from service.cli import demo, evaluate, localize, maps, register, serve
+from service.cli import bench, demo, evaluate, localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
 from service.client_errors import ApiProblemError, ClientError, MapFailedError, UnreachableError
@@ -31,6 +31,7 @@ app.command()(serve.serve)
 app.command()(register.register)
 app.command()(localize.localize)
 app.command()(demo.demo)
+app.command()(bench.bench)
 app.add_typer(maps.app, name="maps")
 app.add_typer(evaluate.app, name="evaluate")
 

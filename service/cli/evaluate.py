@@ -1,7 +1,5 @@
 """`panoloc evaluate`: measure methods on cases with known poses, and fit the confidence on the rows. Runs here, without a service."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from service.cli.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
 from service.cli.options import JsonOption
 from service.cli.session import Session
@@ -150,18 +149,3 @@ def fit(
             session.results.print(held_out_table(fitted.held_out))
         session.messages.print(f"wrote {escape(str(out))}")
     return ExitCode.ERROR if failed else ExitCode.OK
-
-
-@contextmanager
-def core_errors_shown(session: Session) -> Iterator[list[str]]:
-    """Show an error of the algorithm or of a source as one message; yields the list that then holds it."""
-    from core.errors import CoreError
-
-    failed: list[str] = []
-    try:
-        yield failed
-    except CoreError as error:
-        failed.append(str(error))
-        if session.json_output:
-            session.print_json({"error": {"type": type(error).__name__, "message": str(error)}})
-        session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
