@@ -128,15 +128,13 @@ class PaintedRoom:
         Raises OptionsError where the room is too small for that.
         """
         rng = np.random.default_rng((self.seed, 4, number))
-        drawn = rng.uniform(0, 1, (512, 3)) * (self.size_m - 2 * _CLEARANCE_M) + _CLEARANCE_M
-        outside = [
-            ((drawn < low - _CLEARANCE_M) | (drawn > high + _CLEARANCE_M)).any(axis=1)
-            for low, high in zip(*self.boxes, strict=True)
-        ]
-        free = drawn[np.all(outside, axis=0)]
-        if not len(free):
+        drawn = rng.uniform(0, 1, (512, 3)) * self.size_m
+        free = ((drawn >= _CLEARANCE_M) & (drawn <= self.size_m - _CLEARANCE_M)).all(axis=1)
+        for low, high in zip(*self.boxes, strict=True):
+            free &= ((drawn < low - _CLEARANCE_M) | (drawn > high + _CLEARANCE_M)).any(axis=1)
+        if not free.any():
             raise OptionsError(f"area_m2: expected a room with free space for a camera, got {self.area_m2:g}")
-        return Pose(_random_rotation(rng), free[0])
+        return Pose(_random_rotation(rng), drawn[free][0])
 
     def panorama(self, pose: Pose, width: int) -> Panorama:
         """Return the panorama of `width` x `width` / 2 pixels that a camera at `pose` takes."""
