@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 from rich.console import Console
 
-from service.cli.tables import answer_summary, picture_links
+from service.cli.tables import alternatives_table, answer_summary, picture_links
 from service.client import JsonObject, PanolocClient
 
 _PIPE_WIDTH = 500
@@ -32,8 +32,11 @@ class Session:
         return PanolocClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
 
     def show_answer(self, answer: JsonObject, client: PanolocClient) -> None:
-        """Print one localization as a table, and the links of its pictures so that no terminal breaks them."""
+        """Print one localization and its alternatives as tables, and the links of its pictures so that no terminal breaks them."""
         self.results.print(answer_summary(answer))
+        others = alternatives_table(answer)
+        if others is not None:
+            self.results.print(others)
         for link in picture_links(answer, client.link):
             self.results.print(link, soft_wrap=True, markup=False)
 

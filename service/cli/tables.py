@@ -61,8 +61,7 @@ def answer_summary(answer: JsonObject) -> Table:
     rows: list[tuple[str, str | Text]] = [("status", styled_status(answer["status"]))]
     pose = answer.get("pose")
     if pose:
-        centre = pose["map_from_camera"]["position_m"]
-        rows.append(("position", f"x {centre['x']:.3f}   y {centre['y']:.3f}   z {centre['z']:.3f} m"))
+        rows.append(("position", _position(pose)))
         rows.append(("orientation", _angles(pose)))
         rows.append(("frame", str(pose.get("frame"))))
     rows.append(("map", str(answer.get("map_id") or "none")))
@@ -77,6 +76,27 @@ def answer_summary(answer: JsonObject) -> Table:
     rows.append(("seconds", _seconds(answer.get("timings_s") or {})))
     rows += [("warning", str(warning)) for warning in answer.get("warnings") or []]
     return _two_columns(rows)
+
+
+def alternatives_table(answer: JsonObject) -> Table | None:
+    """Return the other poses of one localization, best first, one per row; None when it has none."""
+    alternatives = answer.get("alternatives") or []
+    if not alternatives:
+        return None
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    table.add_column("alternative", justify="right")
+    for heading in ("position", "orientation", "confidence", "map"):
+        table.add_column(heading, no_wrap=heading == "map", overflow="fold")
+    for number, each in enumerate(alternatives, 1):
+        confidence = each.get("confidence")
+        table.add_row(
+            str(number),
+            _position(each["pose"]),
+            _angles(each["pose"]),
+            "" if confidence is None else f"{confidence:.2f}",
+            str(each.get("map_id") or ""),
+        )
+    return table
 
 
 def picture_links(answer: JsonObject, link_of: Callable[[str], str]) -> list[str]:
@@ -103,6 +123,11 @@ def _two_columns(rows: list[tuple[str, str | Text]]) -> Table:
     for label, value in rows:
         table.add_row(label, value if isinstance(value, Text) else Text(value))
     return table
+
+
+def _position(pose: JsonObject) -> str:
+    centre = pose["map_from_camera"]["position_m"]
+    return f"x {centre['x']:.3f}   y {centre['y']:.3f}   z {centre['z']:.3f} m"
 
 
 def _angles(pose: JsonObject) -> str:

@@ -47,7 +47,12 @@ class LocalizeOptions(Model):
     method: Literal["fast", "paper"] = Field("fast", description="`paper`: the recipe of the paper, slower.")
     hints: Hints | None = None
     artifacts: list[Artifact] = Field(default_factory=list, max_length=3, description="Pictures to draw.")
-    top_k: int = Field(1, ge=1, le=20, description="Poses in the answer: the pose and up to `top_k` − 1 alternatives.")
+    top_k: int = Field(
+        1,
+        ge=1,
+        le=20,
+        description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",
+    )
     timeout_s: Annotated[float, Field(gt=0)] | None = Field(
         None, description="Seconds for the answer, then 504; null: the service's setting."
     )
@@ -101,6 +106,7 @@ class Alternative(Answer):
 
     pose: PoseAnswer
     confidence: float
+    map_id: str = Field(description="The map that the pose lies in.")
 
 
 class Change(Answer):

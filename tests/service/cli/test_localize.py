@@ -25,6 +25,29 @@ def test_the_table_shows_pose_confidence_and_accuracy(panoloc: Panoloc, panorama
         assert shown in out
 
 
+def test_an_ambiguous_answer_shows_every_place_that_fits(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
+    answer = answer_with("ambiguous")
+    elsewhere = answer_with("localized")["pose"]
+    elsewhere["map_from_camera"]["position_m"] = {"x": -7.0, "y": 8.25, "z": 1.5}
+    elsewhere["yaw_deg"] = -167.5
+    answer["alternatives"] = [
+        {"pose": elsewhere, "confidence": 0.41, "map_id": "map_2"},
+        {"pose": answer["pose"], "confidence": 0.07, "map_id": "map_1"},
+    ]
+    fake.answer = answer
+    lines = panoloc("localize", panorama, "--map", "map_1", "--map", "map_2").out.splitlines()
+    (header,) = [number for number, line in enumerate(lines) if line.startswith("alternative")]
+    first, second = lines[header + 1 : header + 3]
+    for shown in ("1 ", "x -7.000   y 8.250   z 1.500 m", "yaw -167.50", "0.41", "map_2"):
+        assert shown in first
+    assert "0.07" in second
+
+
+def test_without_alternatives_no_empty_table_is_shown(panoloc: Panoloc, panorama: Path) -> None:
+    lines = panoloc("localize", panorama, "--map", "map_1").out.splitlines()
+    assert not [line for line in lines if line.startswith("alternative")]
+
+
 def test_links_to_pictures_are_full_addresses(panoloc: Panoloc, panorama: Path) -> None:
     out = panoloc("localize", panorama, "--map", "map_1").out
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in out
@@ -35,7 +58,9 @@ def test_links_stay_whole_in_a_pipe(panoloc: Panoloc, panorama: Path) -> None:
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in lines
 
 
-@pytest.mark.parametrize("field", ["confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts"])
+@pytest.mark.parametrize(
+    "field", ["confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts", "alternatives"]
+)
 @pytest.mark.parametrize("empty", ["null", "null inside", "missing"])
 def test_an_answer_without_an_optional_part_is_still_shown(
     panoloc: Panoloc, fake: FakeService, panorama: Path, field: str, empty: str
