@@ -19,6 +19,8 @@ from service.client import JsonObject, PanolocClient
 from service.client_errors import ApiProblemError
 
 ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
+# One to three minutes a query on two cores, docs/experiments.md; no service allows more unless its operator says so.
+PAPER_TIMEOUT_S = 600.0
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]
 
@@ -66,7 +68,13 @@ def localize(
         float | None, typer.Option(help="Hint: --heading is right within this, degrees.")
     ] = None,
     top_k: Annotated[int, typer.Option(min=1, help="Poses to return, alternatives included.")] = 1,
-    timeout: Annotated[float | None, typer.Option(min=0.1, help="Seconds until the service gives up.")] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            help=f"Seconds until the service gives up; its own setting when left out, {PAPER_TIMEOUT_S:g} for paper.",
+        ),
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
@@ -79,7 +87,8 @@ def localize(
     options: JsonObject = {"frame": frame.value, "method": method.value, "top_k": top_k}
     options["artifacts"] = list(ARTIFACTS) if out else []
     options |= {"hints": hints} if hints else {}
-    options |= {"timeout_s": timeout} if timeout else {}
+    timeout_s = PAPER_TIMEOUT_S if timeout is None and method is Method.paper else timeout
+    options |= {"timeout_s": timeout_s} if timeout_s else {}
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:

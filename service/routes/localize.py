@@ -120,7 +120,8 @@ def _complete(options: LocalizeOptions, settings: Settings) -> Document:
     timeout_s = options.timeout_s if options.timeout_s is not None else settings.default_timeout_s
     if timeout_s > settings.max_timeout_s:
         message = (
-            f"expected at most {settings.max_timeout_s:g} (PANOLOC_MAX_TIMEOUT_S), got {timeout_s:g}; ask for less"
+            f"expected at most {settings.max_timeout_s:g} seconds, got {timeout_s:g}; ask for less, or let the operator "
+            "raise PANOLOC_MAX_TIMEOUT_S where the service runs"
         )
         raise InvalidOptionsError(f"timeout_s: {message}", [{"field": "timeout_s", "message": message}])
     artifacts = list(dict.fromkeys(options.artifacts))

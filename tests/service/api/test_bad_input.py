@@ -114,6 +114,14 @@ async def test_an_option_out_of_range_is_named(running: RunningService, options:
     assert ", got " in problem["detail"]
 
 
+async def test_a_timeout_that_the_service_does_not_allow_names_the_setting_to_raise(running: RunningService) -> None:
+    reply = await running.localize(await running.ready_map(), options='{"timeout_s": 601}')
+    assert reply.status_code == 422
+    assert "at most 600 seconds, got 601" in reply.json()["detail"]
+    assert "raise PANOLOC_MAX_TIMEOUT_S" in reply.json()["detail"]
+    assert running.pool.jobs == []
+
+
 @pytest.mark.parametrize("options", ["{", "nonsense", "[" * 5000])
 async def test_options_that_are_no_json_are_malformed(running: RunningService, options: str) -> None:
     reply = await running.localize(await running.ready_map(), options=options)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from service.cli.localize import PAPER_TIMEOUT_S
+from service.settings import Settings
 from tests.service.cli.conftest import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
@@ -108,6 +110,21 @@ def test_several_maps_and_all_options_reach_the_service(
             "heading_tolerance_deg": 45,
         },
     }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "timeout_s"),
+    [([], None), (["--method", "paper"], 600), (["--method", "paper", "--timeout", "12"], 12)],
+)
+def test_the_papers_recipe_is_given_minutes_unless_told_otherwise(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, arguments: list[str], timeout_s: float | None
+) -> None:
+    assert panoloc("localize", panorama, "--map", "map_1", *arguments).code == 0
+    assert json.loads(fake.parts["options"][0]).get("timeout_s") == timeout_s
+
+
+def test_a_service_that_nobody_has_configured_allows_what_the_papers_recipe_is_given() -> None:
+    assert Settings.model_fields["max_timeout_s"].default >= PAPER_TIMEOUT_S
 
 
 def test_a_tag_stands_for_all_its_maps(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
