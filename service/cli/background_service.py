@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from service.cli.address import why_not_free
 from service.client import JsonObject, PanolocClient
 from service.client_errors import ClientError, UnreachableError, WaitTimeoutError
 
@@ -60,11 +61,19 @@ class BackgroundService:
 def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | None = None) -> BackgroundService:
     """Start `panoloc serve` for `url` as a process of its own session, so that it survives this one.
 
-    settings: environment variables that differ from those of this process. Raises StartError when the URL is not of this machine.
+    settings: environment variables that differ from those of this process. Raises StartError when the URL is not of this machine,
+    or another program listens there.
     """
     address = urlsplit(url)
     if address.hostname not in ("127.0.0.1", "localhost", "::1") or address.scheme != "http":
         raise StartError(f"No service answers at {url}, and only one on this machine can be started; start it there.")
+    port = address.port or 80
+    fault = why_not_free(address.hostname, port)
+    if fault is not None:
+        raise StartError(
+            f"No service can be started at {url}: {fault}. Stop what listens there, or choose another port with --url, "
+            "such as http://127.0.0.1:8001."
+        )
     command = [
         sys.executable,
         "-m",
@@ -73,7 +82,7 @@ def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | 
         "--host",
         address.hostname,
         "--port",
-        str(address.port or 80),
+        str(port),
     ]
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:

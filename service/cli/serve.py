@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from service.cli.address import why_not_free
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
 
@@ -57,7 +58,10 @@ def serve(
 
 
 def run_with(overrides: dict[str, Any], session: Session) -> int:
-    """Read the settings, then run until stopped; a wrong setting is a usage error that names it."""
+    """Read the settings, then run until stopped.
+
+    A wrong setting is a usage error that names it; an address that cannot be listened on is told before anything starts.
+    """
     from pydantic import ValidationError
 
     from service.settings import Settings
@@ -68,6 +72,15 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
         for problem in error.errors():
             session.messages.print(_explain(problem["loc"], problem["msg"], problem["input"]), markup=False)
         return ExitCode.USAGE
+    # Before Redis and Ray start, and before the seconds that importing them takes.
+    fault = why_not_free(settings.host, settings.port)
+    if fault is not None:
+        session.messages.print(
+            f"The service cannot start: {fault}. Stop what listens there (another panoloc?), or choose another address "
+            "with --host and --port, PANOLOC_HOST and PANOLOC_PORT.",
+            markup=False,
+        )
+        return ExitCode.ERROR
     from service.serve import run_service
 
     return int(run_service(settings) or 0)

@@ -6,17 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from service.cli import serve
 from service.settings import Settings
 from tests.service.cli.conftest import Panoloc
 
 
 @pytest.fixture
 def started_with(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
-    """Replace the service by one that only keeps its settings."""
+    """Replace the service by one that only keeps its settings, on a machine whose addresses are all free."""
     kept: list[Settings] = []
     module = types.ModuleType("service.serve")
     module.run_service = kept.append  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "service.serve", module)
+    monkeypatch.setattr(serve, "why_not_free", lambda host, port: None)
     return kept
 
 
