@@ -7,9 +7,13 @@
     │   └── ScanContentError      readable, but no colour, no finite points, or no extent
     ├── PanoramaError             the image cannot be localized
     │   ├── PanoramaFormatError   not an image that is known
+    │   │   └── MaskFormatError   the same of its mask
     │   ├── PanoramaDamagedError  the image ends early or does not decode
+    │   │   └── MaskDamagedError  the same of its mask
     │   ├── PanoramaTooLargeError more pixels than allowed (checked before decoding)
-    │   └── PanoramaShapeError    not 2:1 and without crop fields, or the mask does not fit
+    │   │   └── MaskTooLargeError the same of its mask
+    │   └── PanoramaShapeError    not 2:1 and without crop fields, or transparent everywhere
+    │       └── MaskShapeError    the mask has another shape than the image, or leaves nothing of it
     ├── OptionsError              a value out of its range
     ├── IndexFormatError          bytes that are not a map index of this version
     ├── DeadlineExceededError     the deadline passed before a pose was found
@@ -47,16 +51,32 @@ class PanoramaFormatError(PanoramaError):
     """The bytes are of no known image format."""
 
 
+class MaskFormatError(PanoramaFormatError):
+    """The mask's bytes are of no known image format."""
+
+
 class PanoramaDamagedError(PanoramaError):
     """The image does not decode to its end."""
+
+
+class MaskDamagedError(PanoramaDamagedError):
+    """The mask does not decode to its end."""
 
 
 class PanoramaTooLargeError(PanoramaError):
     """The image has more pixels than allowed."""
 
 
+class MaskTooLargeError(PanoramaTooLargeError):
+    """The mask has more pixels than allowed."""
+
+
 class PanoramaShapeError(PanoramaError):
-    """The image is not an equirectangular panorama, or its mask does not fit."""
+    """The image is not an equirectangular panorama, or has no visible pixel."""
+
+
+class MaskShapeError(PanoramaShapeError):
+    """The mask is not of the image's shape, or leaves nothing of the image."""
 
 
 class OptionsError(CoreError):

@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from core.errors import PanoramaDamagedError, PanoramaFormatError, PanoramaShapeError, PanoramaTooLargeError
+from core.errors import (
+    MaskDamagedError,
+    MaskFormatError,
+    MaskShapeError,
+    MaskTooLargeError,
+    PanoramaDamagedError,
+    PanoramaFormatError,
+    PanoramaShapeError,
+    PanoramaTooLargeError,
+)
 from core.panorama import Panorama
 
 _FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
@@ -21,14 +30,29 @@ _MIN_HEIGHT = 64
 _DRAFT_HEIGHT = 1024  # a JPEG larger than twice this is decoded at a half, a quarter or an eighth
 
 
+@dataclass(frozen=True)
+class _Upload:
+    """One of the two files: its name in messages, and the errors by which callers know which one is at fault."""
+
+    name: str
+    format_error: type[PanoramaFormatError]
+    damaged_error: type[PanoramaDamagedError]
+    too_large_error: type[PanoramaTooLargeError]
+
+
+_IMAGE = _Upload("image", PanoramaFormatError, PanoramaDamagedError, PanoramaTooLargeError)
+_MASK = _Upload("mask", MaskFormatError, MaskDamagedError, MaskTooLargeError)
+
+
 def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = 100_000_000) -> Panorama:
     """Decode a panorama.
 
     data: a JPEG, PNG or WebP file, 8 or 16 bit, 2:1 or with GPano crop fields. mask: an image of the same aspect ratio, non-zero = ignore.
     max_pixels: checked against the header before anything is decoded.
-    Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError or PanoramaShapeError.
+    Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError or PanoramaShapeError; for the mask their
+    subclasses MaskFormatError, MaskTooLargeError, MaskDamagedError or MaskShapeError.
     """
-    image = _open(data, "image", max_pixels)
+    image = _open(data, _IMAGE, max_pixels)
     crop = _crop_fields(image, data)
     full_size = image.size
     if _swaps_sides(image):
@@ -38,25 +62,29 @@ def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = 1
     if image.format in ("JPEG", "MPO"):
         scale = max(1, image.size[1] // _DRAFT_HEIGHT)
         image.draft("RGB", (image.size[0] // scale, image.size[1] // scale))
-    pixels = _decode(image, "image")
+    pixels = _decode(image, _IMAGE)
     if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
         pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
     color, valid = _color_and_alpha(pixels)
     if crop is not None:
         color, valid = _place_crop(color, valid, crop, max_pixels)
+    if not valid.any():
+        raise PanoramaShapeError(
+            "image: expected visible pixels, got an alpha channel that hides all; export it without transparency"
+        )
     if mask is not None:
         valid = valid & ~_read_mask(mask, valid.shape, max_pixels)
     if not valid.any():
-        raise PanoramaShapeError(
-            "image: every pixel is masked, nothing is left to localize; check that non-zero mask pixels mean 'ignore'"
+        raise MaskShapeError(
+            "mask: every pixel is masked, nothing is left to localize; check that non-zero mask pixels mean 'ignore'"
         )
     return Panorama(color, valid)
 
 
-def _open(data: bytes, name: str, max_pixels: int) -> Image.Image:
+def _open(data: bytes, upload: _Upload, max_pixels: int) -> Image.Image:
     if not data:
-        raise PanoramaFormatError(
-            f"{name}: expected a JPEG, PNG or WebP file, got an empty upload; send the file's bytes"
+        raise upload.format_error(
+            f"{upload.name}: expected a JPEG, PNG or WebP file, got an empty upload; send the file's bytes"
         )
     try:
         with warnings.catch_warnings():
@@ -64,29 +92,30 @@ def _open(data: bytes, name: str, max_pixels: int) -> Image.Image:
             image = Image.open(io.BytesIO(data), formats=_FORMATS)
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
         if isinstance(error, Image.DecompressionBombError):
-            raise PanoramaTooLargeError(
-                f"{name}: expected at most {max_pixels} pixels, got far more; scale it down"
+            raise upload.too_large_error(
+                f"{upload.name}: expected at most {max_pixels} pixels, got far more; scale it down"
             ) from error
-        raise PanoramaFormatError(
-            f"{name}: expected a JPEG, PNG or WebP file, got {len(data)} bytes of something else; convert the image first"
+        raise upload.format_error(
+            f"{upload.name}: expected a JPEG, PNG or WebP file, got {len(data)} bytes of something else; convert the image first"
         ) from error
     except (OSError, SyntaxError, ValueError) as error:
-        raise PanoramaDamagedError(f"{name}: the file's header is damaged ({error}); export it again") from error
+        raise upload.damaged_error(f"{upload.name}: the file's header is damaged ({error}); export it again") from error
     width, height = image.size
     if width * height > max_pixels:
-        raise PanoramaTooLargeError(
-            f"{name}: expected at most {max_pixels} pixels, got {width} x {height} = {width * height}; scale it down, 4096 x 2048 is plenty"
+        raise upload.too_large_error(
+            f"{upload.name}: expected at most {max_pixels} pixels, got {width} x {height} = {width * height}; scale it down, "
+            "4096 x 2048 is plenty"
         )
     return image
 
 
-def _decode(image: Image.Image, name: str) -> Image.Image:
+def _decode(image: Image.Image, upload: _Upload) -> Image.Image:
     try:
         image.load()
         return ImageOps.exif_transpose(image)
     except (OSError, SyntaxError, ValueError, EOFError) as error:
-        raise PanoramaDamagedError(
-            f"{name}: the file ends early or is damaged ({error}); upload it again in full"
+        raise upload.damaged_error(
+            f"{upload.name}: the file ends early or is damaged ({error}); upload it again in full"
         ) from error
 
 
@@ -196,12 +225,13 @@ def _place_crop(
 
 def _read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[np.bool_]:
     """Return which pixels to ignore, resized to the panorama's shape (h, w)."""
-    image = _open(data, "mask", max_pixels)
+    image = _open(data, _MASK, max_pixels)
     width, height = image.size
     if abs(width * shape[0] - height * shape[1]) > 0.01 * width * shape[0]:
-        raise PanoramaShapeError(
-            f"mask: expected the aspect ratio of the image, {shape[1]} x {shape[0]}, got {width} x {height}"
+        raise MaskShapeError(
+            f"mask: expected the aspect ratio of the image, {shape[1]} x {shape[0]}, got {width} x {height}; make it of the "
+            "image's size"
         )
-    decoded = _decode(image, "mask")
+    decoded = _decode(image, _MASK)
     grey = np.asarray(decoded.convert("RGB")).max(axis=2) > 0
     return np.asarray(Image.fromarray(grey).resize((shape[1], shape[0]), Image.Resampling.NEAREST))

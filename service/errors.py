@@ -12,8 +12,10 @@
     │   ├── MapLimitError             as many maps as allowed
     │   ├── UploadTooLargeError       too many bytes
     │   ├── ImageTooLargeError        too many pixels, by the image's header
+    │   │   └── LargeMaskError        too many pixels of the mask
     │   ├── TooManyPointsError        too many points, by the scan's header
     │   ├── UnknownImageError         not a JPEG, PNG or WebP image
+    │   │   └── UnknownMaskError      nor is the mask
     │   ├── UnknownScanError          not a scan of a known format
     │   ├── DamagedScanError          the scan contradicts its own header
     │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
@@ -87,12 +89,20 @@ class ImageTooLargeError(RequestError):
     """The image has more pixels than allowed."""
 
 
+class LargeMaskError(ImageTooLargeError):
+    """The mask has more pixels than allowed."""
+
+
 class TooManyPointsError(RequestError):
     """The scan has more points than allowed."""
 
 
 class UnknownImageError(RequestError):
     """The upload is not a JPEG, PNG or WebP image."""
+
+
+class UnknownMaskError(UnknownImageError):
+    """The mask is not a JPEG, PNG or WebP image."""
 
 
 class UnknownScanError(RequestError):

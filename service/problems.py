@@ -14,12 +14,13 @@ MEDIA_TYPE = "application/problem+json"
 
 @dataclass(frozen=True)
 class Problem:
-    """A kind of problem. slug: stable, the end of its `type`. advice: what a caller does about it."""
+    """A kind of problem. slug: stable, the end of its `type`. advice: what a caller does about it. part: the upload at fault."""
 
     slug: str
     title: str
     status: int
     advice: str
+    part: str | None = None
 
     @property
     def type(self) -> str:
@@ -44,11 +45,17 @@ _NOT_A_SCAN = Problem(
 )
 _BAD_SCAN = Problem("scan-unusable", "The scan cannot become a map", 422, "Export the scan again, as the detail says.")
 _DAMAGED_SCAN = Problem("scan-damaged", "The scan is damaged", 422, "Export or upload the scan again.")
-_NOT_AN_IMAGE = Problem("unknown-image-format", "Not an image of a known format", 415, "Send JPEG, PNG or WebP.")
-_MANY_PIXELS = Problem("too-many-pixels", "The image has too many pixels", 413, "Scale the image down.")
-_BAD_IMAGE = Problem(
-    "image-unusable", "The image cannot be localized", 422, "Send an image as the detail describes it."
+_NOT_AN_IMAGE = Problem(
+    "unknown-image-format", "Not an image of a known format", 415, "Send JPEG, PNG or WebP.", "image"
 )
+_MANY_PIXELS = Problem("too-many-pixels", "The image has too many pixels", 413, "Scale the image down.", "image")
+_BAD_IMAGE = Problem(
+    "image-unusable", "The image cannot be localized", 422, "Send an image as the detail describes it.", "image"
+)
+_UNKNOWN_MASK = Problem(
+    "unknown-mask-format", "The mask is not an image of a known format", 415, "Send JPEG, PNG or WebP.", "mask"
+)
+_LARGE_MASK = Problem("mask-too-many-pixels", "The mask has too many pixels", 413, "Scale the mask down.", "mask")
 
 PROBLEMS: dict[str, Problem] = {
     # service
@@ -77,10 +84,12 @@ PROBLEMS: dict[str, Problem] = {
     ),
     "UploadTooLargeError": Problem("upload-too-large", "The upload is too large", 413, "Send fewer bytes."),
     "ImageTooLargeError": _MANY_PIXELS,
+    "LargeMaskError": _LARGE_MASK,
     "TooManyPointsError": Problem(
         "too-many-points", "The scan has too many points", 413, "Thin the scan before uploading."
     ),
     "UnknownImageError": _NOT_AN_IMAGE,
+    "UnknownMaskError": _UNKNOWN_MASK,
     "UnknownScanError": _NOT_A_SCAN,
     "DamagedScanError": _DAMAGED_SCAN,
     "InvalidOptionsError": _INVALID,
@@ -106,10 +115,22 @@ PROBLEMS: dict[str, Problem] = {
     "ScanContentError": _BAD_SCAN,
     "PanoramaError": _BAD_IMAGE,
     "PanoramaFormatError": _NOT_AN_IMAGE,
-    "PanoramaDamagedError": Problem("image-damaged", "The image is damaged", 422, "Send the image again, whole."),
+    "MaskFormatError": _UNKNOWN_MASK,
+    "PanoramaDamagedError": Problem(
+        "image-damaged", "The image is damaged", 422, "Send the image again, whole.", "image"
+    ),
+    "MaskDamagedError": Problem("mask-damaged", "The mask is damaged", 422, "Send the mask again, whole.", "mask"),
     "PanoramaTooLargeError": _MANY_PIXELS,
+    "MaskTooLargeError": _LARGE_MASK,
     "PanoramaShapeError": Problem(
-        "not-a-panorama", "The image is not a full-sphere panorama", 422, "Send a 2:1 equirectangular image."
+        "not-a-panorama", "The image is not a full-sphere panorama", 422, "Send a 2:1 equirectangular image.", "image"
+    ),
+    "MaskShapeError": Problem(
+        "mask-unusable",
+        "The mask does not fit the panorama",
+        422,
+        "Send a mask of the panorama's shape that leaves some of it.",
+        "mask",
     ),
     "OptionsError": _INVALID,
     "IndexFormatError": Problem(
@@ -146,14 +167,17 @@ def problem_document(error: BaseException, request_id: str) -> dict[str, Any]:
 
 
 def document_with(problem: Problem, detail: str, request_id: str) -> dict[str, Any]:
-    """Return a problem document."""
-    return {
+    """Return a problem document; one about an upload names its part among the `fields`."""
+    document: dict[str, Any] = {
         "type": problem.type,
         "title": problem.title,
         "status": problem.status,
         "detail": detail,
         "request_id": request_id,
     }
+    if problem.part is not None:
+        document["fields"] = [{"field": problem.part, "message": detail}]
+    return document
 
 
 def known_problems() -> dict[str, Problem]:

@@ -9,7 +9,13 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
 from service.access import require
-from service.errors import ImageTooLargeError, InvalidOptionsError
+from service.errors import (
+    ImageTooLargeError,
+    InvalidOptionsError,
+    LargeMaskError,
+    UnknownImageError,
+    UnknownMaskError,
+)
 from service.image_header import read_image_header
 from service.localizations import Document, Query
 from service.map_choice import MapChoice
@@ -96,20 +102,29 @@ async def _query(request: Request, settings: Settings) -> Query:
     with await read_form(request.stream(), request.headers, rules, folder) as form:
         options = parse_json(LocalizeOptions, form.single("options"), "options")
         maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
-        panorama = _image(form, "image", settings)
+        panorama = _image(form, "image", settings, UnknownImageError, ImageTooLargeError)
         if panorama is None:
             raise _image_missing()
-        mask = _image(form, "mask", settings)
+        mask = _image(form, "mask", settings, UnknownMaskError, LargeMaskError)
     return Query(panorama, mask, maps, _complete(options, settings), current_request_id())
 
 
-def _image(form: Form, name: str, settings: Settings) -> bytes | None:
+def _image(
+    form: Form,
+    name: str,
+    settings: Settings,
+    unknown: type[UnknownImageError],
+    too_large: type[ImageTooLargeError],
+) -> bytes | None:
     data = form.single(name)
     if data is None:
         return None
-    header = read_image_header(data)
+    try:
+        header = read_image_header(data)
+    except UnknownImageError as error:
+        raise unknown(f"{name}: {error}") from error
     if header.width * header.height > settings.max_pixels:
-        raise ImageTooLargeError(
+        raise too_large(
             f"{name}: expected at most {settings.max_pixels:,} pixels (PANOLOC_MAX_PIXELS), got {header.width:,} x "
             f"{header.height:,}; scale it down"
         )

@@ -6,7 +6,7 @@ from service.schemas.geometry import Answer
 
 
 class FieldMistake(Answer):
-    """One field of the options that is wrong."""
+    """One field of the options, or one part of the form, that is wrong."""
 
     field: str = Field(examples=["hints.radius_m"])
     message: str = Field(examples=["Input should be greater than 0, got -1"])
@@ -20,4 +20,6 @@ class ProblemDocument(Answer):
     status: int = Field(ge=400, le=599)
     detail: str = Field(description="What was expected, what came and what to do.")
     request_id: str = Field(description="Under this id the service's log says more.")
-    fields: list[FieldMistake] | None = Field(None, description="The wrong fields, for `/problems/invalid-options`.")
+    fields: list[FieldMistake] | None = Field(
+        None, description="What is wrong: fields of the options, or the upload at fault, `image` or `mask`."
+    )

@@ -7,6 +7,10 @@ import pytest
 from PIL import Image
 
 from core.errors import (
+    MaskDamagedError,
+    MaskFormatError,
+    MaskShapeError,
+    MaskTooLargeError,
     PanoramaDamagedError,
     PanoramaError,
     PanoramaFormatError,
@@ -115,13 +119,29 @@ def test_mask_and_alpha_add_up() -> None:
 
 
 def test_a_mask_of_another_shape_is_refused() -> None:
-    with pytest.raises(PanoramaShapeError, match="mask"):
+    with pytest.raises(MaskShapeError, match="mask"):
         read_panorama(encoded(picture()), encoded(np.zeros((128, 128), np.uint8)))
 
 
 def test_a_panorama_that_is_masked_everywhere_is_refused() -> None:
-    with pytest.raises(PanoramaShapeError, match="every pixel is masked"):
+    with pytest.raises(MaskShapeError, match="every pixel is masked"):
         read_panorama(encoded(picture()), encoded(np.full((128, 256), 255, np.uint8)))
+
+
+def test_a_transparent_picture_is_not_blamed_on_its_mask() -> None:
+    transparent = np.concatenate((picture(), np.zeros((128, 256, 1), np.uint8)), axis=2)
+    with pytest.raises(PanoramaShapeError, match=r"image: .*alpha") as refused:
+        read_panorama(encoded(transparent), encoded(np.zeros((128, 256), np.uint8)))
+    assert not isinstance(refused.value, MaskShapeError)
+
+
+@pytest.mark.parametrize(
+    ("mask", "error"),
+    [(b"", MaskFormatError), (b"hello, no picture", MaskFormatError), (encoded(picture())[:300], MaskDamagedError)],
+)
+def test_a_mask_that_is_no_image_is_blamed_by_its_own_error(mask: bytes, error: type[PanoramaError]) -> None:
+    with pytest.raises(error, match="mask: "):
+        read_panorama(encoded(picture()), mask)
 
 
 def test_a_black_picture_is_not_a_missing_picture() -> None:
@@ -203,7 +223,7 @@ def test_the_pixel_limit_is_the_callers() -> None:
 
 
 def test_a_bomb_as_a_mask_is_refused_as_well() -> None:
-    with pytest.raises(PanoramaTooLargeError, match="mask"):
+    with pytest.raises(MaskTooLargeError, match="mask"):
         read_panorama(encoded(picture()), png_bomb(40_000, 20_000))
 
 

@@ -50,6 +50,24 @@ def test_an_exception_of_core_is_known_by_its_name() -> None:
     assert problem_of(WorkerError("SomethingNewError", "")).status == 500
 
 
+@pytest.mark.parametrize("name", [name for name in NAMES if "Mask" in name or "Panorama" in name or "Image" in name])
+def test_a_problem_of_an_upload_names_the_upload(name: str) -> None:
+    part = "mask" if "Mask" in name else "image"
+    problem = PROBLEMS[name]
+    assert part in problem.title
+    assert ("mask" in problem.slug) == (part == "mask")
+    fields = problem_document(WorkerError(name, "expected this, got that"), "req_1")["fields"]
+    assert fields == [{"field": part, "message": "expected this, got that"}]
+
+
+@pytest.mark.parametrize("tree", [core.errors, service.errors], ids=lambda module: module.__name__)
+def test_a_mask_gets_the_status_that_a_panorama_would_get(tree: object) -> None:
+    masks = [kind for name, kind in inspect.getmembers(tree, inspect.isclass) if "Mask" in name]
+    assert masks
+    for kind in masks:
+        assert PROBLEMS[kind.__name__].status == PROBLEMS[kind.__bases__[0].__name__].status
+
+
 def test_a_document_bears_message_and_request_id() -> None:
     error = InvalidOptionsError("top_k: too large", [{"field": "top_k", "message": "too large"}])
     assert problem_document(error, "req_1") == {

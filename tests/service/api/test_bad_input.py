@@ -84,6 +84,26 @@ async def test_an_image_that_is_none_never_reaches_a_worker(
 
 
 @pytest.mark.parametrize(
+    ("mask", "status", "kind"),
+    [
+        (b"this is text", 415, "unknown-mask-format"),
+        (JPEG_WITHOUT_SIZE, 415, "unknown-mask-format"),
+        (png_of(40_000, 20_000), 413, "mask-too-many-pixels"),
+    ],
+)
+async def test_a_mask_that_is_no_image_is_not_taken_for_a_bad_panorama(
+    running: RunningService, mask: bytes, status: int, kind: str
+) -> None:
+    reply = await running.localize(await running.ready_map(), files={"mask": ("mask.png", mask)})
+    problem = reply.json()
+    assert (reply.status_code, problem["type"]) == (status, f"/problems/{kind}")
+    assert "mask" in problem["title"]
+    assert problem["detail"].startswith("mask: expected")
+    assert problem["fields"] == [{"field": "mask", "message": problem["detail"]}]
+    assert running.pool.jobs == []
+
+
+@pytest.mark.parametrize(
     ("options", "field"),
     [
         ('{"method": "slow"}', "method"),
