@@ -9,6 +9,7 @@ import torch
 
 from core.map_builder import build_map_index, index_config_digest
 from core.map_codec import encode_map_index
+from core.map_diagnostics import map_diagnostics
 from core.map_index import MapIndex
 from core.pictures import draw_map_preview, encode_png
 from core.point_cloud import PointCloud
@@ -55,9 +56,10 @@ class Registrar:
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
         self._store_patiently(job, encoded)
+        diagnostics = (*cloud.diagnostics, *map_diagnostics(index, index_options_of(job.options)))
         return RegisterOutcome(
             stats=stats_of(cloud, index, len(encoded), progress.finish()),
-            diagnostics=[dataclasses.asdict(found) for found in cloud.diagnostics],
+            diagnostics=[dataclasses.asdict(found) for found in diagnostics],
             preview_png=encode_png(draw_map_preview(index)),
             points_ply=sample_ply(cloud),
             starts=starts_of(index),

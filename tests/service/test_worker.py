@@ -4,7 +4,7 @@ import hashlib
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +125,16 @@ def test_a_registered_map_is_in_redis_and_describes_itself(place: Place) -> None
     assert place.redis.ttl(key) > 0
     assert reply.outcome.preview_png.startswith(b"\x89PNG")
     assert reply.outcome.points_ply.startswith(b"ply\n")
+
+
+def test_a_map_whose_starts_lie_beside_the_scan_becomes_ready_with_diagnostics(place: Place) -> None:
+    assert place.registrar.register(place.job).outcome.diagnostics == []  # type: ignore[union-attr]
+    beside = {"min": [30.0, 30.0, 0.5], "max": [32.0, 33.0, 1.5]}
+    options = {**OPTIONS, "starts": {**OPTIONS["starts"], "region": beside}}
+    reply = place.registrar.register(replace(place.job, options=options))
+    assert reply.outcome is not None
+    assert [each["code"] for each in reply.outcome.diagnostics] == ["starts_see_little", "region_outside_scan"]
+    assert {each["severity"] for each in reply.outcome.diagnostics} == {"warning"}
 
 
 def test_a_query_takes_the_index_from_redis_once_and_keeps_it(place: Place) -> None:
