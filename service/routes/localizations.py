@@ -6,6 +6,7 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from service.access import require
+from service.localizations import picture_path
 from service.openapi import picture_response
 from service.problems import error_responses
 from service.schemas import Localization, PendingLocalization
@@ -42,39 +43,30 @@ async def get_localization(request: Request, localization_id: str) -> Response:
     return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
 
 
-@router.get(
-    "/localizations/{localization_id}/score-map-2d.png",
-    summary="The panorama tinted by its score map",
-    response_class=Response,
-    responses={200: picture_response("The picture."), **_ERRORS},
+def _offer_picture(name: str, summary: str, description: str) -> None:
+    """Add the path of one picture; `name`: as queries ask for it, see `service.pool.ARTIFACTS`."""
+
+    async def get_picture(request: Request, localization_id: str) -> Response:
+        data = await services_of(request).localizations.picture(localization_id, name)
+        return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600, immutable"})
+
+    router.add_api_route(
+        picture_path("{localization_id}", name),
+        get_picture,
+        name=f"get_{name}",
+        summary=summary,
+        description=description,
+        response_class=Response,
+        responses={200: picture_response("The picture."), **_ERRORS},
+    )
+
+
+_offer_picture("score_map_2d", "The panorama tinted by its score map", "Return where the panorama fits the scan.")
+_offer_picture(
+    "score_map_3d", "The scan at the found pose, tinted by its score map", "Return where the scan fits the panorama."
 )
-async def get_score_map_2d(request: Request, localization_id: str) -> Response:
-    """Return where the panorama fits the scan."""
-    return await _picture(request, localization_id, "score_map_2d")
-
-
-@router.get(
-    "/localizations/{localization_id}/score-map-3d.png",
-    summary="The scan at the found pose, tinted by its score map",
-    response_class=Response,
-    responses={200: picture_response("The picture."), **_ERRORS},
+_offer_picture(
+    "overlay",
+    "The panorama above the scan at the found pose",
+    "Return a picture in which a person sees whether the pose is right.",
 )
-async def get_score_map_3d(request: Request, localization_id: str) -> Response:
-    """Return where the scan fits the panorama."""
-    return await _picture(request, localization_id, "score_map_3d")
-
-
-@router.get(
-    "/localizations/{localization_id}/overlay.png",
-    summary="The panorama above the scan at the found pose",
-    response_class=Response,
-    responses={200: picture_response("The picture."), **_ERRORS},
-)
-async def get_overlay(request: Request, localization_id: str) -> Response:
-    """Return a picture in which a person sees whether the pose is right."""
-    return await _picture(request, localization_id, "overlay")
-
-
-async def _picture(request: Request, localization_id: str, name: str) -> Response:
-    data = await services_of(request).localizations.picture(localization_id, name)
-    return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600, immutable"})

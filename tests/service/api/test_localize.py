@@ -8,6 +8,7 @@ import pytest
 import redis
 
 from service.errors import DeadlineError, QueueFullError, WorkerError
+from service.pool import ARTIFACTS
 from service.schemas import Localization, PendingLocalization
 from tests.service.api.fake_pool import PNG, no_worker
 from tests.service.api.running_service import SCAN, RunningService, png_of
@@ -38,6 +39,14 @@ async def test_answer_and_pictures_can_be_fetched_for_a_while(
     lifetimes = [redis_client.ttl(key) for key in redis_client.keys("*") if body["id"] in key]
     assert len(lifetimes) == 2
     assert all(0 < lifetime <= 3600 for lifetime in lifetimes)
+
+
+async def test_every_picture_that_can_be_asked_for_has_a_path_of_its_own(running: RunningService) -> None:
+    options = json.dumps({"artifacts": ARTIFACTS})
+    body = (await running.localize(await running.ready_map(), options=options)).json()
+    assert list(body["artifacts"]) == list(ARTIFACTS)
+    for name, path in body["artifacts"].items():
+        assert (await running.client.get(path)).content == PNG + name.encode()
 
 
 async def test_a_picture_that_was_not_asked_for_is_not_there(running: RunningService) -> None:
