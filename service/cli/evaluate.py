@@ -7,78 +7,37 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from service.cli import evaluation_options as choices
 from service.cli.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
 from service.cli.options import JsonOption
 from service.cli.session import Session
 
 app = typer.Typer(help="Measure methods on cases with known poses, and fit the confidence on the rows.")
-SOURCES, METHODS, OUTPUT = "Cases", "Methods", "Output"
 
 
 @app.callback(invoke_without_command=True)
 def evaluate(
     ctx: typer.Context,
-    suites: Annotated[
-        list[str] | None, typer.Option("--suite", help="Procedural suite; repeatable.", rich_help_panel=SOURCES)
-    ] = None,
-    seeds: Annotated[
-        str, typer.Option(help="Seeds of the suites: 1000-1019, or 1,3,5-8.", rich_help_panel=SOURCES)
-    ] = "1000-1019",
-    families: Annotated[
-        list[str] | None,
-        typer.Option("--family", help="Style family of the suites; repeatable.", rich_help_panel=SOURCES),
-    ] = None,
-    width: Annotated[int, typer.Option(min=128, help="Pixels of a suite's panorama.", rich_help_panel=SOURCES)] = 1024,
-    points: Annotated[
-        int | None, typer.Option(min=1000, help="Points of a suite's scan.", rich_help_panel=SOURCES)
-    ] = None,
-    cases: Annotated[
-        list[Path] | None,
-        typer.Option(help="Folder with truth.json in it or one below; repeatable.", rich_help_panel=SOURCES),
-    ] = None,
-    tags: Annotated[
-        list[str] | None, typer.Option("--tag", help="Only queries of --cases with it.", rich_help_panel=SOURCES)
-    ] = None,
-    dataset: Annotated[
-        str | None,
-        typer.Option(help="omniscenes, stanford2d3ds, structured3d or data61.", rich_help_panel=SOURCES),
-    ] = None,
-    root: Annotated[Path | None, typer.Option(help="Folder of the data set.", rich_help_panel=SOURCES)] = None,
-    split: Annotated[
-        list[str] | None, typer.Option(help="Split of the data set; repeatable.", rich_help_panel=SOURCES)
-    ] = None,
-    limit: Annotated[
-        int | None, typer.Option(min=1, help="Queries per suite, case folder or split.", rich_help_panel=SOURCES)
-    ] = None,
-    methods: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--method",
-            help="fast, paper, paper-no-…, piccolo, or NAME=BASE:section.field=value; repeatable; fast and paper when left out.",
-            rich_help_panel=METHODS,
-        ),
-    ] = None,
-    device: Annotated[str | None, typer.Option(help="cpu or cuda.", rich_help_panel=METHODS)] = None,
-    timeout_s: Annotated[
-        float | None, typer.Option(min=0.1, help="Limit of one answer.", rich_help_panel=METHODS)
-    ] = None,
-    spacing_m: Annotated[
-        float | None, typer.Option(help="Metres between starts of suites.", rich_help_panel=METHODS)
-    ] = None,
-    cross: Annotated[
-        int, typer.Option(min=0, help="Also send each panorama to this many other maps.", rich_help_panel=METHODS)
-    ] = 0,
-    change_maps: Annotated[
-        bool, typer.Option("--change-maps", help="Measure the maps of what changed.", rich_help_panel=METHODS)
-    ] = False,
-    out: Annotated[
-        Path, typer.Option(file_okay=False, help="Folder of rows, report and plots.", rich_help_panel=OUTPUT)
-    ] = Path("panoloc-evaluation"),
-    limits: Annotated[
-        list[str] | None,
-        typer.Option("--within", help="Limits such as 0.05,5 (m, deg); repeatable.", rich_help_panel=OUTPUT),
-    ] = None,
+    suites: choices.Suites = None,
+    seeds: choices.Seeds = "1000-1019",
+    families: choices.Families = None,
+    width: choices.Width = 1024,
+    points: choices.Points = None,
+    cases: choices.Cases = None,
+    tags: choices.Tags = None,
+    dataset: choices.Dataset = None,
+    root: choices.Root = None,
+    splits: choices.Splits = None,
+    limit: choices.Limit = None,
+    methods: choices.Methods = None,
+    device: choices.Device = None,
+    timeout_s: choices.TimeoutS = None,
+    spacing_m: choices.SpacingM = None,
+    cross: choices.Cross = 0,
+    change_maps: choices.ChangeMaps = False,
+    out: choices.Out = Path("panoloc-evaluation"),
+    within: choices.Within = None,
     json: JsonOption = False,
 ) -> int:
     """Measure methods on cases with known poses: the paper's tables as text and JSON, plots, and rows to continue from.
@@ -103,7 +62,7 @@ def evaluate(
             tags=tuple(tags or ()),
             dataset=dataset,
             root=root,
-            splits=tuple(split or ()),
+            splits=tuple(splits or ()),
             limit=limit,
             methods=tuple(methods or ("fast", "paper")),
             device=device,
@@ -112,7 +71,7 @@ def evaluate(
             num_strangers=cross,
             change_maps=change_maps,
             out=out,
-            limits=tuple(limits or ()),
+            limits=tuple(within or ()),
         )
         run_evaluation(request, session)
     return ExitCode.ERROR if failed else ExitCode.OK

@@ -39,7 +39,7 @@ _TEXT_WIDTH = 240
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """The options of the command; service/cli/evaluate.py says what each means."""
+    """The options of the command; service/cli/evaluation_options.py says what each means."""
 
     suites: tuple[str, ...]
     seeds: str

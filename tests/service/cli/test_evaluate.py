@@ -4,14 +4,19 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+import typer
 
 from core.confidence import FEATURES
 from core.pose import Pose
 from core.scene import Query, write_case_folder
+from service.cli import evaluation_run
+from service.cli.entry import app
+from service.cli.evaluation_run import EvaluationRequest
 from service.cli.exit_codes import ExitCode
 from tests.core.evaluation.made_rows import made_row, measures
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -141,3 +146,50 @@ def test_fit_refuses_rows_it_cannot_use(panoloc: Panoloc, tmp_path: Path) -> Non
     assert done.code == ExitCode.ERROR
     assert "found nothing" in done.err
     assert not (tmp_path / "confidence.json").exists()
+
+
+def test_every_option_reaches_the_evaluation(panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[EvaluationRequest] = []
+    monkeypatch.setattr(evaluation_run, "run_evaluation", lambda request, session: asked.append(request))
+    sources = ["--suite", "rooms", "--suite", "changed", "--seeds", "1,3", "--family", "plain", "--width", 256]
+    sources += ["--points", 5000, "--cases", tmp_path, "--tag", "t", "--dataset", "data61", "--root", tmp_path]
+    sources += ["--split", "a", "--split", "b", "--limit", 2]
+    methods = ["--method", "fast", "--device", "cpu", "--timeout-s", 3, "--spacing-m", 0.5, "--cross", 4]
+    output = ["--change-maps", "--out", tmp_path / "out", "--within", "0.05,5", "--json"]
+    done = panoloc("evaluate", *sources, *methods, *output)
+    assert done.code == ExitCode.OK, done.err
+    assert asked == [
+        EvaluationRequest(
+            suites=("rooms", "changed"),
+            seeds="1,3",
+            families=("plain",),
+            width=256,
+            num_points=5000,
+            cases=(tmp_path,),
+            tags=("t",),
+            dataset="data61",
+            root=tmp_path,
+            splits=("a", "b"),
+            limit=2,
+            methods=("fast",),
+            device="cpu",
+            timeout_s=3.0,
+            spacing_m=0.5,
+            num_strangers=4,
+            change_maps=True,
+            out=tmp_path / "out",
+            limits=("0.05,5",),
+        )
+    ]
+
+
+def test_the_help_shows_every_option_in_its_panel() -> None:
+    panels = {
+        parameter.rich_help_panel for parameter in options_of_evaluate() if parameter.name not in ("json", "help")
+    }
+    assert panels == {"Cases", "Methods", "Output"}
+
+
+def options_of_evaluate() -> list[Any]:
+    command: Any = typer.main.get_command(app)
+    return list(command.commands["evaluate"].params)
