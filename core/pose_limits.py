@@ -71,6 +71,8 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
     offset = torch.from_numpy(index.origin_offset)
 
     def local(point: tuple[float, float, float]) -> Tensor:
+        """Return a point of the scan's own frame, metres, as (3,) float32 relative to the map's origin."""
+        # Subtracted before the cast: survey coordinates do not fit into float32.
         return (torch.tensor(point, dtype=torch.float64) - offset).float()
 
     _check(hints)

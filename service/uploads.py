@@ -98,6 +98,7 @@ class _FormReader:
         self._parser = MultipartParser(boundary, self._callbacks())
 
     async def feed(self, chunk: bytes) -> None:
+        """Take the next bytes of the body. Raises as `read_form` does."""
         try:
             self._parser.write(chunk)
         except FormParserError as error:
@@ -106,6 +107,7 @@ class _FormReader:
             await asyncio.to_thread(self._spool.write_out)
 
     def finish(self) -> Form:
+        """Return the parts once the body is over. Raises MalformedRequestError when it ended early."""
         if not self._ended:
             raise MalformedRequestError(
                 "expected a multipart body that ends with its boundary, got one that ends earlier; send it again, whole"
@@ -113,6 +115,7 @@ class _FormReader:
         return self._form
 
     def discard(self) -> None:
+        """Remove what has been written of a scan."""
         if self._spool is not None:
             self._spool.discard()
 

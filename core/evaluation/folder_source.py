@@ -51,6 +51,7 @@ def _load(folder: Path, scan: str, color_kind: Any, queries: dict[str, dict[str,
     cloud = read_scan(folder / scan, ScanOptions(color_kind=color_kind))
 
     def query(image: str) -> KnownQuery:
+        """Read the panorama of that file name with its pose; with what changed, where the folder has one query and says so."""
         entry = queries[image]
         pixels, points = folder / "changed_pixels.png", folder / "changed_points.npy"
         known_change = len(queries) == 1 and pixels.exists() and points.exists()

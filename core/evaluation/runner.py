@@ -55,6 +55,7 @@ class _Ready:
     paper_maps: dict[str, PaperChangeMaps] = field(default_factory=dict)
 
     def query(self, name: str) -> KnownQuery:
+        """Return a query of the scan, read when it is not the one that was asked for last."""
         if name not in self.queries:
             self.queries = {name: self.scan.query(name)}
         return self.queries[name]

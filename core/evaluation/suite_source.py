@@ -34,6 +34,7 @@ def suite_scans(
     among = "-".join(families)
 
     def scan_of(seed: int) -> ScanCases:
+        """Return the case of one seed under a name that no case of other sizes or families has."""
         name = f"{suite}-{seed}" + (f"-{among}" if among else "") + _sizes(width, num_points)
         return ScanCases(
             name=name,

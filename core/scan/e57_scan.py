@@ -30,6 +30,7 @@ class E57Scan:
 
     @property
     def has_color(self) -> bool:
+        """Tell whether every point has red, green and blue."""
         return set(_COLORS) <= set(self.field_names)
 
     def color_range(self) -> float | None:

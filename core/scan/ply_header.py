@@ -56,6 +56,7 @@ class PlyElement:
 
     @property
     def has_lists(self) -> bool:
+        """Tell whether any property is a list, so that rows differ in size."""
         return any(prop.count_dtype is not None for prop in self.properties)
 
     @property
@@ -81,6 +82,7 @@ class PlyHeader:
 
     @property
     def is_ascii(self) -> bool:
+        """Tell whether the data are text, one row a line."""
         return self.encoding == "ascii"
 
     def element(self, name: str) -> PlyElement | None:

@@ -44,6 +44,7 @@ def _relit_object(thing: SceneObject, daylight: float, lamps: float) -> SceneObj
 
 def _relit_piece(piece: Piece, factor: float) -> Piece:
     def glow(amount: float) -> float:
+        """Return the glow (0: none) scaled, yet no darker than dark glass is and no brighter than it was."""
         return min(amount, max(_DARK_GLASS, amount * factor)) if amount > 0 else 0.0
 
     return replace(piece, parts=tuple(replace(part, glow=glow(part.glow)) for part in piece.parts))

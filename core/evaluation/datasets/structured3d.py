@@ -47,6 +47,7 @@ def _scan_of(room: Path, split: str) -> ScanCases | None:
     scene, number = room.parts[-4], room.parts[-2]
 
     def load() -> LoadedScan:
+        """Read the cloud, in metres, and the only query; raises SourceError for files that are not as published."""
         pose = _read_pose(room / "camera_xyz.txt")
         return LoadedScan(
             cloud_of_depth(color, depth, pose),
