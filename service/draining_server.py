@@ -50,6 +50,10 @@ class DrainingServer(uvicorn.Server):
             for each in (signal.SIGTERM, signal.SIGINT):
                 loop.remove_signal_handler(each)
 
+    def end(self) -> None:
+        """End now: what is under way has been refused or is of no use any more."""
+        self.should_exit = True
+
     def _on_signal(self, received: signal.Signals) -> None:
         if self._draining is not None:
             _log.warning("ending at once", extra={"signal": received.name})

@@ -65,7 +65,7 @@ class MapBuilds:
 
     async def _finished(self, task: Callable[..., Any], *arguments: Any) -> Any:
         import ray
-        from ray.exceptions import OutOfMemoryError, WorkerCrashedError
+        from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError
 
         reference = await self._submit(task, *arguments)
         try:
@@ -77,3 +77,6 @@ class MapBuilds:
             raise NoWorkerError(
                 f"the process that builds the map ended {type(error).__name__}: too little memory for this scan?"
             ) from error
+        except (LocalRayletDiedError, NodeDiedError) as error:
+            # Not the scan's fault: it is built again, if need be by the next service.
+            raise NoWorkerError(f"the machine's Ray ended while it built the map ({type(error).__name__})") from error

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from service.lifeline import Lifeline
-from service.process_tree import descendants
+from service.process_tree import descendants, process_name
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ class RayCluster:
         self._address = address
         self._folder = folder
         self._lifeline = lifeline
-        self._guarded: list[int] = []
+        self._guarded: dict[int, str] = {}
 
     @property
     def is_ours(self) -> bool:
@@ -97,30 +97,38 @@ class RayCluster:
 
     def disconnect(self) -> None:
         """Leave the cluster; one of our own ends, with every process of it."""
+        # From now on nothing of it is missed.
+        ending, self._guarded = self._guarded, {}
         ray = _import_ray()
         ray.shutdown()
         _forget_controller()
         deadline = time.monotonic() + 5
-        for pid in self._guarded:
+        for pid in ending:
             while _is_alive(pid) and time.monotonic() < deadline:
                 time.sleep(0.02)
             if _is_alive(pid):
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, 9)
             self._lifeline.release(pid)
-        self._guarded = []
 
     def missing_process(self) -> str | None:
-        """Return what ended although the cluster is ours and should run, None when all is well."""
-        ended = [pid for pid in self._guarded if not _is_alive(pid)]
-        return f"Ray process {ended[0]} has ended" if ended else None
+        """Return what ended although the cluster is ours and should run, None when all is well.
+
+        May be called in any thread: it reads /proc and asks nothing of Ray, whose calls hang when its processes are gone.
+        """
+        ended = [f"Ray's {name} (process {pid})" for pid, name in self._guarded.items() if not _is_alive(pid)]
+        return f"{ended[0]} has ended" if ended else None
 
     def _guard_processes(self) -> None:
         # Ray's own parent-death signals miss the two agents below the raylet, which stay for ten seconds.
+        found: dict[int, str] = {}
         for pid in descendants(os.getpid()):
             if _belongs_to(pid, self._folder):
                 self._lifeline.guard(pid)
-                self._guarded.append(pid)
+                found[pid] = "process"
+                with contextlib.suppress(OSError):
+                    found[pid] = process_name(pid)
+        self._guarded = found
 
 
 def _import_ray() -> Any:

@@ -28,6 +28,8 @@ _RESTART_PAUSE_S = 5.0
 _MAX_ATTEMPTS = 3
 _LEAVE_S = 10.0
 _MAX_REBUILDS = 2
+# What starting Ray takes on a small machine.
+_START_S = 20
 
 
 class RayPool:
@@ -46,17 +48,32 @@ class RayPool:
         self._waiting_for: str | None = "the worker pool"
         self._num_running = 0
         self._draining = False
-        self._watch: asyncio.Task[None] | None = None
+        self._watch: asyncio.Future[tuple[None, None]] | None = None
         self._workers: dict[str, WorkerReply[Any]] = {}
         self._index_loads: dict[str, int] = {}
         self._num_retries = 0
+        self._limits: set[asyncio.Timeout] = set()
+        self._loss: str | None = None
+        self._on_loss: Callable[[], None] = lambda: None
+
+    @property
+    def loss(self) -> str | None:
+        """Return which process of a cluster of our own ended; the service cannot serve any more then. None: all is well."""
+        return self._loss
+
+    def call_on_loss(self, callback: Callable[[], None]) -> None:
+        """Let `callback` be called in the event loop when the cluster is lost; callers are refused by then."""
+        self._on_loss = callback
 
     async def start(self) -> None:
         """Begin to bring the workers up and return at once; `state` tells when they are."""
-        self._watch = asyncio.create_task(self._keep_up())
+        self._watch = asyncio.gather(self._keep_up(), self._watch_processes())
 
     async def stop(self, drain_s: float) -> None:
-        """Take nothing more, wait up to `drain_s` for what is under way, then end the workers."""
+        """Take nothing more, wait up to `drain_s` for what is under way, then end the workers.
+
+        What is left of a lost cluster is left to the lifeline: Ray's calls would wait for the dead.
+        """
         self.begin_drain()
         deadline = time.monotonic() + drain_s
         while self.num_under_way and time.monotonic() < deadline:
@@ -64,12 +81,13 @@ class RayPool:
         if self._watch is not None:
             self._watch.cancel()
             await asyncio.gather(self._watch, return_exceptions=True)
-        await self._builds.cancel()
-        try:
-            async with asyncio.timeout(_LEAVE_S):
-                await self._in_ray_thread(self._leave)
-        except TimeoutError:
-            _log.warning("Ray does not end, leaving it to the lifeline")
+        if self._loss is None:
+            await self._builds.cancel()
+            try:
+                async with asyncio.timeout(_LEAVE_S):
+                    await self._in_ray_thread(self._leave)
+            except TimeoutError:
+                _log.warning("Ray does not end, leaving it to the lifeline")
         self._thread.shutdown(wait=False)
 
     @property
@@ -112,6 +130,8 @@ class RayPool:
         return self._outcome(await self._builds.register(job))
 
     def _require_workers(self) -> Any:
+        if self._loss is not None:
+            raise self._loss_error()
         if self._draining or self._handle is None:
             raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
         return self._handle
@@ -144,9 +164,15 @@ class RayPool:
     async def _before_deadline(self, work: Any, job: LocalizeJob) -> Any:
         remaining_s = job.deadline_unix_s - time.time()
         try:
-            async with asyncio.timeout(max(0.0, remaining_s)):
-                return await work
+            async with asyncio.timeout(max(0.0, remaining_s)) as limit:
+                self._limits.add(limit)
+                try:
+                    return await work
+                finally:
+                    self._limits.discard(limit)
         except TimeoutError as error:
+            if self._loss is not None:
+                raise self._loss_error() from error
             raise DeadlineError(
                 "no answer within timeout_s; allow more time, or narrow the search with hints"
             ) from error
@@ -176,6 +202,8 @@ class RayPool:
             except asyncio.CancelledError:
                 raise
             except Exception as error:
+                if self._is_lost():
+                    return
                 _log.warning("the worker pool is down, starting it again", extra={"error": str(error)}, exc_info=True)
                 self._waiting_for = f"workers ({error})"
                 self._handle, self._num_running = None, 0
@@ -194,10 +222,37 @@ class RayPool:
         self._admission.set_num_workers(staffing.num_workers)
         self._handle = handle
 
+    async def _watch_processes(self) -> None:
+        """Look for the end of a Ray process on the side, because whoever waits for an answer of Ray does not learn of it."""
+        while not self._is_lost():
+            await asyncio.sleep(_WATCH_PERIOD_S)
+
+    def _is_lost(self) -> bool:
+        """Tell whether a cluster of our own has lost a process; the first time, refuse all callers and say so.
+
+        Ray does not come back from this within one process: a second cluster starts beside what is left of the first,
+        and queries under way are never answered.
+        """
+        if self._loss is not None:
+            return True
+        self._loss = self._cluster.missing_process()
+        if self._loss is None:
+            return False
+        _log.error(
+            "the service ends: its workers are lost, and only a new process gets others",
+            extra={"error": self._loss, "advice": "let a supervisor start it again; was the machine out of memory?"},
+        )
+        self.begin_drain()
+        for limit in self._limits:
+            if not limit.expired():
+                limit.reschedule(0.0)
+        self._on_loss()
+        return True
+
+    def _loss_error(self) -> NoWorkerError:
+        return NoWorkerError(f"the service ends, because {self._loss}; try again once it runs again", _START_S)
+
     async def _look_after(self) -> None:
-        missing = self._cluster.missing_process()
-        if missing:
-            raise RuntimeError(missing)
         self._num_running = await self._in_ray_thread(self._serving.num_running)
         self._waiting_for = None if self._num_running else "workers"
 

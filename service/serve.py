@@ -30,7 +30,10 @@ _LEAVE_S = 10.0
 
 
 def run_service(settings: Settings) -> int:
-    """Run until SIGTERM or SIGINT; return the exit code: 0, or 1 when the service could not start."""
+    """Run until SIGTERM or SIGINT and return 0; return 1 when the service could not start.
+
+    When it loses the workers of its own cluster, this process ends with exit code 1, so that a supervisor starts another.
+    """
     configure_logging(settings.log_level, settings.log_format)
     with contextlib.ExitStack() as stack:
         try:
@@ -42,7 +45,11 @@ def run_service(settings: Settings) -> int:
         except (DataFolderInUseError, EmbeddedRedisError, OSError) as error:
             _log.error("the service cannot start", extra={"error": str(error)})
             return 1
-        _serve(settings.model_copy(update={"redis_url": redis_url}), folder, lifeline)
+        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), folder, lifeline)
+    if loss is not None:
+        # Threads that wait for Ray would be joined otherwise, and what it does at the exit would wait as well.
+        logging.shutdown()
+        os._exit(1)
     _leave_even_if_a_thread_hangs()
     return 0
 
@@ -70,7 +77,8 @@ def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitSt
     return server.url
 
 
-def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> None:
+def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> str | None:
+    """Run the HTTP process to its end; return what was lost when that made it end."""
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url, folder, lifeline)
     cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
@@ -82,7 +90,10 @@ def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> None:
         access_log=False,
         server_header=False,
     )
-    DrainingServer(config, pool, settings.drain_s).run()
+    server = DrainingServer(config, pool, settings.drain_s)
+    pool.call_on_loss(server.end)
+    server.run()
+    return pool.loss
 
 
 def _leave_even_if_a_thread_hangs() -> None:

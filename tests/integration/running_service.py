@@ -58,6 +58,11 @@ class RunningService:
             )  # fmt: skip
         self.http = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=90)
 
+    @property
+    def log(self) -> str:
+        """Return what the service has printed so far."""
+        return self._log.read_text(errors="replace")
+
     def status(self, path: str) -> int | None:
         """Return the status of a GET, None when nobody answers."""
         try:
@@ -68,7 +73,7 @@ class RunningService:
     def wait_until_ready(self, within_s: float = 90) -> None:
         """Return when the service takes requests."""
         assert eventually(lambda: self.status("/health/ready") == 200 or self.process.poll() is not None, within_s)
-        assert self.process.poll() is None, self._log.read_text()[-3000:]
+        assert self.process.poll() is None, self.log[-3000:]
 
     def register(self, scan: bytes, options: str) -> str:
         """Upload a PLY, wait until the map is ready, and return its id."""

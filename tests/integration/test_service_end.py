@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from service.process_tree import process_name
 from tests.integration.running_service import RunningService, eventually, is_running
 from tests.integration.small_room import OPTIONS, small_room
 
@@ -53,6 +54,30 @@ def test_it_lives_within_two_seconds_and_finishes_what_runs_when_asked_to_end(da
 def processor_time_s(pid: int) -> float:
     user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
     return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def test_without_its_raylet_it_refuses_what_runs_and_ends_with_a_message_for_its_supervisor(data_dir: Path) -> None:
+    service = RunningService(data_dir)
+    try:
+        service.wait_until_ready()
+        (known,) = service.http.get("/maps").json()["items"]
+        assert service.localize(small_room().panorama, known["id"]).status_code == 200
+        family = service.family()
+        (raylet,) = [pid for pid in family if process_name(pid) == "raylet"]
+        with ThreadPoolExecutor(12) as clients:
+            requests = [clients.submit(service.localize, small_room().panorama, known["id"]) for _ in range(12)]
+            time.sleep(0.2)
+            os.kill(raylet, signal.SIGKILL)
+            answers = [request.result() for request in requests]
+        assert service.process.wait(20) == 1
+    finally:
+        service.kill()
+    # Some may have been answered before their worker was gone.
+    assert {answer.status_code for answer in answers} - {200} == {503}
+    assert all(int(answer.headers["Retry-After"]) >= 1 for answer in answers if answer.status_code == 503)
+    assert "the service ends" in service.log
+    assert f"raylet (process {raylet}) has ended" in service.log
+    assert eventually(lambda: not any(is_running(pid) for pid in family), 10)
 
 
 def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data_dir: Path) -> None:

@@ -18,6 +18,7 @@ class CountingPool:
     def __init__(self) -> None:
         self.num_under_way = 0
         self.is_draining = False
+        self.end_server: Any = None
 
     def begin_drain(self) -> None:
         self.is_draining = True
@@ -34,6 +35,7 @@ async def application(scope: dict[str, Any], receive: Any, send: Any) -> None:
 async def run_until_stopped(pool: CountingPool, drain_s: float, *steps: Any) -> float:
     """Start the server, perform the steps 0.2 s apart, and return the seconds from the first step to the end."""
     server = DrainingServer(uvicorn.Config(application, port=0, log_config=None), pool, drain_s)
+    pool.end_server = server.end
     serving = asyncio.create_task(server.serve())
     while not server.started:
         await asyncio.sleep(0.01)
@@ -78,3 +80,9 @@ def test_a_second_signal_ends_the_drain() -> None:
     pool = CountingPool()
     pool.num_under_way = 1
     assert asyncio.run(run_until_stopped(pool, 30, send(signal.SIGINT), send(signal.SIGINT))) < 3
+
+
+def test_a_service_that_has_lost_its_workers_waits_for_nothing() -> None:
+    pool = CountingPool()
+    pool.num_under_way = 1
+    assert asyncio.run(run_until_stopped(pool, 30, lambda: pool.end_server())) < 3
