@@ -8,6 +8,8 @@
 
 `Cache` is the asynchronous side, for the HTTP process; `WorkerCache` the blocking side, for workers. Both connect when
 they are first used, connect again by themselves after Redis was away, and raise CacheDownError while it is.
+
+Answers of Redis are annotated `Any` where redis-py leaves open whether they are text: we never ask it to decode them.
 """
 
 import asyncio
@@ -123,7 +125,7 @@ class Cache:
     async def get_picture(self, localization_id: str, name: str) -> bytes | None:
         """Return one PNG, None when there is none (any more)."""
         async with _down_is_said_async():
-            found = await self._redis.get(f"picture:{localization_id}:{name}")
+            found: Any = await self._redis.get(f"picture:{localization_id}:{name}")
         return None if found is None else bytes(found)
 
     async def forget_revision(self, ref: MapRef) -> None:
@@ -137,8 +139,8 @@ class Cache:
         async with _down_is_said_async():
             await self._delete_matching(f"index:{map_id}:*")
             await self._delete_matching(f"progress:{map_id}:*")
-            for found in await self._redis.zrange(f"of_map:{map_id}", 0, -1):
-                localization_id = found.decode()
+            members: Any = await self._redis.zrange(f"of_map:{map_id}", 0, -1)
+            for localization_id in map(bytes.decode, members):
                 await self._delete_matching(f"picture:{localization_id}:*")
                 await self._redis.delete(f"localization:{localization_id}")
             await self._redis.delete(f"of_map:{map_id}")
