@@ -4,6 +4,7 @@ Paper: §3.2, Eq. 2 and 3 score every patch by its best match in any view, befor
 pixel can be compared with the very point that it should show.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,18 +19,19 @@ from core.synthetic_view import RenderCloud, visible_points
 
 _HALF_SCORE_DISTANCE = 0.2  # of canonical colours; the score is 0.5 there
 _CHANGED_BELOW = 0.5
+_SAMPLED_POINTS = 50_000
 
 
 @dataclass(frozen=True)
 class ChangeMaps:
     """Scores in 0..1 (1 = as scanned) and the shares that changed.
 
-    score_map_2d: (H, W) float32 in the panorama's own pixels, NaN where the scan shows nothing. point_scores: (n,) float32 of the
+    score_map_2d: (H, W) float32 in the panorama's own pixels, NaN where the scan shows nothing. point_scores: gives (n,) float32 of the
     rendered cloud's points, NaN for points that the camera does not see. Fractions are of solid angle and of seen points.
     """
 
     score_map_2d: NDArray[np.float32]
-    point_scores: NDArray[np.float32]
+    point_scores: Callable[[], NDArray[np.float32]]
     panorama_changed_fraction: float
     map_changed_fraction: float
 
@@ -42,14 +44,21 @@ def change_maps(comparison: Comparison, cloud: RenderCloud, rotation: Tensor, po
     total = comparison.weights.sum().clamp_min(1e-9)
     changed = (comparison.weights[0] * (scores.flatten() < _CHANGED_BELOW)).sum() / total
     in_map = torch.where(seen, scores, torch.full_like(scores, torch.nan))
-    points = _point_scores(in_map, comparison, cloud, position)
+    depth = comparison.views.depth[0]
+    # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
+    sample = cloud.positions[:: max(1, len(cloud.positions) // _SAMPLED_POINTS)]
+    points = _point_scores(in_map, depth, sample, cloud.spacing, position)
     known = ~points.isnan()
     changed_points = (points[known] < _CHANGED_BELOW).float().mean() if bool(known.any()) else torch.zeros(())
     directions = pixel_directions(height, width, rotation.device) @ rotation.T
     u, v = project(directions, height, width)
     share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
     in_camera = torch.where(share[..., 1] > 0.5, share[..., 0] / share[..., 1].clamp_min(1e-6), torch.nan)
-    return ChangeMaps(in_camera.cpu().numpy(), points.cpu().numpy(), float(changed), float(changed_points))
+
+    def point_scores() -> NDArray[np.float32]:
+        return _point_scores(in_map, depth, cloud.positions, cloud.spacing, position).cpu().numpy()
+
+    return ChangeMaps(in_camera.cpu().numpy(), point_scores, float(changed), float(changed_points))
 
 
 def _pixel_scores(comparison: Comparison) -> Tensor:
@@ -82,11 +91,10 @@ def _nearest_distance(moving: Tensor, fixed: Tensor) -> Tensor:
     return best
 
 
-def _point_scores(in_map: Tensor, comparison: Comparison, cloud: RenderCloud, position: Tensor) -> Tensor:
-    """Return the score of the pixel that each point projects to (n,), NaN for hidden points."""
+def _point_scores(in_map: Tensor, depth: Tensor, positions: Tensor, spacing: float, center: Tensor) -> Tensor:
+    """Return the score of the pixel of `in_map` (H, W) that each point (n, 3) projects to (n,), NaN for points hidden behind `depth`."""
     height, width = in_map.shape
-    u, v = project(cloud.positions - position, height, width)
+    u, v = project(positions - center, height, width)
     pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
-    scores = in_map.flatten()[pixel]
-    visible = visible_points(cloud, position, comparison.views.depth[0])
-    return torch.where(visible, scores, torch.full_like(scores, torch.nan))
+    visible = visible_points(positions, spacing, center, depth)
+    return torch.where(visible, in_map.flatten()[pixel], torch.nan)

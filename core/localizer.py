@@ -113,7 +113,7 @@ class Localizer:
             panorama_changed_fraction=changes.panorama_changed_fraction if changes else None,
             map_changed_fraction=changes.map_changed_fraction if changes else None,
             score_map_2d=changes.score_map_2d if changes else None,
-            point_scores=changes.point_scores if changes else None,
+            score_points=changes.point_scores if changes else None,
             timings_s=clock.timings_s,
             search=search,
         )

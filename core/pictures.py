@@ -4,7 +4,7 @@ Green means "as scanned", red "changed", grey "not scanned" or "not seen".
 """
 
 import io
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from core.synthetic_view import counted_colors, render_views
 
 Picture = NDArray[np.uint8]
 _WIDTH = 1024
+_KNOWN_SHARE = 0.3  # of the points in a pixel whose score is known, for the pixel to be tinted
 _STOPS = np.array([[214, 47, 39], [253, 174, 97], [255, 255, 191], [102, 189, 99], [26, 152, 80]], dtype=np.float64)
 _MISSING = np.array([60, 60, 66], dtype=np.float64)
 
@@ -42,32 +43,47 @@ def draw_score_map_2d(panorama: Panorama, localization: Localization) -> Picture
     return _tint(base, scores[rows][:, columns])
 
 
-def draw_score_map_3d(index: MapIndex, localization: Localization) -> Picture:
-    """Render the scan at the found pose, tinted by the scores of its points, in the panorama's own axes."""
+@dataclass(frozen=True)
+class ScanView:
+    """The scan as it looks from the found pose, in the panorama's own axes.
+
+    picture: (H, W, 3) uint8. scores: (H, W) float of its points in 0..1, NaN where none is known.
+    """
+
+    picture: Picture
+    scores: NDArray[np.float32]
+
+
+def view_scan(index: MapIndex, localization: Localization, with_scores: bool = True) -> ScanView:
+    """Render the scan at the found pose, once for all pictures that show it; without a pose all of it is missing."""
     if localization.best is None:
-        return np.full((_WIDTH // 2, _WIDTH, 3), _MISSING.astype(np.uint8))
-    pose = localization.best.pose
-    if localization.point_scores is None:
-        return _render(index, pose, index.colors.float() / 255)
-    scores = torch.from_numpy(localization.point_scores).to(index.positions.device)
-    base = _render(index, pose, index.colors.float() / 255)
-    # Scores travel through the renderer as a colour: score, known, and nothing.
-    known = ~scores.isnan()
-    channels = torch.stack((scores.nan_to_num(0.0), known.float(), torch.zeros_like(scores)), dim=-1)
-    rendered = _render(index, pose, channels).astype(np.float64) / 255
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shown = np.where(rendered[..., 1] > 0.3, rendered[..., 0] / rendered[..., 1], np.nan)
-    return _tint(base, shown)
+        nothing = np.full((_WIDTH // 2, _WIDTH), np.nan, np.float32)
+        return ScanView(np.full((_WIDTH // 2, _WIDTH, 3), _MISSING.astype(np.uint8)), nothing)
+    channels = [index.colors.float() / 255]
+    if with_scores and localization.point_scores is not None:
+        scores = torch.from_numpy(localization.point_scores).to(index.positions.device)
+        # Scores travel through the renderer as further colours: the score where it is known, and whether it is.
+        channels += [scores.nan_to_num(0.0)[:, None], (~scores.isnan()).float()[:, None]]
+    color, valid = _render(index, localization.best.pose, torch.cat(channels, dim=1))
+    missing = torch.from_numpy(_MISSING / 255).float().to(color.device)
+    picture: Picture = (torch.where(valid[..., None], color[..., :3], missing) * 255).round().byte().cpu().numpy()
+    if color.shape[-1] == 3:
+        return ScanView(picture, np.full(picture.shape[:2], np.nan, np.float32))
+    known = valid & (color[..., 4] > _KNOWN_SHARE)
+    shown = torch.where(known, color[..., 3] / color[..., 4].clamp_min(1e-6), torch.nan)
+    return ScanView(picture, shown.cpu().numpy())
 
 
-def draw_overlay(panorama: Panorama, index: MapIndex, localization: Localization) -> Picture:
-    """Put the panorama above the scan rendered at the found pose, so that a person sees at once whether it is right."""
+def draw_score_map_3d(view: ScanView) -> Picture:
+    """Tint the scan by the scores of its points."""
+    return _tint(view.picture, view.scores)
+
+
+def draw_overlay(panorama: Panorama, view: ScanView) -> Picture:
+    """Put the panorama above the scan as it looks from the found pose, so that a person sees at once whether it is right."""
     top = _shrunk(panorama)
-    if localization.best is None:
-        return top
-    bottom = _render(index, localization.best.pose, index.colors.float() / 255)
     line = np.full((4, top.shape[1], 3), 255, dtype=np.uint8)
-    return np.vstack((top, line, np.asarray(Image.fromarray(bottom).resize((top.shape[1], top.shape[0])))))
+    return np.vstack((top, line, view.picture))
 
 
 def draw_map_preview(index: MapIndex, max_side: int = 900) -> Picture:
@@ -103,28 +119,34 @@ def _shrunk(panorama: Panorama) -> Picture:
     return np.asarray(Image.fromarray(shown).resize((_WIDTH, _WIDTH // 2), Image.Resampling.BILINEAR), dtype=np.uint8)
 
 
-def _render(index: MapIndex, pose: Pose, colors: torch.Tensor) -> Picture:
-    """Render point colours (N, 3) in 0..1 at a pose, turned into the camera's axes."""
+def _render(index: MapIndex, pose: Pose, colors: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Render point colours (N, C) at a pose, turned into the camera's axes: (H, W, C) and which pixels are valid (H, W)."""
     height, width = _WIDTH // 2, _WIDTH
     device = index.positions.device
     position = torch.from_numpy(pose.position - index.origin_offset).float().to(device)
-    views = render_views(replace(index.render_cloud, colors=counted_colors(colors)), position[None], height, width)
+    cloud = replace(index.render_cloud, colors=counted_colors(colors))
+    views = render_views(cloud, position[None], height, width, with_points=False)
     rotation = torch.from_numpy(pose.rotation).float().to(device)
     u, v = project(pixel_directions(height, width, device) @ rotation.T, height, width)
     row, column = v.long().clamp(0, height - 1), u.long().clamp(0, width - 1)
-    missing = torch.from_numpy(_MISSING / 255).float().to(device)
-    color = torch.where(views.valid[0, row, column][..., None], views.color[0, row, column], missing)
-    picture: Picture = (color * 255).round().to(torch.uint8).cpu().numpy()
-    return picture
+    return views.color[0, row, column], views.valid[0, row, column]
 
 
 def _tint(base: Picture, scores: NDArray[np.floating]) -> Picture:
     """Mix a picture with the colours of its scores (H, W); NaN becomes grey."""
-    position = np.nan_to_num(np.clip(scores, 0, 1)) * (len(_STOPS) - 1)
-    low = np.minimum(position.astype(int), len(_STOPS) - 2)
-    share = (position - low)[..., None]
-    color = _STOPS[low] * (1 - share) + _STOPS[low + 1] * share
-    color = np.where(np.isnan(scores)[..., None], _MISSING, color)
-    grey = base.astype(np.float64).mean(axis=2, keepdims=True)
-    mixed: Picture = (0.45 * (0.5 * base + 0.5 * grey) + 0.55 * color).round().astype(np.uint8)
+    grey = base.mean(axis=2, dtype=np.float32, keepdims=True)
+    step = np.where(np.isnan(scores), _TINTS, np.clip(np.nan_to_num(scores), 0, 1) * (_TINTS - 1)).astype(np.int64)
+    mixed: Picture = (0.225 * base + 0.225 * grey + _TINT_TABLE[step]).round().astype(np.uint8)
     return mixed
+
+
+def _tint_table() -> NDArray[np.float32]:
+    """Return the share of the colour in a tinted picture for `_TINTS` scores from 0 to 1, and last for a missing one."""
+    at = np.linspace(0, 1, _TINTS)
+    knots = np.linspace(0, 1, len(_STOPS))
+    colors = np.stack([np.interp(at, knots, channel) for channel in _STOPS.T], axis=1)
+    return (0.55 * np.vstack((colors, _MISSING))).astype(np.float32)
+
+
+_TINTS = 256
+_TINT_TABLE = _tint_table()

@@ -1,6 +1,8 @@
 """What a localization returns, and the hints that narrow it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -55,7 +57,7 @@ class Localization:
     status and best: `best` is the most probable candidate, also when the status is `not_localized`; None only when
     nothing could be searched. alternatives: other candidates, best first, each elsewhere than the ones before it.
     accuracy_position_m, accuracy_orientation_deg: 68 % radii. score_map_2d: (h, w) float32 in 0..1, per pixel of the
-    down-scaled panorama, 1 = matches the scan. point_scores: (N,) float32 in 0..1 for the points of the map's index.
+    down-scaled panorama, 1 = matches the scan. score_points: works out `point_scores`.
     timings_s: seconds per stage. search: counts and figures for the caller's log (JSON-safe values).
     """
 
@@ -67,7 +69,15 @@ class Localization:
     panorama_changed_fraction: float | None
     map_changed_fraction: float | None
     score_map_2d: NDArray[np.float32] | None
-    point_scores: NDArray[np.float32] | None
+    score_points: Callable[[], NDArray[np.float32]] | None
     timings_s: dict[str, float]
     search: dict[str, Any]
     warnings: tuple[str, ...] = field(default=())
+
+    @cached_property
+    def point_scores(self) -> NDArray[np.float32] | None:
+        """Return (N,) float32 in 0..1 for the points of the map's index, NaN for those not seen; None without a pose.
+
+        Worked out when asked for first: no other part of an answer takes time for every point of a scan.
+        """
+        return None if self.score_points is None else self.score_points()

@@ -30,7 +30,7 @@ _MAX_STRIDE_EXPONENT = 5
 class RenderCloud:
     """Points ordered along a space-filling curve, so that each run of 64 lies together.
 
-    positions: (N, 3) float32 metres. colors: (64 M, 4) of `counted_colors`. spacing: metres between points.
+    positions: (N, 3) float32 metres. colors: (64 M, C + 1) of `counted_colors`, C = 3 but for pictures. spacing: metres between points.
     block_centers: (M, 3) and block_radii: (M,), metres, of the runs. block_points: for k = 0..5 every 2^k-th point of each run
     (M, 3, 64 >> k), so that thinned runs are read as they lie in memory.
     """
@@ -55,9 +55,9 @@ def make_render_cloud(positions: Tensor, colors: Tensor, spacing: float) -> Rend
 
 
 def counted_colors(colors: Tensor) -> Tensor:
-    """Return colours (64 M, 4) for a `RenderCloud` of colours (N, 3).
+    """Return colours (64 M, C + 1) for a `RenderCloud` of colours (N, C).
 
-    The fourth number counts points when colours are summed up: 1, and 0 for what fills up the last run.
+    The last number counts points when colours are summed up: 1, and 0 for what fills up the last run.
     """
     counted = torch.cat((colors, torch.ones_like(colors[:, :1])), dim=1)
     return torch.nn.functional.pad(counted, (0, 0, 0, -len(colors) % _BLOCK))
@@ -67,7 +67,7 @@ def counted_colors(colors: Tensor) -> Tensor:
 class SyntheticViews:
     """Views rendered from B positions, axes parallel to the map's.
 
-    color: (B, H, W, 3) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
+    color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
     valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
     nearest to each pixel's centre, −1 where no point fell; empty where points were not asked for.
     """
@@ -114,7 +114,7 @@ def render_views(
     limit = torch.add(_SLACK_SPACINGS * spacing, depth.flatten().index_select(0, pixel), alpha=1 + _SLACK_SHARE)
     visible = (distance <= limit).nonzero()[:, 0]
     shown = point.index_select(0, visible)
-    sums = torch.zeros((size, 4), device=relative.device)
+    sums = torch.zeros((size, cloud.colors.shape[1]), device=relative.device)
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
     color, valid = _compose_color(sums, offsets, batch, height, width)
     if not with_points:
@@ -137,13 +137,13 @@ def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixe
     return torch.where(best == none, -1, best & 0xFFFFFFFF)
 
 
-def visible_points(cloud: RenderCloud, center: Tensor, depth: Tensor) -> Tensor:
-    """Return which points (N,) a camera at `center` (3,) sees, given the rendered depth (H, W) there."""
+def visible_points(positions: Tensor, spacing: float, center: Tensor, depth: Tensor) -> Tensor:
+    """Return which points (N, 3) of a scan with this spacing a camera at `center` (3,) sees, given the rendered depth (H, W) there."""
     height, width = depth.shape
-    relative = cloud.positions - center
+    relative = positions - center
     u, v = project(relative, height, width)
     front = depth.flatten()[_pixel_of(u, v, torch.zeros_like(u, dtype=torch.int64), height, width)]
-    limit = front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * cloud.spacing
+    limit = front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * spacing
     visible: Tensor = relative.norm(dim=-1) <= limit
     return visible
 
@@ -216,7 +216,7 @@ def _compose_depth(nearest: Tensor, offsets: list[int], batch: int, height: int,
 
 
 def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Return the colour (B, H, W, 3) of the finest level with a visible point, and where there is one.
+    """Return the colour (B, H, W, C) of the finest level with a visible point, and where there is one.
 
     A cell also counts the points written up to `_FILL_LEVELS` levels below it, so that gaps of a few pixels are filled while
     windows and unscanned corners stay missing.
@@ -224,15 +224,15 @@ def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, wi
     own = []
     for k, offset in enumerate(offsets):
         h, w = height >> k, width >> k
-        own.append(sums[offset : offset + batch * h * w].view(batch, h, w, 4))
+        own.append(sums[offset : offset + batch * h * w].view(batch, h, w, -1))
     color: Tensor | None = None
     valid: Tensor | None = None
     for k in range(len(own) - 1, -1, -1):
         here = own[k]
         for below in range(max(0, k - _FILL_LEVELS), k):
             here = here + _pool(own[below], k - below)
-        seen = here[..., 3] > 0
-        mean = here[..., :3] / here[..., 3:].clamp_min(1)
+        seen = here[..., -1] > 0
+        mean = here[..., :-1] / here[..., -1:].clamp_min(1)
         if color is None or valid is None:
             color, valid = mean, seen
         else:

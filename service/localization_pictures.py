@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from core.map_index import MapIndex
 from core.panorama import Panorama
-from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png
+from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from core.results import Localization
 
 
@@ -18,9 +18,11 @@ def localization_pictures(
     if localization.best is None:
         return {}
     index = maps[localization.best.map_position]
-    draw = {
-        "score_map_2d": lambda: draw_score_map_2d(panorama, localization),
-        "score_map_3d": lambda: draw_score_map_3d(index, localization),
-        "overlay": lambda: draw_overlay(panorama, index, localization),
-    }
-    return {name: encode_png(draw[name]()) for name in wanted}
+    names = tuple(wanted)
+    drawn = {}
+    if "score_map_2d" in names:
+        drawn["score_map_2d"] = draw_score_map_2d(panorama, localization)
+    if "score_map_3d" in names or "overlay" in names:
+        view = view_scan(index, localization, with_scores="score_map_3d" in names)
+        drawn |= {"score_map_3d": draw_score_map_3d(view), "overlay": draw_overlay(panorama, view)}
+    return {name: encode_png(drawn[name]) for name in names}

@@ -19,6 +19,7 @@ from service.answers import localization_body
 from service.cache import WorkerCache
 from service.cpu_share import num_usable_cpus
 from service.guarded_work import guarded
+from service.heap import keep_freed_memory
 from service.job_options import hints_of, index_options_of
 from service.localization_pictures import localization_pictures
 from service.map_catalog import MapCatalog
@@ -139,6 +140,7 @@ class _Query:
 
 def build_worker(settings: WorkerSettings) -> LocalizationWorker:
     """Build a worker in the process that will run it."""
+    keep_freed_memory()
     torch.set_num_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
     return LocalizationWorker(settings, Localizer(), MapCatalog(open_storage(settings.storage_url)), cache)

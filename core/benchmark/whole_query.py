@@ -86,14 +86,14 @@ def encode_jpeg(panorama: Panorama) -> bytes:
 
 def _picture_times(panorama: Panorama, maps: tuple[MapIndex, ...], answer: Localization) -> dict[str, float]:
     """Draw and encode the three pictures of an answer; return milliseconds of both."""
-    from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png
+    from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 
     index = maps[answer.best.map_position if answer.best else 0]
     began = time.perf_counter()
     drawn = (
         draw_score_map_2d(panorama, answer),
-        draw_score_map_3d(index, answer),
-        draw_overlay(panorama, index, answer),
+        draw_score_map_3d(view := view_scan(index, answer)),
+        draw_overlay(panorama, view),
     )
     times = {"draw pictures": _since(began)}
     began = time.perf_counter()

@@ -8,7 +8,7 @@ import pytest
 from core.localizer import Localizer
 from core.map_builder import build_map_index
 from core.map_index import IndexOptions, MapIndex
-from core.pictures import draw_map_preview, draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png
+from core.pictures import draw_map_preview, draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from core.pose import Pose, pose_error
 from core.results import Hints, Localization
 from core.scene import (
@@ -156,8 +156,9 @@ def test_the_pictures_of_an_answer_show_the_place(
     pose = sample_pose(room, np.random.default_rng(5), "any")
     panorama = take_panorama(room, pose, WIDTH)
     found = localizer.localize(panorama, [room_index])
-    score_map, cloud_map = draw_score_map_2d(panorama, found), draw_score_map_3d(room_index, found)
-    overlay, preview = draw_overlay(panorama, room_index, found), draw_map_preview(room_index)
+    view = view_scan(room_index, found)
+    score_map, cloud_map = draw_score_map_2d(panorama, found), draw_score_map_3d(view)
+    overlay, preview = draw_overlay(panorama, view), draw_map_preview(room_index)
     for picture in (score_map, cloud_map, overlay, preview):
         assert picture.dtype == np.uint8
         assert picture.shape[2] == 3

@@ -33,7 +33,7 @@ def test_a_view_agrees_with_splatting_point_by_point() -> None:
     np.testing.assert_allclose(views.color[0].numpy()[filled], color[filled], atol=1e-5)
     assert bool(torch.isinf(views.depth[0][torch.from_numpy(~filled)]).all())
     cloud = make_render_cloud(torch.from_numpy(points).float(), torch.from_numpy(colors).float(), spacing)
-    seen = visible_points(cloud, torch.from_numpy(center).float(), views.depth[0])
+    seen = visible_points(cloud.positions, spacing, torch.from_numpy(center).float(), views.depth[0])
     np.testing.assert_array_equal(seen.numpy(), visible)
     numbers = views.point[0].numpy()
     assert visible[numbers[numbers >= 0]].all()

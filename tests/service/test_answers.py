@@ -43,7 +43,7 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
         panorama_changed_fraction=0.18,
         map_changed_fraction=np.float32(0.25),  # type: ignore[arg-type]
         score_map_2d=None,
-        point_scores=None,
+        score_points=None,
         timings_s={"search": 0.06, "refine": 0.4},
         search={"num_starts": np.int64(412), "runner_up": math.nan},
         warnings=("dark image",),

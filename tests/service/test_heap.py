@@ -1,4 +1,6 @@
 import os
+import subprocess
+import sys
 
 from service.heap import return_freed_memory
 from service.process_tree import proportional_bytes
@@ -13,3 +15,14 @@ def test_what_was_freed_below_something_that_stays_goes_back_to_the_system() -> 
     return_freed_memory()
     assert before - proportional_bytes(os.getpid()) > 50_000_000
     assert len(last) == 50_000
+
+
+def test_what_was_freed_is_kept_until_it_is_asked_back() -> None:
+    script = (
+        "import os; from service.heap import keep_freed_memory, return_freed_memory; from service.process_tree import proportional_bytes as size\n"
+        "keep_freed_memory()\n"
+        "block = bytearray(b'x' * 20_000_000); del block\n"  # would be mapped on its own, and unmapped
+        "kept = size(os.getpid()); return_freed_memory(); print(kept - size(os.getpid()))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert int(done.stdout) > 15_000_000

@@ -45,7 +45,7 @@ def _scored(query: KnownQuery, box_index: MapIndex, truthful: bool) -> Localizat
     pixels = query.changed_pixels[::2, ::2]
     points = box_index.positions.numpy()[:, 0] < 1.0
     flat, solid = (np.where(part == truthful, 0.1, 0.9).astype(np.float32) for part in (pixels, points))
-    return replace(EMPTY, score_map_2d=flat, point_scores=solid)
+    return replace(EMPTY, score_map_2d=flat, score_points=lambda: solid)
 
 
 def test_maps_that_are_the_truth_have_precision_one(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
@@ -75,7 +75,11 @@ def test_what_has_no_score_is_not_compared(box: PaintedBox, box_pose: Pose, box_
     wrong_pixels[query.changed_pixels[::2, ::2]] = np.nan
     wrong_points[:] = np.nan
     found = change_metrics(
-        query, box.scan(), box_index, replace(answer, score_map_2d=wrong_pixels, point_scores=wrong_points), None
+        query,
+        box.scan(),
+        box_index,
+        replace(answer, score_map_2d=wrong_pixels, score_points=lambda: wrong_points),
+        None,
     )
     assert found == {}  # nothing that changed is scored, so there is no precision
 
