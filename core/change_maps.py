@@ -87,8 +87,8 @@ def _nearest_distance(moving: Tensor, fixed: Tensor) -> Tensor:
     for row in range(3):
         for column in range(3):
             shifted = padded[:, row : row + height, column : column + width]
-            best = torch.minimum(best, (shifted - fixed).norm(dim=0))
-    return best
+            best = torch.minimum(best, (shifted - fixed).square().sum(0))
+    return best.sqrt()
 
 
 def _point_scores(in_map: Tensor, depth: Tensor, positions: Tensor, spacing: float, center: Tensor) -> Tensor:

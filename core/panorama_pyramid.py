@@ -67,8 +67,10 @@ class PanoramaPyramid:
 def _mean_level(color: Tensor, valid: Tensor, height: int) -> PanoramaLevel:
     """Average valid pixels over the cells of `height` x 2 `height`; a cell is valid when at least half of it is."""
     size = (height, 2 * height)
-    if color.shape[1:] == size and bool(valid.all()):
-        return PanoramaLevel(color, valid)
+    if bool(valid.all()):
+        if color.shape[1:] != size:
+            color = torch.nn.functional.interpolate(color[None], size=size, mode="area")[0]
+        return PanoramaLevel(color, torch.ones(size, device=color.device))
     total = torch.nn.functional.interpolate((color * valid)[None], size=size, mode="area")[0]
     share = torch.nn.functional.interpolate(valid[None, None], size=size, mode="area")[0, 0]
     return PanoramaLevel((total / share.clamp_min(1e-6)).clamp(0, 1), (share >= 0.5).float())

@@ -28,7 +28,7 @@ _MISSING = np.array([60, 60, 66], dtype=np.float64)
 def encode_png(picture: Picture) -> bytes:
     """Return a picture as the bytes of a PNG file."""
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, format="PNG", compress_level=3)
+    Image.fromarray(picture).save(buffer, format="PNG", compress_level=1)
     return buffer.getvalue()
 
 
