@@ -27,6 +27,12 @@ class SearchConfig:
     bins: int = 8  # per channel, joint
     descriptor_size: int = 32  # of 512 bins; fewer than 32 lose poses, more gain none (docs/experiments.md)
     num_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
+    # A first pass with pairs of rows and columns of patches taken together discards most starts (docs/experiments.md).
+    coarse_rotations: int = 576
+    coarse_kept_share: float = (
+        1 / 3
+    )  # of the starts; the right one was among the first 0.23 wherever the full search finds it
+    coarse_kept_starts: int = 128  # never fewer
     num_candidates: int = 32
     distinct_angle_deg: float = 25.0  # candidates closer than both of these are one candidate
     distinct_distance_m: float = 0.8

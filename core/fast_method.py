@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
-from torch import Tensor
 
 from core.candidate_points import (
     Comparison,
     compare,
     points_seen_from_poses,
-    points_seen_from_starts,
 )
 from core.config import LocalizerConfig
-from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, prepare_level, refine
+from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, joined, refine
 from core.hypotheses import (
     ELSEWHERE_DEG,
     ELSEWHERE_M,
@@ -34,11 +32,10 @@ from core.hypotheses import (
 from core.judge import agreement, judged_hypotheses
 from core.map_index import MapIndex
 from core.panorama import Panorama
-from core.panorama_pyramid import PanoramaLevel, PanoramaPyramid
 from core.pose_limits import PoseLimits, pose_limits
-from core.projection import wrap_border
+from core.prepared_query import PreparedQuery
 from core.results import Hints
-from core.search import RotationSet, search_map
+from core.search import SearchRotations, search_maps
 from core.stage_clock import StageClock
 from core.synthetic_view import RenderCloud
 
@@ -48,15 +45,15 @@ _RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 class FastMethod:
     """Holds what does not change between queries: configuration and rotations."""
 
-    def __init__(self, config: LocalizerConfig, device: torch.device, rotation_set: RotationSet) -> None:
-        self.config, self.device, self.rotation_set = config, device, rotation_set
+    def __init__(self, config: LocalizerConfig, device: torch.device, rotations: SearchRotations) -> None:
+        self.config, self.device, self.rotations = config, device, rotations
 
     def run(self, panorama: Panorama, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
         """Return hypotheses over all maps, best first; none when the hints leave nothing to search."""
         sizes = self.config.refinement
         limits = [pose_limits(hints, index) for index in maps]
         with clock.stage("prepare"):
-            query = _Query(panorama, maps, sizes.finest_height, self.device)
+            query = PreparedQuery(panorama, maps, sizes.finest_height, self.device)
         with clock.stage("search"):
             found, num_starts, num_poses = self._search(query, limits)
         with clock.stage("refine"):
@@ -78,7 +75,7 @@ class FastMethod:
             hypotheses = self._judge_rival(query, hypotheses, len(order))
         return MethodResult(hypotheses, best[0], best[1], num_starts, num_poses)
 
-    def _judge_rival(self, query: "_Query", hypotheses: list[Hypothesis], num_fine: int) -> list[Hypothesis]:
+    def _judge_rival(self, query: PreparedQuery, hypotheses: list[Hypothesis], num_fine: int) -> list[Hypothesis]:
         """Judge the best candidate at another place on the larger rendering too: the margin must compare like with like."""
         height = self.config.judge.final_height
         for k, rival in enumerate(hypotheses):
@@ -90,58 +87,65 @@ class FastMethod:
                 break
         return hypotheses
 
-    def _search(self, query: "_Query", limits: Sequence[PoseLimits]) -> tuple[list[Hypothesis], int, int]:
+    def _search(self, query: PreparedQuery, limits: Sequence[PoseLimits]) -> tuple[list[Hypothesis], int, int]:
         """Search every map and keep the best candidates over all of them."""
-        found: list[Hypothesis] = []
-        num_starts = num_poses = 0
-        for number, (index, limit) in enumerate(zip(query.maps, limits, strict=True)):
-            candidates, allowed, searched = search_map(
-                query.pyramid(number), index, self.rotation_set, limit, self.config.search
+        config = self.config.search
+        described = [query.described(number, config) for number in range(len(query.maps))]
+        found = search_maps(described, query.maps, self.rotations, limits, config)
+        poses = [
+            (score, number, start, turn)
+            for number, part in enumerate(found)
+            for score, start, turn in zip(
+                part.candidates.scores.tolist(),
+                part.candidates.starts.tolist(),
+                part.candidates.rotations.tolist(),
+                strict=True,
             )
-            num_starts += searched
-            num_poses += searched * len(allowed.rotations)
-            rows = zip(
-                candidates.starts.tolist(), candidates.rotations.tolist(), candidates.scores.tolist(), strict=True
-            )
-            found += [
-                Hypothesis(number, start, allowed.rotations[turn], index.starts[start], score)
-                for start, turn, score in rows
-            ]
-        found.sort(key=lambda h: -h.search_score)
-        return found[: self.config.search.num_candidates], num_starts, num_poses
+        ]
+        poses.sort(key=lambda pose: -pose[0])
+        hypotheses = [
+            Hypothesis(number, start, found[number].rotations[turn], query.maps[number].starts[start], score)
+            for score, number, start, turn in poses[: config.num_candidates]
+        ]
+        return hypotheses, sum(part.num_starts for part in found), sum(part.num_poses for part in found)
 
-    def _refine_coarse(self, query: "_Query", hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def _refine_coarse(self, query: PreparedQuery, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on the stored points of the starts, at 32 and 64 rows."""
         sizes = self.config.refinement
         refined: list[Hypothesis] = []
-        for number, group in by_map(hypotheses):
-            starts = torch.tensor([h.start for h in group], device=self.device)
+        for number, group in query.by_colors(hypotheses):
             for coarse, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
                 height = self.config.search.view_height // (2 if coarse else 1)
-                points = points_seen_from_starts(query.maps[number], starts, coarse)
+                points = joined([query.points_from_starts(*part, coarse) for part in by_map(group)])
                 group = self._refined(
                     query, query.canonical_level(number, height, blur=coarse), points, group, iterations
                 )
             refined += group
         return refined
 
-    def _refine_middle(self, query: "_Query", hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def _refine_middle(self, query: PreparedQuery, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on points that the poses themselves see."""
         sizes, height = self.config.refinement, self.config.judge.height
         refined: list[Hypothesis] = []
-        for number, group in by_map(hypotheses):
-            cloud = query.cloud(number)
+        for number, group in query.by_colors(hypotheses):
             for rows, scale in sizes.middle_rounds:
                 # Rendered anew each time: what a pose sees changes as it moves.
-                comparison = self._compare(query, number, cloud, group, height)
-                points = points_seen_from_poses(cloud, comparison, sizes.middle_points, weigh_changes=True)
+                points = joined([self._points_from_poses(query, *part, height) for part in by_map(group)])
                 level = query.canonical_level(number, rows)
                 group = self._refined(query, level, points, group, sizes.middle_iterations, scale)
             refined += group
         return refined
 
+    def _points_from_poses(
+        self, query: PreparedQuery, number: int, group: Sequence[Hypothesis], height: int
+    ) -> CandidatePoints:
+        """Return the points of one map that the poses themselves see, those that changed with a smaller weight."""
+        cloud = query.cloud(number)
+        comparison = self._compare(query, number, cloud, group, height)
+        return points_seen_from_poses(cloud, comparison, self.config.refinement.middle_points, weigh_changes=True)
+
     def _refine_fine(
-        self, query: "_Query", hypotheses: Sequence[Hypothesis], clock: StageClock
+        self, query: PreparedQuery, hypotheses: Sequence[Hypothesis], clock: StageClock
     ) -> tuple[list[Hypothesis], list[tuple[Comparison, RenderCloud]]]:
         """Refine one by one at full resolution with all points, and judge on a larger rendering."""
         sizes, judge = self.config.refinement, self.config.judge
@@ -165,7 +169,7 @@ class FastMethod:
             comparisons.append((final, cloud))
         return refined, comparisons
 
-    def _judge(self, query: "_Query", hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def _judge(self, query: PreparedQuery, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Render the scan at every pose and measure the agreement."""
         height, judged = self.config.judge.height, []
         for number, group in by_map(hypotheses):
@@ -178,7 +182,7 @@ class FastMethod:
 
     def _compare(
         self,
-        query: "_Query",
+        query: PreparedQuery,
         number: int,
         cloud: RenderCloud,
         group: Sequence[Hypothesis],
@@ -192,7 +196,7 @@ class FastMethod:
 
     def _refined(
         self,
-        query: "_Query",
+        query: PreparedQuery,
         level: ImageLevel,
         points: CandidatePoints,
         group: Sequence[Hypothesis],
@@ -221,52 +225,6 @@ class FastMethod:
         ]
 
 
-class _Query:
-    """The panorama's levels, prepared once for all maps that share their colours (all but those of labels)."""
-
-    def __init__(self, panorama: Panorama, maps: Sequence[MapIndex], max_height: int, device: torch.device) -> None:
-        self.maps = maps
-        shared = PanoramaPyramid(panorama, max_height, None, device) if any(m.labels is None for m in maps) else None
-        self._pyramids = [
-            shared
-            if m.labels is None and shared is not None
-            else PanoramaPyramid(panorama, max_height, m.labels, device)
-            for m in maps
-        ]
-        self._levels: dict[tuple[int, int, bool], ImageLevel] = {}
-
-    def pyramid(self, number: int) -> PanoramaPyramid:
-        """Return the pyramid for the map with this number."""
-        return self._pyramids[number]
-
-    def cloud(self, number: int) -> RenderCloud:
-        """Return the cloud of a map, ready for rendering."""
-        return self.maps[number].render_cloud
-
-    def canonical_level(self, number: int, height: int, blur: bool = False) -> ImageLevel:
-        """Return a level equalized over the whole panorama, prepared for sampling; blurred for the widest basin."""
-        pyramid = self._pyramids[number]
-        key = (id(pyramid), height, blur)
-        if key not in self._levels:
-            level = pyramid.level(height)
-            color = level.canonical(self.maps[number].labels)
-            self._levels[key] = prepare_level(_blur(color, level.valid) if blur else color, level.valid)
-        return self._levels[key]
-
-    def level_for(self, number: int, height: int, tables: Tensor | None) -> ImageLevel:
-        """Return a level with the colours of one candidate: its own equalization (1, 3, 256), or label codes."""
-        level: PanoramaLevel = self._pyramids[number].level(height)
-        return prepare_level(level.color if tables is None else level.recolored(tables[0]), level.valid)
-
-
 def _allowed(hypothesis: Hypothesis, limits: Sequence[PoseLimits]) -> bool:
     limit = limits[hypothesis.map_number]
     return bool(limit.allows_position(hypothesis.position)) and bool(limit.allows_rotation(hypothesis.rotation))
-
-
-def _blur(color: Tensor, valid: Tensor) -> Tensor:
-    """Smooth (3, H, W) over valid pixels (H, W) with the kernel 1 2 1 along both axes, around the seam and over the poles."""
-    padded = wrap_border(torch.cat((color * valid, valid[None])))
-    rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
-    total = rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]
-    return total[:3] / total[3:].clamp_min(1.0)

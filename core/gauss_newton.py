@@ -9,6 +9,7 @@ the problem has six unknowns, so second-order steps from coarse to fine need an 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -59,6 +60,15 @@ class CandidatePoints:
     def take(self, keep: Tensor) -> "CandidatePoints":
         """Return the points of the candidates numbered `keep`."""
         return CandidatePoints(self.positions[keep], self.colors[keep], self.weights[keep])
+
+
+def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
+    """Return the points of several groups of candidates, one group after the other; all with the same number N."""
+    return CandidatePoints(
+        torch.cat([part.positions for part in parts]),
+        torch.cat([part.colors for part in parts]),
+        torch.cat([part.weights for part in parts]),
+    )
 
 
 @dataclass(frozen=True)

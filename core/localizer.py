@@ -16,7 +16,7 @@ from core.panorama import Panorama
 from core.paper_method import PaperMethod
 from core.pose import Pose
 from core.results import Candidate, Hints, Localization, Method, Status
-from core.search import make_rotation_set
+from core.search import make_search_rotations
 from core.stage_clock import StageClock
 
 _AMBIGUOUS_MARGIN = 0.08  # of the judge's score, between two places that both fit well
@@ -31,7 +31,7 @@ class Localizer:
     def __init__(self, config: LocalizerConfig | None = None, device: str | None = None) -> None:
         self.config = config or LocalizerConfig()
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        self._fast = FastMethod(self.config, self.device, make_rotation_set(self.config.search, self.device))
+        self._fast = FastMethod(self.config, self.device, make_search_rotations(self.config.search, self.device))
         self._paper = PaperMethod(self.config.paper, self.device)
         self._confidence = load_confidence_model()
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from core.color_equalization import LabelCodes
 from core.errors import OptionsError
-from core.patch_descriptors import ViewDescriptors
+from core.patch_descriptors import ViewDescriptors, pooled
 from core.synthetic_view import RenderCloud, make_render_cloud
 
 ColorKind = Literal["rgb", "labels"]
@@ -83,10 +83,11 @@ class MapIndex:
 
     @property
     def num_bytes(self) -> int:
-        """Return the memory of all arrays in bytes, what `render_cloud` adds with the first query included."""
+        """Return the memory of all arrays in bytes, those included that the first query adds."""
         tensors = [getattr(self, f.name) for f in fields(self)]
         tensors += [self.descriptors.values, self.descriptors.basis, self.descriptors.weights]
-        rendered = _RENDERED_BYTES * self.num_points
+        # What `render_cloud` and `coarse_views` add with the first query.
+        rendered = _RENDERED_BYTES * self.num_points + self.descriptors.values.numel()
         return rendered + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
 
     @property
@@ -121,6 +122,13 @@ class MapIndex:
         """Return the points with canonical colours (as scanned, or label codes), ready for rendering; made once."""
         with torch.inference_mode(False):  # what one query makes must serve every other
             return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
+
+    @cached_property
+    def coarse_views(self) -> ViewDescriptors:
+        """Return the descriptors with squares of 2 x 2 patches taken together, for the first pass of the search; made once."""
+        with torch.inference_mode(False):
+            values, weights = pooled(self.descriptors.values, self.descriptors.weights)
+            return ViewDescriptors(values, self.descriptors.basis, weights)
 
     def to(self, device: torch.device | str) -> "MapIndex":
         """Return the index with its arrays on `device`."""

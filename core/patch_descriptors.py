@@ -10,6 +10,7 @@ Deviation: on the hardest shared queries the square root lifts the right start a
 of 66 ms per 638 starts (docs/experiments.md).
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -46,6 +47,19 @@ def principal_basis(roots: Tensor, size: int, sample: int = 20_000) -> Tensor:
     flat = flat[:: max(1, len(flat) // sample)].double()
     vectors: Tensor = torch.linalg.eigh(flat.T @ flat).eigenvectors
     return vectors[:, -size:].float().contiguous()
+
+
+def pooled(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Return descriptors (V, P / 4, D) and weights (V, P / 4) with squares of 2 x 2 patches taken together.
+
+    values: (V, P, D) and weights: (V, P) on a grid of twice as many columns as rows, both numbers even.
+    """
+    num_views, num_patches, size = values.shape
+    rows = math.isqrt(num_patches // 2)
+    squares = (num_views, rows // 2, 2, rows, 2)
+    total = weights.view(squares).sum((2, 4)).flatten(1)
+    mean = (values * weights[..., None]).view(*squares, size).sum((2, 4)).flatten(1, 2)
+    return mean / total.clamp_min(1e-9)[..., None], total
 
 
 def similarity_tensor(query: Tensor, views: Tensor) -> Tensor:

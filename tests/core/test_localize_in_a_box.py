@@ -80,7 +80,8 @@ def test_an_answer_carries_losses_iterations_timings_and_the_runner_up(answer: L
         "score",
         "runner_up_score",
     } <= set(answer.search)
-    assert answer.search["num_poses"] == answer.search["num_starts"] * answer.search["num_rotations"]
+    # The first pass spares most poses.
+    assert 0 < answer.search["num_poses"] < answer.search["num_starts"] * answer.search["num_rotations"]
     assert answer.best is not None
     assert 0 <= answer.best.sampling_loss <= 1
     assert answer.best.num_iterations > 0

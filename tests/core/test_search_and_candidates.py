@@ -1,6 +1,7 @@
 """Starts, candidates, limits and the search, on small inputs with known answers."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from core.errors import OptionsError
 from core.map_index import IndexOptions, MapIndex
 from core.panorama import Panorama
 from core.panorama_pyramid import PanoramaPyramid
+from core.patch_descriptors import ViewDescriptors
 from core.pose import Pose
 from core.pose_limits import PoseLimits
 from core.pose_scores import select_candidates
 from core.rotations import rotation_angle, uniform_rotations
-from core.search import make_rotation_set, search_map
+from core.search import describe_panorama, make_search_rotations, search_maps
 from core.starts import grid_starts, octree_starts
 from tests.core.painted_box import PaintedBox
 
@@ -129,14 +131,44 @@ def test_the_search_ranks_a_pose_near_the_true_one_among_the_first(
     box_index: MapIndex, box_panorama: Panorama, box_pose: Pose
 ) -> None:
     config = SearchConfig()
-    rotation_set = make_rotation_set(config, torch.device("cpu"))
-    pyramid = PanoramaPyramid(box_panorama, 64, None, "cpu")
-    found, allowed, searched = search_map(pyramid, box_index, rotation_set, PoseLimits(), config)
-    assert searched == box_index.num_starts
+    rotations = make_search_rotations(config, torch.device("cpu"))
+    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, config)
+    (result,) = search_maps([described], [box_index], rotations, [PoseLimits()], config)
+    found, allowed = result.candidates, result.rotations
+    assert result.num_starts == box_index.num_starts
     places = (box_index.starts[found.starts] - torch.from_numpy(box_pose.position).float()).norm(dim=-1)
-    angles = rotation_angle(allowed.rotations[found.rotations], torch.from_numpy(box_pose.rotation).float())
+    angles = rotation_angle(allowed[found.rotations], torch.from_numpy(box_pose.rotation).float())
     near = (places < 0.6) & (angles < math.radians(20))
     assert bool(near[:8].any())
+
+
+def test_the_first_pass_discards_starts_and_keeps_the_best_pose(box_index: MapIndex, box_panorama: Panorama) -> None:
+    thorough, hasty = (
+        SearchConfig(coarse_kept_starts=10_000),
+        SearchConfig(coarse_kept_starts=10, coarse_kept_share=0.04),
+    )
+    rotations = make_search_rotations(hasty, torch.device("cpu"))
+    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, hasty)
+    (every,), (few,) = (
+        search_maps([described], [box_index], rotations, [PoseLimits()], config) for config in (thorough, hasty)
+    )
+    assert few.num_poses < every.num_poses / 2
+    assert few.num_starts == every.num_starts
+    best = [(int(found.candidates.starts[0]), int(found.candidates.rotations[0])) for found in (every, few)]
+    assert best[0] == best[1]
+
+
+def test_the_first_pass_compares_starts_of_all_maps(box_index: MapIndex, box_panorama: Panorama) -> None:
+    # The same map twice, the second one with its descriptors shuffled so that nothing in it looks like the panorama.
+    config = SearchConfig(coarse_kept_starts=8, coarse_kept_share=0.01)
+    views = box_index.descriptors
+    order = torch.randperm(views.values.shape[1], generator=torch.Generator().manual_seed(0))
+    shuffled = ViewDescriptors(views.values[:, order], views.basis, views.weights)
+    maps = [box_index, replace(box_index, descriptors=shuffled)]
+    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, config)
+    rotations = make_search_rotations(config, torch.device("cpu"))
+    right, wrong = search_maps([described] * 2, maps, rotations, [PoseLimits()] * 2, config)
+    assert len(right.candidates) > len(wrong.candidates)
 
 
 def test_more_rotations_do_not_change_the_score_of_a_pose() -> None:

@@ -1,0 +1,85 @@
+"""A query of the `fast` method: what is prepared of the panorama, once for all maps and stages that need the same."""
+
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from core.candidate_points import points_seen_from_starts
+from core.config import SearchConfig
+from core.gauss_newton import CandidatePoints, ImageLevel, prepare_level
+from core.hypotheses import Hypothesis, by_map
+from core.map_index import MapIndex
+from core.panorama import Panorama
+from core.panorama_pyramid import PanoramaLevel, PanoramaPyramid
+from core.projection import wrap_border
+from core.search import DescribedPanorama, describe_panorama
+from core.synthetic_view import RenderCloud
+
+
+class PreparedQuery:
+    """The panorama's levels, prepared once for all maps that share their colours (all but those of labels)."""
+
+    def __init__(self, panorama: Panorama, maps: Sequence[MapIndex], max_height: int, device: torch.device) -> None:
+        self.maps = maps
+        shared = PanoramaPyramid(panorama, max_height, None, device) if any(m.labels is None for m in maps) else None
+        self._pyramids = [
+            shared
+            if m.labels is None and shared is not None
+            else PanoramaPyramid(panorama, max_height, m.labels, device)
+            for m in maps
+        ]
+        self._levels: dict[tuple[int, int, bool], ImageLevel] = {}
+        self._described: dict[int, DescribedPanorama] = {}
+
+    def pyramid(self, number: int) -> PanoramaPyramid:
+        """Return the pyramid for the map with this number."""
+        return self._pyramids[number]
+
+    def described(self, number: int, config: SearchConfig) -> DescribedPanorama:
+        """Return the panorama's descriptors for the map with this number."""
+        pyramid = self._pyramids[number]
+        if id(pyramid) not in self._described:
+            self._described[id(pyramid)] = describe_panorama(pyramid, self.maps[number].labels, config)
+        return self._described[id(pyramid)]
+
+    def by_colors(self, hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:
+        """Yield the hypotheses, map by map, in groups whose maps share the panorama's colours; and the number of one such map."""
+        groups: dict[int, list[Hypothesis]] = {}
+        for number, part in by_map(hypotheses):
+            groups.setdefault(id(self._pyramids[number]), []).extend(part)
+        for group in groups.values():
+            yield group[0].map_number, group
+
+    def points_from_starts(self, number: int, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
+        """Return the stored points of the starts that hypotheses of one map came from."""
+        index = self.maps[number]
+        starts = torch.tensor([h.start for h in group], device=index.starts.device)
+        return points_seen_from_starts(index, starts, coarse)
+
+    def cloud(self, number: int) -> RenderCloud:
+        """Return the cloud of a map, ready for rendering."""
+        return self.maps[number].render_cloud
+
+    def canonical_level(self, number: int, height: int, blur: bool = False) -> ImageLevel:
+        """Return a level equalized over the whole panorama, prepared for sampling; blurred for the widest basin."""
+        pyramid = self._pyramids[number]
+        key = (id(pyramid), height, blur)
+        if key not in self._levels:
+            level = pyramid.level(height)
+            color = level.canonical(self.maps[number].labels)
+            self._levels[key] = prepare_level(_blur(color, level.valid) if blur else color, level.valid)
+        return self._levels[key]
+
+    def level_for(self, number: int, height: int, tables: Tensor | None) -> ImageLevel:
+        """Return a level with the colours of one candidate: its own equalization (1, 3, 256), or label codes."""
+        level: PanoramaLevel = self._pyramids[number].level(height)
+        return prepare_level(level.color if tables is None else level.recolored(tables[0]), level.valid)
+
+
+def _blur(color: Tensor, valid: Tensor) -> Tensor:
+    """Smooth (3, H, W) over valid pixels (H, W) with the kernel 1 2 1 along both axes, around the seam and over the poles."""
+    padded = wrap_border(torch.cat((color * valid, valid[None])))
+    rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
+    total = rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]
+    return total[:3] / total[3:].clamp_min(1.0)
