@@ -111,6 +111,8 @@ class IndexConfig:
 
     starts: StartsConfig = field(default_factory=StartsConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
+    finest_spacing_m: float = 0.025  # points closer together move no pose (docs/experiments.md)
+    finest_spacing_share: float = 1 / 300  # of the scan's diagonal, where that is less: models and toys
     start_points: int = 1024  # points kept per start, spread evenly over the sphere
     render_batch: int = 8  # views rendered at once
 

@@ -18,6 +18,7 @@ from core.patch_descriptors import ViewDescriptors, centered_roots, principal_ba
 from core.patch_histograms import soft_histograms
 from core.point_cloud import PointCloud
 from core.projection import pixel_solid_angles, project
+from core.scan.voxel_thinning import thin_to_spacing
 from core.sphere_points import even_directions
 from core.spherical_patches import PatchGrid
 from core.starts import Starts, grid_starts, octree_starts
@@ -48,7 +49,7 @@ def build_map_index(
     options, config = options or IndexOptions(), config or IndexConfig()
     report = progress or (lambda stage, share: None)
     report("finding starts", 0.0)
-    cloud = _sort_along_curve(cloud)
+    cloud = _sort_along_curve(_thinned(cloud, options, config))
     starts = _find_starts(cloud, options, config)
     positions = torch.from_numpy(cloud.positions).to(device)
     raw = torch.from_numpy(cloud.colors).to(device)
@@ -146,6 +147,12 @@ def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) 
         region = (low, high)
     find = octree_starts if options.starts_method == "octree" else grid_starts
     return find(cloud.positions, chosen, region)
+
+
+def _thinned(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> PointCloud:
+    lower, upper = cloud.bounds
+    spacing = min(config.finest_spacing_m, config.finest_spacing_share * float(np.linalg.norm(upper - lower)))
+    return thin_to_spacing(cloud, spacing, options.color_kind) if spacing > 0 else cloud
 
 
 def _sort_along_curve(cloud: PointCloud) -> PointCloud:

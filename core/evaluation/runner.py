@@ -115,6 +115,7 @@ class Evaluation:
         localizer = self._localizer(call.method)
         facts = {**scan.facts, "tags": list(query.tags), "registration_s": round(searched.registration_s, 3)}
         facts["num_points"], facts["num_starts"] = searched.index.num_points, searched.index.num_starts
+        facts["spacing_m"] = searched.index.spacing
         facts["change_maps"] = self._options.change_maps and not cross
         began = time.perf_counter()
         answer, error = None, None
