@@ -53,18 +53,21 @@ class Registrations:
             return
         task = asyncio.create_task(self._run(ref, request_id), name=f"register {ref.id}")
         self._running[ref] = task
-        task.add_done_callback(lambda _: self._running.pop(ref))
+        task.add_done_callback(lambda ended: self._note_end(ref, ended))
 
     async def cancel(self, map_id: str, keep: MapRef | None = None) -> None:
         """End the registrations of a map, save that of `keep`, and wait until they have ended."""
         found = [task for ref, task in self._running.items() if ref.id == map_id and ref != keep]
         await _end(found)
-        for _ in found:
-            self._metrics.note_registration("cancelled")
 
     async def stop(self) -> None:
         """End all registrations; their scans are taken up again at the next start."""
         await _end(list(self._running.values()))
+
+    def _note_end(self, ref: MapRef, task: asyncio.Task[None]) -> None:
+        del self._running[ref]
+        if task.cancelled():
+            self._metrics.note_registration("cancelled")
 
     async def _run(self, ref: MapRef, request_id: str) -> None:
         structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
@@ -148,13 +151,17 @@ class Registrations:
 
 
 async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:
-    """Wait for work that must not stop half-way; a cancellation takes effect after it."""
+    """Wait for work that must not stop half-way; cancellations, of which several may come, take effect after it."""
     task = asyncio.create_task(work)
-    try:
-        await asyncio.shield(task)
-    except asyncio.CancelledError:
-        await asyncio.wait({task})
-        raise
+    cancelled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        raise cancelled from task.exception()
+    task.result()
 
 
 async def _end(tasks: list[asyncio.Task[None]]) -> None:
