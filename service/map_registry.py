@@ -1,20 +1,26 @@
-"""All maps of the service: in memory for reading, in storage for good. The only writer of map records."""
+"""All maps of the service: in memory for reading, in storage for good.
+
+The only writer of what is stored of maps. What is done to one map is done in turn, so that no file is written while its
+folder is being deleted; different maps do not wait for each other.
+"""
 
 import asyncio
 import base64
 import binascii
 import json
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
+from weakref import WeakValueDictionary
 
 import structlog
 
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StorageError
 from service.identity import now
 from service.pool import MapRef
-from service.records import MapRecord, folder_of, read_record, write_record
+from service.records import MapRecord, folder_of, key_of, read_record, write_record
 from service.storage import Storage
 
 Result = TypeVar("Result")
@@ -23,14 +29,20 @@ _log = structlog.get_logger(__name__)
 
 
 class MapRegistry:
-    """Used from one event loop. A change is in storage before it is seen in memory."""
+    """Used from one event loop.
+
+    A change is in storage before it is seen in memory; a deletion is seen first, so that nobody finds a map whose files
+    are going.
+    """
 
     def __init__(self, storage: Storage, max_maps: int) -> None:
         self._storage = storage
         self._max_maps = max_maps
         self._records: dict[str, MapRecord] = {}
         self._last_revisions: dict[str, int] = {}
-        self._writing = asyncio.Lock()
+        self._num_coming = 0
+        # Each lives for as long as somebody holds it or waits for it.
+        self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._under_way: set[asyncio.Task[Any]] = set()
 
     async def load(self) -> None:
@@ -54,6 +66,10 @@ class MapRegistry:
                 f"expected the id of a map, got {map_id[:80]!r}, which is unknown or deleted; GET /maps lists the maps"
             )
         return record
+
+    def has(self, map_id: str) -> bool:
+        """Tell whether there is a map under this id."""
+        return map_id in self._records
 
     def all(self) -> list[MapRecord]:
         """Return all maps, oldest first."""
@@ -85,19 +101,50 @@ class MapRegistry:
 
     def check_room(self) -> None:
         """Raise MapLimitError when there are as many maps as allowed."""
-        if len(self._records) >= self._max_maps:
+        if len(self._records) + self._num_coming >= self._max_maps:
             raise MapLimitError(
                 f"expected fewer than {self._max_maps} maps (PANOLOC_MAX_MAPS), got as many; delete one you do not need"
             )
+
+    def holds(self, ref: MapRef) -> bool:
+        """Tell whether the record of a map names this revision, so that its files are kept."""
+        record = self._records.get(ref.id)
+        return record is not None and record.revision(ref.revision) is not None
+
+    async def adopt_scan(self, ref: MapRef, name: str, file: Path, digest: str) -> str:
+        """Take over the scan of a revision that a record will name, and return its key; see `Storage.adopt`.
+
+        When there is no such record in the end, `remove_revision` takes the scan away again.
+        """
+        key = key_of(ref, name)
+        await self._in_turn(ref.id, asyncio.to_thread(self._storage.adopt, key, file, digest))
+        return key
+
+    async def put_files(self, ref: MapRef, files: Mapping[str, bytes]) -> None:
+        """Store files of a revision by name. Raises MapNotFoundError when it was replaced or deleted meanwhile."""
+
+        async def put() -> None:
+            if not self.holds(ref):
+                raise MapNotFoundError(
+                    f"expected a revision that is kept, got {ref.id} revision {ref.revision}; too late"
+                )
+            for name, data in files.items():
+                await asyncio.to_thread(self._storage.put, key_of(ref, name), data)
+
+        await self._in_turn(ref.id, put())
 
     async def add(self, record: MapRecord) -> None:
         """Store a new map. Raises MapLimitError."""
 
         async def add() -> None:
             self.check_room()
-            await self._write(record)
+            self._num_coming += 1
+            try:
+                await self._write(record)
+            finally:
+                self._num_coming -= 1
 
-        await self._finished(add())
+        await self._in_turn(record.id, add())
 
     async def change(self, map_id: str, update: Callable[[MapRecord], MapRecord]) -> MapRecord:
         """Store what `update` makes of a map, and return it. Raises MapNotFoundError."""
@@ -109,32 +156,43 @@ class MapRegistry:
                 await self._write(record)
             return record
 
-        return await self._finished(change())
+        return await self._in_turn(map_id, change())
 
     async def remove(self, map_id: str) -> None:
         """Delete a map with everything stored of it. Raises MapNotFoundError."""
 
         async def remove() -> None:
-            self.get(map_id)
-            await asyncio.to_thread(self._storage.delete_all, folder_of(map_id))
+            record = self.get(map_id)
             del self._records[map_id]
+            try:
+                await asyncio.to_thread(self._storage.delete_all, folder_of(map_id))
+            except BaseException:
+                self._records[map_id] = record
+                raise
             self._last_revisions.pop(map_id, None)
 
-        await self._finished(remove())
+        await self._in_turn(map_id, remove())
 
     async def remove_revision(self, ref: MapRef) -> None:
-        """Delete the files of a revision that no record names any more."""
-        await asyncio.to_thread(self._storage.delete_all, f"{folder_of(ref.id)}/{ref.revision}")
+        """Delete the files of a revision unless the record names it; without a record, what is left of the map."""
+
+        async def remove() -> None:
+            if not self.holds(ref):
+                prefix = f"{folder_of(ref.id)}/{ref.revision}" if self.has(ref.id) else folder_of(ref.id)
+                await asyncio.to_thread(self._storage.delete_all, prefix)
+
+        await self._in_turn(ref.id, remove())
 
     async def _write(self, record: MapRecord) -> None:
         await asyncio.to_thread(write_record, self._storage, record)
         self._records[record.id] = record
 
-    async def _finished(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """Do one piece of writing at a time, to its end even when the caller goes away: memory and storage agree."""
+    async def _in_turn(self, map_id: str, work: Coroutine[Any, Any, Result]) -> Result:
+        """Do one thing at a time to a map, to its end even when the caller goes away: memory and storage agree."""
+        turn = self._turns.setdefault(map_id, asyncio.Lock())
 
         async def in_turn() -> Result:
-            async with self._writing:
+            async with turn:
                 return await work
 
         task = asyncio.create_task(in_turn())

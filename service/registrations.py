@@ -13,13 +13,12 @@ from typing import Any
 import structlog
 
 from service.cache import Cache
-from service.errors import CacheDownError, NoWorkerError, ServiceError, TryAgainError
+from service.errors import CacheDownError, MapNotFoundError, NoWorkerError, ServiceError, TryAgainError
 from service.map_registry import MapRegistry
 from service.metrics import Metrics
 from service.pool import MapRef, RegisterJob, RegisterOutcome, WorkerPool
 from service.problems import problem_document
-from service.records import MapRecord, Revision, key_of
-from service.storage import Storage
+from service.records import MapRecord, Revision
 
 _log = structlog.get_logger(__name__)
 
@@ -31,13 +30,10 @@ _LONGEST_PAUSE_S = 30.0
 class Registrations:
     """Used from one event loop."""
 
-    def __init__(
-        self, registry: MapRegistry, pool: WorkerPool, cache: Cache, storage: Storage, metrics: Metrics
-    ) -> None:
+    def __init__(self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics) -> None:
         self._registry = registry
         self._pool = pool
         self._cache = cache
-        self._storage = storage
         self._metrics = metrics
         self._running: dict[MapRef, asyncio.Task[None]] = {}
 
@@ -60,6 +56,16 @@ class Registrations:
         found = [task for ref, task in self._running.items() if ref.id == map_id and ref != keep]
         await _end(found)
 
+    async def forget(self, ref: MapRef) -> None:
+        """Remove a revision that its map names no more. A query that still holds it is sent to the new one."""
+        if self._registry.holds(ref):
+            return
+        await self._registry.remove_revision(ref)
+        try:
+            await self._cache.forget_revision(ref)
+        except CacheDownError as error:
+            _log.warning("an old revision stays in Redis until its lifetime ends", error=str(error))
+
     async def stop(self) -> None:
         """End all registrations; their scans are taken up again at the next start."""
         await _end(list(self._running.values()))
@@ -73,17 +79,28 @@ class Registrations:
         structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
         began = time.monotonic()
         try:
+            result = await self._result_of(ref, request_id)
+        except MapNotFoundError:
+            # Replaced or deleted: whoever did that is about to end this, but the work was faster.
+            self._metrics.note_registration("cancelled")
+            return
+        duration_s = time.monotonic() - began
+        self._metrics.note_registration(result, duration_s)
+        _log.info("registration ended", result=result, duration_s=round(duration_s, 3))
+
+    async def _result_of(self, ref: MapRef, request_id: str) -> str:
+        """Return "ready" or "failed", whichever the map is now. Raises MapNotFoundError when nobody wants it any more."""
+        try:
             outcome = await self._outcome_of(ref, request_id)
             await _to_the_end(self._finish(ref, outcome))
-            result = "ready"
+            return "ready"
+        except MapNotFoundError:
+            raise
         except Exception as error:
             if not isinstance(error, ServiceError):
                 _log.exception("a registration met an unexpected fault")
             await self._fail(ref, problem_document(error, request_id))
-            result = "failed"
-        duration_s = time.monotonic() - began
-        self._metrics.note_registration(result, duration_s)
-        _log.info("registration ended", result=result, duration_s=round(duration_s, 3))
+            return "failed"
 
     async def _outcome_of(self, ref: MapRef, request_id: str) -> RegisterOutcome:
         """Let a worker do it; what is only a matter of time is tried again, a few times."""
@@ -109,17 +126,13 @@ class Registrations:
                 await asyncio.sleep(_POLL_S)
             await asyncio.sleep(_POLL_S)
 
-    async def _store_files(self, ref: MapRef, outcome: RegisterOutcome) -> None:
+    async def _finish(self, ref: MapRef, outcome: RegisterOutcome) -> None:
         files = {
             "preview.png": outcome.preview_png,
             "points.ply": outcome.points_ply,
             "starts.json": json.dumps(outcome.starts).encode(),
         }
-        for name, data in files.items():
-            await asyncio.to_thread(self._storage.put, key_of(ref, name), data)
-
-    async def _finish(self, ref: MapRef, outcome: RegisterOutcome) -> None:
-        await self._store_files(ref, outcome)
+        await self._registry.put_files(ref, files)
         former = self._registry.get(ref.id).serving_ref
 
         def ready(record: MapRecord) -> MapRecord:
@@ -129,8 +142,8 @@ class Registrations:
             return replace(record, newest=newest, serving=newest)
 
         await self._change_if_newest(ref, ready)
-        if former is not None and former != self._registry.get(ref.id).serving_ref:
-            await self._forget(former)
+        if former is not None:
+            await self.forget(former)
 
     async def _fail(self, ref: MapRef, error: dict[str, Any]) -> None:
         await self._change_if_newest(
@@ -140,14 +153,6 @@ class Registrations:
     async def _change_if_newest(self, ref: MapRef, update: Callable[[MapRecord], MapRecord]) -> None:
         """Change a map unless a newer scan of it has come meanwhile."""
         await self._registry.change(ref.id, lambda record: update(record) if record.newest_ref == ref else record)
-
-    async def _forget(self, ref: MapRef) -> None:
-        """Remove a revision that serves no more. A query that still holds it is sent to the new one."""
-        await self._registry.remove_revision(ref)
-        try:
-            await self._cache.forget_revision(ref)
-        except CacheDownError as error:
-            _log.warning("an old revision stays in Redis until its lifetime ends", error=str(error))
 
 
 async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:

@@ -45,7 +45,7 @@ class Services:
             storage,
             registry,
             metrics,
-            Registrations(registry, pool, cache, storage, metrics),
+            Registrations(registry, pool, cache, metrics),
             Localizations(settings, registry, pool, cache, storage, metrics),
         )
 

@@ -100,8 +100,9 @@ async def delete_map(request: Request, map_id: str) -> Response:
     services.registry.get(map_id)
     # Without Redis its entries would stay: then nothing is deleted, and the caller tries again.
     await services.cache.check()
-    await services.registrations.cancel(map_id)
     await services.registry.remove(map_id)
+    # Not before: from now on no registration of it begins.
+    await services.registrations.cancel(map_id)
     await asyncio.shield(services.cache.forget_map(map_id))
     return Response(status_code=204)
 

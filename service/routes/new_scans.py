@@ -14,7 +14,7 @@ from service.map_document import map_document
 from service.openapi import binary_part, json_part, multipart
 from service.pool import MapRef
 from service.problems import error_responses
-from service.records import MapRecord, Revision, key_of
+from service.records import MapRecord, Revision
 from service.request_context import current_request_id
 from service.scan_sniffing import check_scan_file, scan_extension
 from service.schemas import Map, MapOptions, ScanOptions
@@ -81,7 +81,7 @@ async def post_map(request: Request) -> Response:
             )
             await services.registry.add(record)
         except BaseException:
-            await asyncio.shield(services.registry.remove_revision(ref))
+            await services.registry.remove_revision(ref)
             raise
     return _accepted(services, record)
 
@@ -111,13 +111,13 @@ async def put_scan(request: Request, map_id: str) -> Response:
             revision = await _store(services, ref, scan, options)
             replaced, record = await _replace(services, map_id, revision)
         except BaseException:
-            await asyncio.shield(services.registry.remove_revision(ref))
+            await services.registry.remove_revision(ref)
             raise
     await services.registrations.cancel(map_id, keep=record.newest_ref)
-    record = services.registry.get(map_id)
-    for each in {replaced, ref} - {record.newest_ref, record.serving_ref}:
-        await services.registry.remove_revision(each)
-    return _accepted(services, services.registry.get(map_id))
+    reply = _accepted(services, services.registry.get(map_id))
+    for each in (replaced, ref):
+        await services.registrations.forget(each)
+    return reply
 
 
 async def _replace(services: Services, map_id: str, revision: Revision) -> tuple[MapRef, MapRecord]:
@@ -154,9 +154,8 @@ async def _checked_scan(form: Form, services: Services) -> SpooledScan:
 
 
 async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: dict[str, Any]) -> Revision:
-    key = key_of(ref, f"scan{scan_extension(scan.name)}")
     try:
-        await asyncio.to_thread(services.storage.adopt, key, scan.path, scan.sha256)
+        key = await services.registry.adopt_scan(ref, f"scan{scan_extension(scan.name)}", scan.path, scan.sha256)
     except OSError as error:
         raise disk_error(error) from error
     services.metrics.note_upload(scan.num_bytes)

@@ -1,6 +1,7 @@
 """Records in memory and in storage, and the pages made of them."""
 
 import asyncio
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -116,11 +117,75 @@ def test_a_caller_who_goes_away_does_not_part_memory_from_storage(tmp_path: Path
         await asyncio.sleep(0)
         adding.cancel()
         await asyncio.gather(adding, return_exceptions=True)
-        # The next writer waits for the one whose caller is gone.
-        await registry.add(record("map_b"))
+        # Whoever changes the same map next waits for the one whose caller is gone.
+        await registry.change("map_a", lambda each: replace(each, name="changed"))
 
     asyncio.run(go_away())
+    assert registry.get("map_a").name == "changed"
     assert [each.id for each in registry.all()] == [each.id for each in loaded(tmp_path).all()]
+
+
+def test_a_caller_who_goes_away_takes_nothing_along_that_the_record_names(tmp_path: Path) -> None:
+    registry, storage = loaded(tmp_path), FolderStorage(tmp_path)
+
+    async def go_away() -> None:
+        (scan := storage.spool_folder() / "upload").write_bytes(b"a scan")
+        await registry.adopt_scan(MapRef("map_a", 1), "scan.ply", scan, hashlib.sha256(b"a scan").hexdigest())
+        adding = asyncio.create_task(registry.add(record("map_a")))
+        await asyncio.sleep(0)
+        adding.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await adding
+        await registry.remove_revision(MapRef("map_a", 1))
+
+    asyncio.run(go_away())
+    assert registry.get("map_a") == record("map_a")
+    assert storage.read("maps/map_a/1/scan.ply") == b"a scan"
+
+
+def test_a_scan_that_no_record_came_to_name_is_taken_away_with_its_folder(tmp_path: Path) -> None:
+    registry, storage = loaded(tmp_path), FolderStorage(tmp_path)
+
+    async def give_up() -> None:
+        (scan := storage.spool_folder() / "upload").write_bytes(b"a scan")
+        await registry.adopt_scan(MapRef("map_a", 1), "scan.ply", scan, hashlib.sha256(b"a scan").hexdigest())
+        await registry.remove_revision(MapRef("map_a", 1))
+
+    asyncio.run(give_up())
+    assert storage.names("maps") == []
+
+
+def test_a_map_that_cannot_be_deleted_is_still_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    registry = loaded(tmp_path)
+    asyncio.run(registry.add(record("map_a")))
+
+    def refuse(*_: object) -> None:
+        raise PermissionError("read-only")
+
+    monkeypatch.setattr(FolderStorage, "delete_all", refuse)
+    with pytest.raises(PermissionError):
+        asyncio.run(registry.remove("map_a"))
+    assert registry.get("map_a") == record("map_a")
+
+
+def test_files_of_a_revision_that_was_replaced_are_not_written(tmp_path: Path) -> None:
+    registry = loaded(tmp_path)
+    asyncio.run(registry.add(record("map_a")))
+    asyncio.run(registry.change("map_a", lambda each: replace(each, newest=replace(REVISION, number=2))))
+    with pytest.raises(MapNotFoundError, match="map_a revision 1"):
+        asyncio.run(registry.put_files(MapRef("map_a", 1), {"preview.png": b"x"}))
+    assert FolderStorage(tmp_path).names("maps/map_a") == ["map.json"]
+
+
+def test_two_maps_do_not_share_the_last_place(tmp_path: Path) -> None:
+    registry = loaded(tmp_path, max_maps=1)
+
+    async def add_both() -> list[BaseException | None]:
+        both = (registry.add(record(name)) for name in ("map_a", "map_b"))
+        return await asyncio.gather(*both, return_exceptions=True)
+
+    assert [type(each) for each in asyncio.run(add_both())] == [type(None), MapLimitError]
+    assert FolderStorage(tmp_path).names("maps") == ["map_a"]
 
 
 def test_no_more_maps_than_allowed(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def answer_body() -> dict[str, Any]:
 
 @dataclass
 class FakePool:
-    """`fail_localize` and `fail_register` are raised, in turn; closed gates hold work back."""
+    """`fail_localize` and `fail_register` are raised, in turn; closed gates hold work, or its end, back."""
 
     worker_cache: WorkerCache
     is_ready: bool = True
@@ -40,6 +40,7 @@ class FakePool:
     fail_register: list[Exception] = field(default_factory=list)
     register_gate: asyncio.Event = field(default_factory=asyncio.Event)
     localize_gate: asyncio.Event = field(default_factory=asyncio.Event)
+    end_gate: asyncio.Event = field(default_factory=asyncio.Event)
     jobs: list[LocalizeJob] = field(default_factory=list)
     registrations: list[RegisterJob] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
@@ -49,6 +50,7 @@ class FakePool:
     def __post_init__(self) -> None:
         self.register_gate.set()
         self.localize_gate.set()
+        self.end_gate.set()
 
     async def start(self) -> None:
         self.started = True
@@ -84,6 +86,7 @@ class FakePool:
             await gate.wait()
         except asyncio.CancelledError:
             self.ended.append(what)
+            await self.end_gate.wait()
             raise
 
 

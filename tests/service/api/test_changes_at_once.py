@@ -3,9 +3,10 @@
 import asyncio
 
 import pytest
+import redis
 
 from tests.service.api.held_call import HeldCall, long_enough
-from tests.service.api.running_service import RunningService
+from tests.service.api.running_service import SCAN, RunningService
 
 pytestmark = pytest.mark.anyio
 
@@ -35,3 +36,66 @@ async def test_a_registration_that_several_end_is_counted_once(running: RunningS
     await asyncio.gather(registrations.cancel(map_id), registrations.cancel(map_id))
     metrics = (await running.client.get("/metrics")).text
     assert 'panoloc_registrations_total{result="cancelled"} 1.0' in metrics
+
+
+async def test_a_scan_replaced_when_it_is_almost_a_map_leaves_neither_files_nor_an_index(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch, redis_client: "redis.Redis"
+) -> None:
+    map_id = await running.ready_map()
+    writing = HeldCall(monkeypatch, running.storage, "put", "/2/points.ply")
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("second.ply", SCAN)})
+    await writing.begun()
+    putting = asyncio.create_task(running.client.put(f"/maps/{map_id}/scan", files={"file": ("third.ply", SCAN)}))
+    await long_enough()
+    writing.let_go()
+    assert (await putting).status_code == 202
+    await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 3)
+    await running.eventually("/health", lambda _: running.storage.names(f"maps/{map_id}") == ["3", "map.json"])
+    await running.eventually("/health", lambda _: len(redis_client.keys("index:*")) == 1)
+
+
+async def test_of_two_uploads_for_which_there_is_one_place_one_leaves_nothing(running: RunningService) -> None:
+    running.app.state.services.registry._max_maps = 1
+    replies = await asyncio.gather(running.upload(), running.upload())
+    assert sorted(reply.status_code for reply in replies) == [202, 409]
+    (stored,) = [reply.json()["id"] for reply in replies if reply.status_code == 202]
+    assert running.storage.names("maps") == [stored]
+
+
+async def test_a_map_deleted_while_a_new_scan_is_stored_is_gone(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_id = await running.ready_map()
+    storing = HeldCall(monkeypatch, running.storage, "adopt", "/2/scan.ply")
+    putting = asyncio.create_task(running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)}))
+    await storing.begun()
+    deleting = asyncio.create_task(running.client.delete(f"/maps/{map_id}"))
+    await long_enough()
+    storing.let_go()
+    assert (await deleting).status_code == 204
+    assert (await putting).status_code == 404
+    assert running.storage.names("maps") == []
+
+
+async def test_a_scan_that_comes_while_a_deletion_ends_a_registration_leaves_nothing(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch, redis_client: "redis.Redis"
+) -> None:
+    map_id = await running.ready_map()
+    running.pool.register_gate.clear()
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("second.ply", SCAN)})
+    await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
+    running.pool.end_gate.clear()
+    removing = HeldCall(monkeypatch, running.storage, "delete_all", map_id)
+    deleting = asyncio.create_task(running.client.delete(f"/maps/{map_id}"))
+    await long_enough()
+    putting = asyncio.create_task(running.client.put(f"/maps/{map_id}/scan", files={"file": ("third.ply", SCAN)}))
+    await long_enough()
+    running.pool.end_gate.set()
+    await long_enough()
+    removing.let_go()
+    assert (await deleting).status_code == 204
+    running.pool.register_gate.set()
+    await putting
+    await long_enough()
+    assert running.storage.names("maps") == []
+    assert redis_client.keys("*") == []
