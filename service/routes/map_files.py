@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from service.access import require
+from service.errors import StoredFileMissingError
 from service.map_choice import serving_ref
 from service.openapi import picture_response
 from service.ply_sample import PlySample
@@ -103,7 +104,14 @@ async def get_starts(request: Request, map_id: str) -> Response:
 async def _file(request: Request, map_id: str, name: str) -> tuple[bytes, MapRef]:
     services = services_of(request)
     ref = serving_ref(services.registry.get(map_id))
-    return await asyncio.to_thread(services.storage.read, key_of(ref, name)), ref
+    while True:
+        try:
+            return await asyncio.to_thread(services.storage.read, key_of(ref, name)), ref
+        except StoredFileMissingError:
+            # The revision may have been replaced, or the map deleted, since the request came.
+            former, ref = ref, serving_ref(services.registry.get(map_id))
+            if ref == former:
+                raise
 
 
 def _prefers_json(accept: str) -> bool:

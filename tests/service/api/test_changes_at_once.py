@@ -99,3 +99,29 @@ async def test_a_scan_that_comes_while_a_deletion_ends_a_registration_leaves_not
     await long_enough()
     assert running.storage.names("maps") == []
     assert redis_client.keys("*") == []
+
+
+async def test_viewers_get_the_new_picture_when_the_old_one_goes_while_they_ask(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_id = await running.ready_map()
+    reading = HeldCall(monkeypatch, running.storage, "read", "/1/preview.png")
+    asking = asyncio.create_task(running.client.get(f"/maps/{map_id}/preview.png"))
+    await reading.begun()
+    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.eventually("/health", lambda _: running.storage.names(f"maps/{map_id}") == ["2", "map.json"])
+    reading.let_go()
+    reply = await asking
+    assert (reply.status_code, reply.headers["etag"]) == (200, f'"{map_id}-2"')
+
+
+async def test_viewers_are_told_when_the_map_is_deleted_while_they_ask(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_id = await running.ready_map()
+    reading = HeldCall(monkeypatch, running.storage, "read", "/1/preview.png")
+    asking = asyncio.create_task(running.client.get(f"/maps/{map_id}/preview.png"))
+    await reading.begun()
+    await running.client.delete(f"/maps/{map_id}")
+    reading.let_go()
+    assert (await asking).status_code == 404
