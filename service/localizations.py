@@ -121,6 +121,7 @@ class Localizations:
         body = self._body(localization_id, outcome, chosen, time.monotonic() - began)
         await self._cache.put_pictures(localization_id, outcome.artifacts)
         await self._cache.put_localization(localization_id, body, [ref.id for ref in chosen.refs])
+        await self._forget_deleted(chosen)
         if self._settings.keep_images:
             await self._keep(localization_id, query.panorama)
         self._metrics.note_localization(query.options["method"], body["status"], body["timings_s"])
@@ -151,6 +152,12 @@ class Localizations:
                 former, chosen = chosen, query.maps.resolve(self._registry)
                 if chosen.refs == former.refs:
                     raise
+
+    async def _forget_deleted(self, chosen: ChosenMaps) -> None:
+        """Keep no answer about a map that was deleted while it was computed; whoever waits for it still gets it."""
+        for ref in chosen.refs:
+            if not self._registry.has(ref.id):
+                await self._cache.forget_map(ref.id)
 
     async def _answer_later(self, query: Query, chosen: ChosenMaps, pending: Document) -> Document:
         await self._put_pending({**pending, "status": "running"}, query)

@@ -125,3 +125,17 @@ async def test_viewers_are_told_when_the_map_is_deleted_while_they_ask(
     await running.client.delete(f"/maps/{map_id}")
     reading.let_go()
     assert (await asking).status_code == 404
+
+
+async def test_an_answer_that_comes_after_its_map_was_deleted_is_not_kept(
+    running: RunningService, redis_client: "redis.Redis"
+) -> None:
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    asking = asyncio.create_task(running.localize(map_id, options='{"artifacts": ["overlay"]}'))
+    while not running.pool.jobs:
+        await asyncio.sleep(0.01)
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    running.pool.localize_gate.set()
+    await asking
+    assert redis_client.keys("*") == []
