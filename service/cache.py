@@ -60,6 +60,11 @@ class WorkerCache:
         with _down_is_said():
             self._redis.set(_index_key(ref, digest), data, ex=self._index_lifetime_s)
 
+    def forget_index(self, ref: MapRef, digest: str) -> None:
+        """Delete one encoded index."""
+        with _down_is_said():
+            self._redis.unlink(_index_key(ref, digest))
+
     def report_progress(self, ref: MapRef, status: str, stage: str, progress: float) -> None:
         """Tell what a registration is at: status "reading" or "indexing", stage in words, progress 0..1 of all."""
         value = json.dumps({"status": status, "stage": stage, "progress": round(progress, 3)})

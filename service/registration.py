@@ -16,7 +16,7 @@ from core.point_cloud import PointCloud
 from core.scan import read_scan
 from service.cache import WorkerCache
 from service.cpu_share import num_usable_cpus
-from service.errors import CacheDownError
+from service.errors import CacheDownError, MapNotFoundError
 from service.guarded_work import guarded
 from service.job_options import index_options_of, scan_options_of
 from service.map_catalog import MapCatalog
@@ -79,7 +79,15 @@ class Registrar:
         return cloud, build_map_index(cloud, index_options_of(job.options), progress=progress.report)
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:
-        self._cache.put_index(job.map, index_config_digest(index_options_of(job.options)), encoded)
+        """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""
+        digest = index_config_digest(index_options_of(job.options))
+        self._cache.put_index(job.map, digest, encoded)
+        try:
+            # Afterwards: whoever removes a revision changes its record first and forgets its index last.
+            self._catalog.registration_of(job.map)
+        except MapNotFoundError:
+            self._cache.forget_index(job.map, digest)
+            raise
 
     def _store_patiently(self, job: RegisterJob, encoded: bytes) -> None:
         deadline = time.monotonic() + _REDIS_PATIENCE_S

@@ -167,6 +167,23 @@ def test_an_index_that_redis_has_lost_is_reported_and_can_be_built_again(place: 
     assert place.worker.localize(query()).outcome is not None
 
 
+@pytest.mark.parametrize("way", ["register", "rebuild"])
+def test_an_index_whose_map_was_deleted_while_it_was_built_is_not_kept(
+    place: Place, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    put = WorkerCache.put_index
+
+    def put_too_late(cache: WorkerCache, ref: MapRef, digest: str, data: bytes) -> None:
+        FolderStorage(place.folder / "data").delete_all(f"maps/{ref.id}")
+        put(cache, ref, digest, data)
+
+    monkeypatch.setattr(WorkerCache, "put_index", put_too_late)
+    reply = place.registrar.register(place.job) if way == "register" else place.registrar.rebuild(MAP)
+    assert reply.failure is not None
+    assert reply.failure.kind == "MapNotFoundError"
+    assert place.redis.keys("index:*") == []
+
+
 def test_a_query_past_its_deadline_is_not_begun(place: Place) -> None:
     reply = place.worker.localize(query(seconds=-1))
     assert reply.failure is not None
