@@ -23,6 +23,7 @@ import redis
 import redis.asyncio
 from redis.asyncio.retry import Retry as AsyncRetry
 from redis.backoff import ExponentialBackoff
+from redis.exceptions import BusyLoadingError, OutOfMemoryError, ReadOnlyError
 from redis.retry import Retry
 
 from service.errors import CacheDownError
@@ -32,10 +33,8 @@ _TIMEOUT_S = 5.0
 _RETRIES = 3
 _RETRY_AFTER_S = 2
 # A server that loads its data, is full, or is only a replica for now is as good as away.
-_TEMPORARY: tuple[type[Exception], ...] = tuple(
-    getattr(redis.exceptions, name) for name in ("BusyLoadingError", "OutOfMemoryError", "ReadOnlyError")
-)
-_LOST: tuple[type[Exception], ...] = (redis.ConnectionError, redis.TimeoutError, *_TEMPORARY, OSError)
+_TEMPORARY = (BusyLoadingError, OutOfMemoryError, ReadOnlyError)
+_LOST = (redis.ConnectionError, redis.TimeoutError, *_TEMPORARY, OSError)
 
 
 class WorkerCache:
@@ -152,8 +151,7 @@ class Cache:
 
     async def close(self) -> None:
         """Close the connections."""
-        connections: Any = self._redis
-        await connections.aclose()
+        await self._redis.aclose()
 
     async def _delete_matching(self, pattern: str) -> None:
         async for key in self._redis.scan_iter(match=pattern, count=1000):
