@@ -10,6 +10,9 @@ from typing import Any, Protocol
 ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
 """The pictures that a query may ask for; keys of `LocalizeOutcome.artifacts`."""
 
+PAPER_TIMEOUT_S = 600.0
+"""Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
+
 
 @dataclass(frozen=True)
 class MapRef:

@@ -8,6 +8,7 @@ from pydantic import AliasChoices, Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.api_keys import ApiKeys
+from service.pool import PAPER_TIMEOUT_S
 
 
 class Settings(BaseSettings):
@@ -37,7 +38,12 @@ class Settings(BaseSettings):
     max_points_used: int = Field(500_000, ge=1, description="Points of a scan that remain after thinning.")
     max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
-    default_timeout_s: float = Field(60.0, gt=0, description="Seconds for a query that names no `timeout_s` itself.")
+    default_timeout_s: float = Field(
+        60.0,
+        gt=0,
+        description="Seconds for a query that names no `timeout_s` itself; `method: paper` gets at least "
+        f"{PAPER_TIMEOUT_S:g}, as far as the next setting allows.",
+    )
     max_timeout_s: float = Field(600.0, gt=0, description="Longest `timeout_s` that a query may ask for.")
     result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
     index_ttl_s: int = Field(
@@ -70,6 +76,12 @@ class Settings(BaseSettings):
     def keys(self) -> ApiKeys:
         """Return the API keys and what each may do."""
         return ApiKeys.parse(self.api_keys)
+
+    def timeout_s_of(self, method: str) -> float:
+        """Return the seconds for a query of this method that names none itself."""
+        if method == "paper":
+            return min(max(self.default_timeout_s, PAPER_TIMEOUT_S), self.max_timeout_s)
+        return self.default_timeout_s
 
     @property
     def storage_url(self) -> str:

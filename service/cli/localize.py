@@ -17,10 +17,9 @@ from service.cli.progress import show_waiting
 from service.cli.session import Session
 from service.client import JsonObject, PanolocClient
 from service.client_errors import ApiProblemError
+from service.pool import PAPER_TIMEOUT_S
 
 ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
-# One to three minutes a query on two cores, docs/experiments.md; no service allows more unless its operator says so.
-PAPER_TIMEOUT_S = 600.0
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]
 

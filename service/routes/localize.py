@@ -132,7 +132,7 @@ def _image(
 
 
 def _complete(options: LocalizeOptions, settings: Settings) -> Document:
-    timeout_s = options.timeout_s if options.timeout_s is not None else settings.default_timeout_s
+    timeout_s = options.timeout_s if options.timeout_s is not None else settings.timeout_s_of(options.method)
     if timeout_s > settings.max_timeout_s:
         message = (
             f"expected at most {settings.max_timeout_s:g} seconds, got {timeout_s:g}; ask for less, or let the operator "

@@ -54,7 +54,7 @@ class LocalizeOptions(Model):
         description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",
     )
     timeout_s: Annotated[float, Field(gt=0)] | None = Field(
-        None, description="Seconds for the answer, then 504; null: the service's setting."
+        None, description="Seconds for the answer, then 504; null: the service's setting, and more for `paper`."
     )
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from typing import Any
 
 import pytest
 import redis
@@ -69,6 +70,27 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
     assert job.options["hints"]["heading_deg"] == 90
     assert job.options["hints"]["radius_m"] is None
     assert 0 < job.deadline_unix_s - time.time() <= 7
+
+
+@pytest.mark.parametrize(
+    ("options", "settings", "timeout_s"),
+    [
+        ({}, {}, 60),
+        ({"method": "paper"}, {}, 600),
+        ({"method": "paper"}, {"max_timeout_s": 300}, 300),
+        ({"method": "paper"}, {"default_timeout_s": 900, "max_timeout_s": 1800}, 900),
+        ({"method": "paper", "timeout_s": 7}, {}, 7),
+    ],
+)
+async def test_the_papers_recipe_has_minutes_when_the_caller_names_no_time(
+    running: RunningService, options: dict[str, Any], settings: dict[str, float], timeout_s: float
+) -> None:
+    services = running.app.state.services
+    services.settings = services.settings.model_copy(update=settings)
+    await running.localize(await running.ready_map(), options=json.dumps(options))
+    (job,) = running.pool.jobs
+    assert job.options["timeout_s"] == timeout_s
+    assert 0 < job.deadline_unix_s - time.time() <= timeout_s
 
 
 async def test_panorama_and_mask_reach_the_worker_as_they_came(running: RunningService) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.localize import PAPER_TIMEOUT_S
+from service.pool import PAPER_TIMEOUT_S
 from service.settings import Settings
 from tests.service.cli.conftest import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
