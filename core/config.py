@@ -25,7 +25,7 @@ class SearchConfig:
     patch_columns: int = 16
     view_height: int = 64  # eight rows of pixels in a patch are enough for its histogram (measured)
     bins: int = 8  # per channel, joint
-    descriptor_size: int = 32  # of 512 bins; fewer than 32 lose poses, more gain none (docs/experiments.md)
+    descriptor_size: int = 32  # of 1,024 bins; more gain none (docs/experiments.md)
     num_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
     # A first pass with pairs of rows and columns of patches taken together discards most starts (docs/experiments.md).
     coarse_rotations: int = 576

@@ -15,7 +15,7 @@ from core.color_equalization import LabelCodes, equalize, label_codes
 from core.config import IndexConfig
 from core.map_index import IndexOptions, MapIndex
 from core.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
-from core.patch_histograms import soft_histograms
+from core.patch_histograms import described_histograms
 from core.point_cloud import PointCloud
 from core.projection import pixel_solid_angles, project
 from core.scan.voxel_thinning import thin_to_spacing
@@ -106,8 +106,9 @@ class _ViewCollector:
         weights = views.valid * solid
         flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)
         canonical = flat if self.labels is not None else equalize(flat, flat_weights)
-        patch = self.grid.patch_of_pixel(self.height, self.width, device).flatten()
-        histogram = soft_histograms(canonical, flat_weights, patch.expand(batch, -1), len(self.grid), self.bins)
+        histogram = described_histograms(
+            views.color, canonical, views.valid.float(), weights, self.grid, self.bins, self.labels is not None
+        )
         self.histograms.append(histogram.half())
         self.coverage.append(weights.sum((1, 2)) / solid.sum())
         pixel = self._pixels(self.height, device)

@@ -15,7 +15,7 @@ from core.config import SearchConfig
 from core.map_index import MapIndex
 from core.panorama_pyramid import PanoramaPyramid
 from core.patch_descriptors import ViewDescriptors, centered_roots, normalize_per_view, pooled, similarity_tensor
-from core.patch_histograms import soft_histograms
+from core.patch_histograms import described_histograms
 from core.pose_limits import PoseLimits
 from core.pose_scores import Candidates, score_poses, select_candidates
 from core.rotations import uniform_rotations
@@ -59,7 +59,7 @@ def make_search_rotations(config: SearchConfig, device: torch.device) -> SearchR
 
 @dataclass(frozen=True)
 class DescribedPanorama:
-    """Centred root histograms (P, bins³) of a panorama's patches and the patches' weights (P,)."""
+    """Centred root histograms (P, M) of a panorama's patches and the patches' weights (P,); M as in `described_histograms`."""
 
     roots: Tensor
     weights: Tensor
@@ -69,10 +69,12 @@ def describe_panorama(pyramid: PanoramaPyramid, labels: LabelCodes | None, confi
     """Describe the patches of a panorama, the same for all maps that share its colours."""
     level = pyramid.level(config.view_height)
     grid = PatchGrid(config.patch_rows, config.patch_columns)
-    colors = level.canonical(labels).flatten(1).T[None]
-    patch = grid.patch_of_pixel(level.height, 2 * level.height, colors.device).flatten()[None]
-    histogram = soft_histograms(colors, level.weights().flatten()[None], patch, len(grid), config.bins)
-    roots, weights = centered_roots(histogram, grid.solid_angles(colors.device))
+    color, valid = level.color.permute(1, 2, 0)[None], level.valid[None]
+    canonical = level.canonical(labels).flatten(1).T[None]
+    histogram = described_histograms(
+        color, canonical, valid, level.weights()[None], grid, config.bins, labels is not None
+    )
+    roots, weights = centered_roots(histogram, grid.solid_angles(color.device))
     return DescribedPanorama(roots[0], weights[0])
 
 
