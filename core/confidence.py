@@ -22,14 +22,28 @@ _MAX_MARGIN, _UNKNOWN_MARGIN = 0.5, 0.2
 
 
 @dataclass(frozen=True)
+class RadiusModel:
+    """How large errors are: `exp(log_factor) formal^formal_power spacing^spacing_power`, by formal radius and the scan's spacing (m)."""
+
+    log_factor: float
+    formal_power: float
+    spacing_power: float
+
+    def radius(self, formal: float, spacing_m: float) -> float:
+        """Return the 68 % radius, in the unit of the formal one."""
+        powers = self.formal_power * math.log(max(formal, 1e-9)) + self.spacing_power * math.log(max(spacing_m, 1e-4))
+        return math.exp(self.log_factor + powers)
+
+
+@dataclass(frozen=True)
 class ConfidenceModel:
-    """Logistic coefficients by feature, the threshold for `localized`, and the factor from formal to observed error radius."""
+    """Logistic coefficients by feature, the threshold for `localized`, and the error radii of position (m) and orientation (degrees)."""
 
     intercept: float
     coefficients: Mapping[str, float]
     threshold: float
-    position_factor: float
-    orientation_factor: float
+    position_radius: RadiusModel
+    orientation_radius: RadiusModel
 
     def probability(self, features: Mapping[str, float]) -> float:
         """Return the probability, 0..1, for the features named in `FEATURES`."""
@@ -41,7 +55,11 @@ def load_confidence_model() -> ConfidenceModel:
     """Read the fitted coefficients that ship with the package."""
     data = json.loads(resources.files("core").joinpath("data/confidence.json").read_text())
     return ConfidenceModel(
-        data["intercept"], data["coefficients"], data["threshold"], data["position_factor"], data["orientation_factor"]
+        data["intercept"],
+        data["coefficients"],
+        data["threshold"],
+        RadiusModel(**data["position_radius"]),
+        RadiusModel(**data["orientation_radius"]),
     )
 
 
@@ -59,17 +77,27 @@ def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, floa
     }
 
 
-def error_radii(hypothesis: Hypothesis, model: ConfidenceModel) -> tuple[float | None, float | None]:
-    """Return 68 % radii of position (metres) and orientation (degrees) from the curvature of the loss.
+def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
+    """Return the radii of position (metres) and orientation (degrees) that the curvature of the loss alone would give; None without it.
 
-    The formal covariance treats residuals as independent; neighbouring pixels are not, so the factors of the model, fitted
-    on poses with known truth, bring it to what is observed. None where a method gives no curvature.
+    They treat residuals as independent, which those of neighbouring pixels are not, and know nothing of how the scan was sampled.
     """
     if hypothesis.hessian is None:
-        return None, None
+        return None
     hessian = hypothesis.hessian.double().cpu()
     covariance = torch.linalg.pinv(hessian + 1e-9 * torch.eye(6, dtype=torch.float64)) * hypothesis.residual_scale**2
     diagonal = torch.diagonal(covariance).clamp_min(0)
-    position = math.sqrt(float(diagonal[3:].sum())) * model.position_factor
-    orientation = math.degrees(math.sqrt(float(diagonal[:3].sum()))) * model.orientation_factor
-    return position, min(orientation, 180.0)
+    return math.sqrt(float(diagonal[3:].sum())), math.degrees(math.sqrt(float(diagonal[:3].sum())))
+
+
+def error_radii(
+    formal: tuple[float, float] | None, spacing_m: float, model: ConfidenceModel
+) -> tuple[float | None, float | None]:
+    """Return 68 % radii of position (metres) and orientation (degrees) from the formal ones and the spacing of the scan's points.
+
+    How both go together was fitted on poses with known truth. None where a method gives no curvature.
+    """
+    if formal is None:
+        return None, None
+    position = model.position_radius.radius(formal[0], spacing_m)
+    return position, min(model.orientation_radius.radius(formal[1], spacing_m), 180.0)

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 
 from core.change_maps import ChangeMaps, change_maps
-from core.confidence import ConfidenceModel, error_radii, features_of, load_confidence_model
+from core.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast_method import FastMethod
@@ -90,7 +90,9 @@ class Localizer:
             places = distinct_places(result.hypotheses)
             candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
             status = self._status(places, candidates)
-            position_m, orientation_deg = error_radii(places[0], self._confidence)
+            formal = formal_radii(places[0])
+            spacing_m = maps[places[0].map_number].spacing
+            position_m, orientation_deg = error_radii(formal, spacing_m, self._confidence)
         changes: ChangeMaps | None = None
         if result.comparison is not None and result.cloud is not None:
             with clock.stage("change"):
@@ -102,6 +104,7 @@ class Localizer:
             "score": places[0].score,
             "runner_up_score": max((h.score for h in places[1:]), default=None),
             "measures": places[0].measures,
+            "formal_radii": None if formal is None else list(formal),
         }
         shown = len(candidates) if status == "ambiguous" else top_k
         return Localization(

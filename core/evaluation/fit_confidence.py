@@ -1,14 +1,14 @@
 """Fits the confidence on rows with known truth, and says how it holds on groups of rows that it was not fitted on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from core.confidence import FEATURES, features_of
+from core.confidence import FEATURES, RadiusModel, features_of
 from core.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
 from core.evaluation.rows import RIGHT, WRONG, Row, RowsError
 from core.hypotheses import Hypothesis
@@ -16,6 +16,9 @@ from core.hypotheses import Hypothesis
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _RADIUS_LEVEL = 0.68
+_LEAST_ERROR = 1e-5  # metres or degrees: nobody knows a pose better
+_TELLING_SPREAD = 0.1  # of a logarithm, below which rows cannot tell a power
+_USUAL_SPACING_M = 0.025  # of rows that do not say
 
 
 @dataclass(frozen=True)
@@ -73,13 +76,13 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
     threshold = _threshold(predicted, usable, max_wrong)
     held_out = _held_out(usable, right, predicted, radii, threshold, names)
     intercept, coefficients = fit_growing_logistic(features, right, regularization)
-    position, orientation = radius_factors(usable)
+    position, orientation = radius_models(usable)
     document = {
         "intercept": intercept,
         "coefficients": dict(zip(FEATURES, coefficients.tolist(), strict=True)),
         "threshold": threshold,
-        "position_factor": position,
-        "orientation_factor": orientation,
+        "position_radius": asdict(position),
+        "orientation_radius": asdict(orientation),
         "fitted_on": {"groups": sorted({row.group for row in usable}), "rows": len(usable), "right": int(right.sum())},
     }
     return ConfidenceFit(document, held_out)
@@ -133,16 +136,39 @@ def fit_logistic(features: Floats, right: Flags, regularization: float, iteratio
     return float(weights[0] - coefficients @ mean), coefficients
 
 
-def radius_factors(rows: Sequence[Row]) -> tuple[float, float]:
-    """Return by what the formal radii of position and orientation must grow to hold 68 % of the right poses; 1 without any."""
-    factors = []
-    for errors, formal in (
-        ("position_error_m", "formal_position_m"),
-        ("orientation_error_deg", "formal_orientation_deg"),
-    ):
-        ratios = [getattr(r, errors) / getattr(r, formal) for r in rows if r.within(RIGHT) and getattr(r, formal)]
-        factors.append(float(np.quantile(ratios, _RADIUS_LEVEL)) if ratios else 1.0)
-    return factors[0], factors[1]
+def radius_models(rows: Sequence[Row]) -> tuple[RadiusModel, RadiusModel]:
+    """Return the radii of position and orientation that hold 68 % of the right poses; the formal radii themselves without any."""
+    return _radius_model(rows, "position_error_m", "formal_position_m"), _radius_model(
+        rows, "orientation_error_deg", "formal_orientation_deg"
+    )
+
+
+def _radius_model(rows: Sequence[Row], error: str, formal: str) -> RadiusModel:
+    """Fit powers of the formal radius and the spacing to the logarithm of errors, then shift them to hold 68 %.
+
+    A power that would be negative, or that rows of one spacing alone cannot tell, is left out.
+    """
+    right = [row for row in rows if row.within(RIGHT) and getattr(row, formal)]
+    if not right:
+        return RadiusModel(0.0, 1.0, 0.0)
+    errors = np.log(np.maximum([getattr(row, error) for row in right], _LEAST_ERROR))
+    signs = np.log([[getattr(row, formal), max(_spacing_of(row), 1e-4)] for row in right])
+    kept = [column for column in range(2) if signs[:, column].std() > _TELLING_SPREAD]
+    powers = np.zeros(2)
+    while kept:
+        centered = signs[:, kept] - signs[:, kept].mean(0)
+        # A penalty of one row keeps few rows from asking for wild powers.
+        solved = np.linalg.solve(centered.T @ centered + np.eye(len(kept)), centered.T @ (errors - errors.mean()))
+        if solved.min() >= 0:
+            powers[kept] = solved
+            break
+        kept.remove(kept[int(solved.argmin())])
+    shift = float(np.quantile(errors - signs @ powers, _RADIUS_LEVEL))
+    return RadiusModel(shift, float(powers[0]), float(powers[1]))
+
+
+def _spacing_of(row: Row) -> float:
+    return float(row.facts.get("spacing_m") or _USUAL_SPACING_M)
 
 
 def _fold_names(rows: Sequence[Row]) -> list[str]:
@@ -158,15 +184,20 @@ def _fold_names(rows: Sequence[Row]) -> list[str]:
 def _predict_held_out(
     rows: Sequence[Row], features: Floats, right: Flags, names: Sequence[str], regularization: float
 ) -> tuple[Floats, Floats]:
-    """Return probabilities (N,) and radius factors (N, 2), each from a fit to the other groups."""
-    predicted, radii = np.full(len(rows), right.mean()), np.ones((len(rows), 2))
+    """Return probabilities (N,) and radii (N, 2), metres and degrees, each from a fit to the other groups."""
+    predicted, radii = np.full(len(rows), right.mean()), np.full((len(rows), 2), np.nan)
     for name in sorted(set(names)):
         out = np.array([one == name for one in names])
         rest = ~out
         if right[rest].any() and not right[rest].all():
             intercept, coefficients = fit_growing_logistic(features[rest], right[rest], regularization)
             predicted[out] = _sigmoid(intercept + features[out] @ coefficients)
-        radii[out] = radius_factors([row for row, kept in zip(rows, rest, strict=True) if kept])
+        models = radius_models([row for row, kept in zip(rows, rest, strict=True) if kept])
+        for number in out.nonzero()[0].tolist():
+            row = rows[number]
+            for axis, formal in enumerate((row.formal_position_m, row.formal_orientation_deg)):
+                if formal is not None:
+                    radii[number, axis] = models[axis].radius(formal, _spacing_of(row))
     return predicted, radii
 
 
@@ -184,15 +215,10 @@ def _held_out(
     called = predicted >= threshold
     far_off = np.array([not row.within(WRONG) for row in rows])
     holds: list[list[bool]] = [[], []]
-    for row, good, factors in zip(rows, right, radii, strict=True):
-        for axis, (error, formal) in enumerate(
-            (
-                (row.position_error_m, row.formal_position_m),
-                (row.orientation_error_deg, row.formal_orientation_deg),
-            )
-        ):
-            if good and error is not None and formal is not None:
-                holds[axis].append(error <= formal * factors[axis])
+    for row, good, limits in zip(rows, right, radii, strict=True):
+        for axis, error in enumerate((row.position_error_m, row.orientation_error_deg)):
+            if good and error is not None and np.isfinite(limits[axis]):
+                holds[axis].append(error <= limits[axis])
     return HeldOut(
         groups=tuple(sorted(set(names))),
         num_rows=len(rows),

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import torch
 
-from core.confidence import ConfidenceModel, load_confidence_model
 from core.errors import CoreError
 from core.evaluation.change_metrics import change_metrics
 from core.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
@@ -79,7 +78,6 @@ class Evaluation:
         self._calls = list(_calls(scans, methods, options.num_strangers))
         self._localizers: dict[str, Localizer] = {}
         self._ready: dict[int, _Ready] = {}
-        self._confidence = load_confidence_model()
 
     @property
     def num_calls(self) -> int:
@@ -133,7 +131,7 @@ class Evaluation:
         if facts["change_maps"] and query.changed_pixels is not None:
             paper = searched.paper_maps_of(call.query)
             change = change_metrics(query, searched.scan.cloud, searched.index, answer, paper)
-        return _row_of(known, seconds, answer, query, change, facts, self._confidence)
+        return _row_of(known, seconds, answer, query, change, facts)
 
     def _localizer(self, method: ComparedMethod) -> Localizer:
         if method.digest not in self._localizers:
@@ -170,10 +168,8 @@ def _row_of(
     query: KnownQuery,
     change: dict[str, float],
     facts: dict[str, object],
-    model: ConfidenceModel,
 ) -> Row:
-    position = answer.accuracy_position_m
-    orientation = answer.accuracy_orientation_deg
+    formal = answer.search.get("formal_radii")
     error = None if answer.best is None or known[-1] else query.error_of(answer.best.pose)
     return Row(
         *known,
@@ -182,10 +178,10 @@ def _row_of(
         confidence=None if answer.best is None else answer.best.confidence,
         position_error_m=None if error is None else error.position_m,
         orientation_error_deg=None if error is None else error.orientation_deg,
-        accuracy_position_m=position,
-        accuracy_orientation_deg=orientation,
-        formal_position_m=None if position is None else position / model.position_factor,
-        formal_orientation_deg=None if orientation is None else orientation / model.orientation_factor,
+        accuracy_position_m=answer.accuracy_position_m,
+        accuracy_orientation_deg=answer.accuracy_orientation_deg,
+        formal_position_m=None if formal is None else formal[0],
+        formal_orientation_deg=None if formal is None else formal[1],
         panorama_changed_fraction=answer.panorama_changed_fraction,
         map_changed_fraction=answer.map_changed_fraction,
         timings_s={name: round(value, 5) for name, value in answer.timings_s.items()},

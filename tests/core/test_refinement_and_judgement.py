@@ -8,7 +8,14 @@ import torch
 
 from core.candidate_points import Comparison, compare
 from core.color_equalization import label_codes
-from core.confidence import FEATURES, error_radii, load_confidence_model
+from core.confidence import (
+    FEATURES,
+    ConfidenceModel,
+    RadiusModel,
+    error_radii,
+    formal_radii,
+    load_confidence_model,
+)
 from core.gauss_newton import CandidatePoints, RefinementSteps, fit_gain_offset, prepare_level, refine
 from core.hypotheses import Hypothesis, best_distinct
 from core.judge import agreement
@@ -203,18 +210,26 @@ def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -
 
 
 def test_a_sharper_loss_means_a_smaller_error_radius() -> None:
-    model = load_confidence_model()
+    model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0), RadiusModel(0.0, 1.0, 0.0))
     base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 100, residual_scale=0.1)
     sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 400, residual_scale=0.1)
-    wide, narrow = error_radii(base, model), error_radii(sharp, model)
+    wide, narrow = (error_radii(formal_radii(one), 0.02, model) for one in (base, sharp))
     assert wide[0] is not None
     assert narrow[0] is not None
     assert narrow[0] == pytest.approx(wide[0] / 2, rel=1e-3)
 
 
+def test_a_sparser_scan_never_means_a_smaller_error_radius() -> None:
+    model = load_confidence_model()
+    dense, sparse = (error_radii((0.01, 0.1), spacing, model) for spacing in (0.02, 0.1))
+    assert dense[0] is not None
+    assert sparse[0] is not None
+    assert sparse[0] >= dense[0]
+
+
 def test_without_a_curvature_there_is_no_error_radius() -> None:
     hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0)
-    assert error_radii(hypothesis, load_confidence_model()) == (None, None)
+    assert error_radii(formal_radii(hypothesis), 0.02, load_confidence_model()) == (None, None)
 
 
 def test_hypotheses_that_converged_to_one_pose_count_once() -> None:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from core.confidence import FEATURES, ConfidenceModel
+from core.confidence import FEATURES, ConfidenceModel, RadiusModel
 from core.evaluation import Row, RowsError, fit_confidence
-from core.evaluation.fit_confidence import features_of_row, fit_growing_logistic, fit_logistic, radius_factors
+from core.evaluation.fit_confidence import features_of_row, fit_growing_logistic, fit_logistic, radius_models
 from tests.core.evaluation.made_rows import made_row, measures
 
 
@@ -72,12 +72,8 @@ def test_the_document_is_what_the_confidence_model_reads() -> None:
     fitted = fit_confidence(_rows("rooms", 120, 0) + _rows("flats", 120, 1))
     document = fitted.document
     assert set(document["coefficients"]) == set(FEATURES)
-    model = ConfidenceModel(
-        *(
-            document[name]
-            for name in ("intercept", "coefficients", "threshold", "position_factor", "orientation_factor")
-        )
-    )
+    radii = (RadiusModel(**document[name]) for name in ("position_radius", "orientation_radius"))
+    model = ConfidenceModel(*(document[name] for name in ("intercept", "coefficients", "threshold")), *radii)
 
     def probability(value: float) -> float:
         row = made_row(search={"measures": measures(value), "score": value, "runner_up_score": 0.1})
@@ -113,19 +109,44 @@ def test_a_group_whose_measures_mislead_is_not_saved_by_having_been_fitted() -> 
     assert held_out.area_under_roc < 0.8
 
 
-def test_the_radius_factor_makes_68_percent_of_the_errors_fit() -> None:
+def test_the_radius_makes_68_percent_of_the_errors_fit() -> None:
     rows = [
         made_row(n, position_m=0.01 * (n + 1), formal_position_m=0.02, formal_orientation_deg=0.1) for n in range(25)
     ]
-    factor, _ = radius_factors(rows)
-    held = np.mean([row.position_error_m <= 0.02 * factor for row in rows])  # type: ignore[operator]
+    model, _ = radius_models(rows)
+    held = np.mean([row.position_error_m <= model.radius(0.02, 0.025) for row in rows])  # type: ignore[operator]
     assert held == pytest.approx(0.68, abs=0.04)
 
 
-def test_the_radius_factor_ignores_wrong_poses() -> None:
+def test_the_radius_follows_what_errors_follow() -> None:
+    rng = np.random.default_rng(0)
+    rows = []
+    for number in range(200):
+        formal, spacing = (float(value) for value in np.exp(rng.uniform((-7, -5), (-5, -3))))
+        error = 3 * formal**0.5 * spacing * float(np.exp(rng.normal(0, 0.2)))
+        facts = {"spacing_m": spacing}
+        rows.append(
+            made_row(number, position_m=error, formal_position_m=formal, formal_orientation_deg=0.1, facts=facts)
+        )
+    model, orientation = radius_models(rows)
+    assert model.formal_power == pytest.approx(0.5, abs=0.1)
+    assert model.spacing_power == pytest.approx(1.0, abs=0.1)
+    assert orientation.formal_power == 0  # one formal radius says nothing of how errors follow it
+
+
+def test_the_radius_never_falls_with_what_makes_poses_uncertain() -> None:
+    rows = [
+        made_row(n, position_m=0.1 / (n + 1), formal_position_m=0.01 * (n + 1), formal_orientation_deg=0.1)
+        for n in range(20)
+    ]
+    model, _ = radius_models(rows)
+    assert model.formal_power == 0
+
+
+def test_the_radius_ignores_wrong_poses() -> None:
     rows = [made_row(n, position_m=0.02, formal_position_m=0.01, formal_orientation_deg=0.1) for n in range(5)]
     rows += [made_row(9, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
-    assert radius_factors(rows)[0] == pytest.approx(2.0)
+    assert radius_models(rows)[0].radius(0.01, 0.025) == pytest.approx(0.02)
 
 
 def test_rows_without_measures_cannot_be_fitted() -> None:

@@ -47,7 +47,9 @@ def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tu
         assert row.within((0.1, 5.0)), row
         features = dict(zip(model.coefficients, features_of_row(row), strict=True))
         assert row.confidence == pytest.approx(model.probability(features), abs=1e-6)
-        assert row.accuracy_position_m == pytest.approx(row.formal_position_m * model.position_factor)  # type: ignore[operator]
+        assert row.formal_position_m is not None
+        radius = model.position_radius.radius(row.formal_position_m, row.facts["spacing_m"])
+        assert row.accuracy_position_m == pytest.approx(radius)
 
 
 def test_rows_of_strangers_have_no_error(finished: tuple[Path, list[Row]]) -> None:
