@@ -8,7 +8,7 @@ from torch import Tensor
 
 from core.config import SearchConfig
 from core.intersection import bin_major, intersection_tensor
-from core.patch_descriptors import centered_roots, normalize_per_view, principal_basis, similarity_tensor
+from core.patch_descriptors import centered_roots, normalize_per_view, pooled, principal_basis, similarity_tensor
 from core.pose_scores import score_poses, select_candidates
 from core.rotations import uniform_rotations
 from core.score_maps import score_map_2d, view_patch_scores
@@ -56,7 +56,7 @@ def random_histograms(rng: np.random.Generator, views: int) -> Tensor:
 
 
 class FastSearch:
-    """What `core.search` computes for one map."""
+    """What `core.search` computes for one map, its first pass included."""
 
     def __init__(self, rng: np.random.Generator, starts: int, rotations: Tensor, device: torch.device) -> None:
         solid = GRID.solid_angles()
@@ -70,17 +70,30 @@ class FastSearch:
         self.rotations = rotations.to(device)
         self.table = rotation_table(GRID, rotations).to(device)
         self.positions = torch.rand((starts, 3), generator=torch.Generator().manual_seed(0)).to(device) * _ROOM_M
+        self.coarse_views = pooled(self.views, self.view_weights)
+        turns = uniform_rotations(CONFIG.coarse_rotations).to(device)
+        self.coarse_table = rotation_table(PatchGrid(CONFIG.patch_rows // 2, CONFIG.patch_columns // 2), turns)
+        self.kept = torch.arange(starts, device=device)
 
     def tensor(self) -> Tensor:
-        """Return normalized products of descriptors."""
-        products = similarity_tensor(self.query @ self.basis, self.views)
-        return normalize_per_view(products, self.weights, self.view_weights)
+        """Discard starts in the first pass, and return normalized products of the descriptors of the others."""
+        query = self.query @ self.basis
+        count = max(CONFIG.coarse_kept_starts, round(CONFIG.coarse_kept_share * len(self.views)))
+        views, weights = self.views, self.view_weights
+        if count < len(views):
+            coarse_query, coarse_weights = pooled(query[None], self.weights[None])
+            products = similarity_tensor(coarse_query[0], self.coarse_views[0])
+            alike = normalize_per_view(products, coarse_weights[0], self.coarse_views[1])
+            self.kept = score_poses(alike, self.coarse_table, coarse_weights[0]).amax(1).topk(count).indices
+            views, weights = views[self.kept], weights[self.kept]
+        return normalize_per_view(similarity_tensor(query, views), self.weights, weights)
 
     def scores(self, tensor: Tensor) -> Tensor:
         """Score all poses and select distinct candidates."""
         scores = score_poses(tensor, self.table, self.weights)
         limits = CONFIG.distinct_angle_deg, CONFIG.distinct_distance_m
-        return select_candidates(scores, self.positions, self.rotations, CONFIG.num_candidates, *limits).scores
+        positions = self.positions[self.kept]
+        return select_candidates(scores, positions, self.rotations, CONFIG.num_candidates, *limits).scores
 
 
 class PaperSearch:
