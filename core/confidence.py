@@ -23,16 +23,16 @@ _MAX_MARGIN, _UNKNOWN_MARGIN = 0.5, 0.2
 
 @dataclass(frozen=True)
 class RadiusModel:
-    """How large errors are: `exp(log_factor) formal^formal_power spacing^spacing_power`, by formal radius and the scan's spacing (m)."""
+    """How large errors are: `exp(log_factor − agreement_rate a) formal^formal_power`, with a the correlation inside patches."""
 
     log_factor: float
     formal_power: float
-    spacing_power: float
+    agreement_rate: float
 
-    def radius(self, formal: float, spacing_m: float) -> float:
+    def radius(self, formal: float, agreement: float) -> float:
         """Return the 68 % radius, in the unit of the formal one."""
-        powers = self.formal_power * math.log(max(formal, 1e-9)) + self.spacing_power * math.log(max(spacing_m, 1e-4))
-        return math.exp(self.log_factor + powers)
+        power = self.formal_power * math.log(max(formal, 1e-9))
+        return math.exp(self.log_factor + power - self.agreement_rate * agreement)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, floa
 def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
     """Return the radii of position (metres) and orientation (degrees) that the curvature of the loss alone would give; None without it.
 
-    They treat residuals as independent, which those of neighbouring pixels are not, and know nothing of how the scan was sampled.
+    They treat residuals as independent, which those of neighbouring pixels are not, nor those of what changed or stands in another light.
     """
     if hypothesis.hessian is None:
         return None
@@ -91,13 +91,14 @@ def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
 
 
 def error_radii(
-    formal: tuple[float, float] | None, spacing_m: float, model: ConfidenceModel
+    formal: tuple[float, float] | None, measures: Mapping[str, float], model: ConfidenceModel
 ) -> tuple[float | None, float | None]:
-    """Return 68 % radii of position (metres) and orientation (degrees) from the formal ones and the spacing of the scan's points.
+    """Return 68 % radii of position (metres) and orientation (degrees) from the formal ones and the judge's measures.
 
     How both go together was fitted on poses with known truth. None where a method gives no curvature.
     """
     if formal is None:
         return None, None
-    position = model.position_radius.radius(formal[0], spacing_m)
-    return position, min(model.orientation_radius.radius(formal[1], spacing_m), 180.0)
+    agreement = measures["patch_correlation"]
+    position = model.position_radius.radius(formal[0], agreement)
+    return position, min(model.orientation_radius.radius(formal[1], agreement), 180.0)

@@ -91,8 +91,7 @@ class Localizer:
             candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
             status = self._status(places, candidates)
             formal = formal_radii(places[0])
-            spacing_m = maps[places[0].map_number].spacing
-            position_m, orientation_deg = error_radii(formal, spacing_m, self._confidence)
+            position_m, orientation_deg = error_radii(formal, places[0].measures, self._confidence)
         changes: ChangeMaps | None = None
         if result.comparison is not None and result.cloud is not None:
             with clock.stage("change"):

@@ -213,23 +213,23 @@ def test_a_sharper_loss_means_a_smaller_error_radius() -> None:
     model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0), RadiusModel(0.0, 1.0, 0.0))
     base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 100, residual_scale=0.1)
     sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 400, residual_scale=0.1)
-    wide, narrow = (error_radii(formal_radii(one), 0.02, model) for one in (base, sharp))
+    wide, narrow = (error_radii(formal_radii(one), {"patch_correlation": 0.5}, model) for one in (base, sharp))
     assert wide[0] is not None
     assert narrow[0] is not None
     assert narrow[0] == pytest.approx(wide[0] / 2, rel=1e-3)
 
 
-def test_a_sparser_scan_never_means_a_smaller_error_radius() -> None:
+def test_less_agreement_never_means_a_smaller_error_radius() -> None:
     model = load_confidence_model()
-    dense, sparse = (error_radii((0.01, 0.1), spacing, model) for spacing in (0.02, 0.1))
-    assert dense[0] is not None
-    assert sparse[0] is not None
-    assert sparse[0] >= dense[0]
+    alike, unlike = (error_radii((0.01, 0.1), {"patch_correlation": value}, model) for value in (0.9, 0.3))
+    assert alike[0] is not None
+    assert unlike[0] is not None
+    assert unlike[0] >= alike[0]
 
 
 def test_without_a_curvature_there_is_no_error_radius() -> None:
     hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0)
-    assert error_radii(formal_radii(hypothesis), 0.02, load_confidence_model()) == (None, None)
+    assert error_radii(formal_radii(hypothesis), {}, load_confidence_model()) == (None, None)
 
 
 def test_hypotheses_that_converged_to_one_pose_count_once() -> None:

@@ -1,5 +1,7 @@
 """The fit finds the coefficients that made the data, and its held-out figures are of rows that it did not see."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -114,7 +116,7 @@ def test_the_radius_makes_68_percent_of_the_errors_fit() -> None:
         made_row(n, position_m=0.01 * (n + 1), formal_position_m=0.02, formal_orientation_deg=0.1) for n in range(25)
     ]
     model, _ = radius_models(rows)
-    held = np.mean([row.position_error_m <= model.radius(0.02, 0.025) for row in rows])  # type: ignore[operator]
+    held = np.mean([row.position_error_m <= model.radius(0.02, 0.0) for row in rows])  # type: ignore[operator]
     assert held == pytest.approx(0.68, abs=0.04)
 
 
@@ -122,19 +124,19 @@ def test_the_radius_follows_what_errors_follow() -> None:
     rng = np.random.default_rng(0)
     rows = []
     for number in range(200):
-        formal, spacing = (float(value) for value in np.exp(rng.uniform((-7, -5), (-5, -3))))
-        error = 3 * formal**0.5 * spacing * float(np.exp(rng.normal(0, 0.2)))
-        facts = {"spacing_m": spacing}
+        formal, agreement = math.exp(rng.uniform(-7, -5)), float(rng.uniform(0.3, 0.9))
+        error = formal**0.5 * math.exp(-2 * agreement + rng.normal(0, 0.1)) / 3
+        search = {"measures": measures(agreement)}
         rows.append(
-            made_row(number, position_m=error, formal_position_m=formal, formal_orientation_deg=0.1, facts=facts)
+            made_row(number, position_m=error, formal_position_m=formal, formal_orientation_deg=0.1, search=search)
         )
     model, orientation = radius_models(rows)
     assert model.formal_power == pytest.approx(0.5, abs=0.1)
-    assert model.spacing_power == pytest.approx(1.0, abs=0.1)
+    assert model.agreement_rate == pytest.approx(2.0, abs=0.3)
     assert orientation.formal_power == 0  # one formal radius says nothing of how errors follow it
 
 
-def test_the_radius_never_falls_with_what_makes_poses_uncertain() -> None:
+def test_the_radius_never_falls_with_the_formal_one() -> None:
     rows = [
         made_row(n, position_m=0.1 / (n + 1), formal_position_m=0.01 * (n + 1), formal_orientation_deg=0.1)
         for n in range(20)
@@ -146,7 +148,7 @@ def test_the_radius_never_falls_with_what_makes_poses_uncertain() -> None:
 def test_the_radius_ignores_wrong_poses() -> None:
     rows = [made_row(n, position_m=0.02, formal_position_m=0.01, formal_orientation_deg=0.1) for n in range(5)]
     rows += [made_row(9, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
-    assert radius_models(rows)[0].radius(0.01, 0.025) == pytest.approx(0.02)
+    assert radius_models(rows)[0].radius(0.01, 0.0) == pytest.approx(0.02)
 
 
 def test_rows_without_measures_cannot_be_fitted() -> None:

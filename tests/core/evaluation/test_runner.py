@@ -48,7 +48,7 @@ def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tu
         features = dict(zip(model.coefficients, features_of_row(row), strict=True))
         assert row.confidence == pytest.approx(model.probability(features), abs=1e-6)
         assert row.formal_position_m is not None
-        radius = model.position_radius.radius(row.formal_position_m, row.facts["spacing_m"])
+        radius = model.position_radius.radius(row.formal_position_m, row.search["measures"]["patch_correlation"])
         assert row.accuracy_position_m == pytest.approx(radius)
 
 
