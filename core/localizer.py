@@ -1,6 +1,7 @@
 """Localize a panorama in one or several maps: the public entrance to the methods `fast` and `paper`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -19,6 +20,9 @@ from core.results import Candidate, Hints, Localization, Method, Status
 from core.search import make_search_rotations
 from core.stage_clock import StageClock
 
+_HINTS_MAY_BE_WRONG = (
+    "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"
+)
 _AMBIGUOUS_MARGIN = 0.08  # of the judge's score, between two places that both fit well
 
 
@@ -64,7 +68,10 @@ class Localizer:
             else:
                 raise OptionsError(f"method: expected fast or paper, got {method!r}")
         with torch.inference_mode():
-            return self._answer(result, maps, method, top_k, clock)
+            answer = self._answer(result, maps, method, top_k, clock)
+        if answer.status == "not_localized" and hints is not None and not answer.warnings:
+            return replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
+        return answer
 
     def _answer(
         self, result: MethodResult, maps: Sequence[MapIndex], method: Method, top_k: int, clock: StageClock

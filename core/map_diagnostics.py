@@ -14,10 +14,25 @@ _FEW_POINTS = 1000
 _LEAST_SEEN = 0.1
 
 
-def map_diagnostics(index: MapIndex, options: IndexOptions) -> tuple[Diagnostic, ...]:
-    """Return what is doubtful about `index`, which was built with `options`; empty for a map that is fit for use."""
-    found = (_few_points(index), _starts_see_little(index), _region_outside_scan(index, options))
+def map_diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) -> tuple[Diagnostic, ...]:
+    """Return what the operator should know about `index`, which was built with `options` from that many points."""
+    found = (
+        _merged_points(index, num_points_given),
+        _few_points(index),
+        _starts_see_little(index),
+        _region_outside_scan(index, options),
+    )
     return tuple(each for each in found if each is not None)
+
+
+def _merged_points(index: MapIndex, num_points_given: int) -> Diagnostic | None:
+    if index.num_points >= num_points_given:
+        return None
+    message = (
+        f"{num_points_given:,} points became {index.num_points:,}: those closer together than about "
+        f"{100 * index.spacing:.1f} cm were merged, because a denser scan makes no pose more exact."
+    )
+    return Diagnostic("merged_points", "info", message)
 
 
 def _few_points(index: MapIndex) -> Diagnostic | None:

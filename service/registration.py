@@ -56,7 +56,7 @@ class Registrar:
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
         self._store_patiently(job, encoded)
-        diagnostics = (*cloud.diagnostics, *map_diagnostics(index, index_options_of(job.options)))
+        diagnostics = (*cloud.diagnostics, *map_diagnostics(index, index_options_of(job.options), len(cloud)))
         return RegisterOutcome(
             stats=stats_of(cloud, index, len(encoded), progress.finish()),
             diagnostics=[dataclasses.asdict(found) for found in diagnostics],

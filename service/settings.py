@@ -55,7 +55,7 @@ class Settings(BaseSettings):
         "",
         repr=False,
         description="Keys that callers have to present: `key` for everything, `key:read` for all but changing maps; "
-        "separated by commas. Empty: no key is asked for.",
+        "separated by commas, each of at least 8 characters. Empty: no key is asked for.",
     )
     keep_images: bool = Field(False, description="Keep uploaded panoramas in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")

@@ -80,7 +80,8 @@ def localize(
     """Find where panoramas were taken in a map. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
     if bool(map_id) == bool(tag):
         raise typer.BadParameter(
-            "expected --map ID (repeatable) or --tag TAG; `panoloc maps` lists both.", param_hint="--map"
+            "expected either --map ID (repeatable) or --tag TAG, not both; `panoloc maps` lists them.",
+            param_hint="--map",
         )
     hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
     options: JsonObject = {"frame": frame.value, "method": method.value, "top_k": top_k}

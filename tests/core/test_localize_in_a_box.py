@@ -276,6 +276,8 @@ def test_a_wrong_hint_is_not_localized_and_not_exceeded(
 ) -> None:
     hints = HINTS_THAT_DO_NOT_HOLD[name]
     found = localizer.localize(box_panorama, [box_index], hints=hints, top_k=4)
+    assert found.warnings
+    assert "hints" in found.warnings[0]
     assert found.status == "not_localized"
     for candidate in (found.best, *found.alternatives):
         if candidate is not None:

@@ -13,7 +13,7 @@ GRID = IndexOptions(starts_method="grid", spacing_m=1.0)
 
 
 def found(cloud: PointCloud, options: IndexOptions = GRID) -> dict[str, Diagnostic]:
-    return {each.code: each for each in map_diagnostics(build_map_index(cloud, options), options)}
+    return {each.code: each for each in map_diagnostics(build_map_index(cloud, options), options, len(cloud))}
 
 
 def moved(cloud: PointCloud, offset: tuple[float, float, float]) -> PointCloud:
@@ -21,7 +21,7 @@ def moved(cloud: PointCloud, offset: tuple[float, float, float]) -> PointCloud:
 
 
 def test_a_scanned_box_is_fit_for_use(box_index: MapIndex) -> None:
-    assert map_diagnostics(box_index, IndexOptions()) == ()
+    assert map_diagnostics(box_index, IndexOptions(), box_index.num_points) == ()
 
 
 @pytest.mark.parametrize("num_points", [2, 100, 999])
@@ -66,3 +66,10 @@ def test_a_region_within_the_scan_is_no_matter_of_note_whatever_the_origin(box: 
     inside = IndexOptions("grid", 1.0, region=((400_001.0, 5_000_001.0, 100.5), (400_003.0, 5_000_003.0, 102.0)))
     assert found(far, inside) == {}
     assert "region_outside_scan" in found(far, IndexOptions("grid", 1.0, region=((1.0, 1.0, 0.5), (3.0, 3.0, 2.0))))
+
+
+def test_points_that_were_merged_are_told() -> None:
+    cloud = PaintedBox(size_m=(3.0, 3.0, 2.5)).scan(300_000)
+    diagnostics = found(cloud)
+    assert "300,000 points became" in diagnostics["merged_points"].message
+    assert diagnostics["merged_points"].severity == "info"
