@@ -24,19 +24,6 @@ def uniform_rotations(count: int) -> Tensor:
     return matrix_from_quaternion(quaternions).float()
 
 
-def yaw_tilt_rotations(num_yaw: int, max_tilt_rad: float, tilt_step_rad: float) -> Tensor:
-    """Return (N, 3, 3) float32 rotations map_from_camera within `max_tilt_rad` of upright: all yaws, tilts on rings."""
-    yaws = torch.arange(num_yaw, dtype=torch.float64) * (2 * math.pi / num_yaw)
-    tilts = [(0.0, 0.0)]
-    for ring in range(1, math.ceil(max_tilt_rad / tilt_step_rad) + 1):
-        angle = min(ring * tilt_step_rad, max_tilt_rad)
-        around = max(4, round(2 * math.pi * math.sin(angle) / tilt_step_rad))
-        tilts += [(angle, 2 * math.pi * k / around) for k in range(around)]
-    vectors = torch.tensor([[a * math.cos(d), a * math.sin(d), 0.0] for a, d in tilts], dtype=torch.float64)
-    turn = rotation_from_vector(torch.stack((torch.zeros_like(yaws), torch.zeros_like(yaws), yaws), dim=-1))
-    return (rotation_from_vector(vectors)[:, None] @ turn[None]).flatten(0, 1).float()
-
-
 def matrix_from_quaternion(quaternion: Tensor) -> Tensor:
     """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order x, y, z, w."""
     x, y, z, w = quaternion.unbind(-1)

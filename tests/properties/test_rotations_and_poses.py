@@ -1,7 +1,6 @@
 """Rotations, quaternions, angles and frames, whatever the pose."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from core.rotations import (
     rotation_angle,
     rotation_from_vector,
     uniform_rotations,
-    yaw_tilt_rotations,
 )
 from tests.properties.strategies import Array, finite, matrix_of, quaternions, rotations, vectors
 
@@ -132,11 +130,3 @@ def test_rotations_are_uniform_no_orientation_is_far_from_one_and_none_is_crowde
 
 def test_rotations_are_the_same_in_every_call() -> None:
     assert torch.equal(uniform_rotations(500), uniform_rotations(500))
-
-
-def test_rotations_near_upright_cover_all_yaws_and_no_more_than_the_tilt() -> None:
-    found = yaw_tilt_rotations(24, math.radians(20), math.radians(10)).double()
-    assert float(torch.rad2deg(torch.arccos(found[:, 2, 2].clamp(-1, 1))).max()) <= 20 + 1e-3
-    yaws = np.sort(np.degrees([Pose(r.numpy(), np.zeros(3)).yaw_pitch_roll[0] for r in found if r[2, 2] > 1 - 1e-9]))
-    assert len(yaws) == 24
-    assert max(b - a for a, b in pairwise(yaws)) == pytest.approx(15.0, abs=0.01)
