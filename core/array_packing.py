@@ -1,6 +1,6 @@
 """Arrays of an index as few bytes: rounded to what their noise leaves of them, and laid out so that Huffman codes find little to say.
 
-What the rounding costs is in docs/performance.md: no pose that the tests know moves by more than its own noise.
+What the rounding costs is in docs/experiments.md ("How small may an index be?").
 """
 
 import numpy as np

@@ -56,6 +56,7 @@ def change_maps(comparison: Comparison, cloud: RenderCloud, rotation: Tensor, po
     in_camera = torch.where(share[..., 1] > 0.5, share[..., 0] / share[..., 1].clamp_min(1e-6), torch.nan)
 
     def point_scores() -> NDArray[np.float32]:
+        """Return the scores (n,) of all points of the rendered cloud."""
         return _point_scores(in_map, depth, cloud.positions, cloud.spacing, position).cpu().numpy()
 
     return ChangeMaps(in_camera.cpu().numpy(), point_scores, float(changed), float(changed_points))

@@ -86,7 +86,7 @@ def bench(
 ) -> int:
     """Measure the speed of search, queries and registrations in made-up rooms: tables, JSON and plots.
 
-    Needs no files. Takes about half an hour on two cores, with --quick less than a minute.
+    Needs no files. Takes about half an hour on two cores, with --quick about a minute.
     """
     session: Session = ctx.obj
     session.json_output = json

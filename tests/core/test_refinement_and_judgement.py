@@ -17,7 +17,7 @@ from core.confidence import (
     load_confidence_model,
 )
 from core.gauss_newton import CandidatePoints, RefinementSteps, fit_gain_offset, prepare_level, refine
-from core.hypotheses import Hypothesis, best_distinct
+from core.hypotheses import Hypothesis, best_distinct, converged, promising
 from core.judge import agreement
 from core.map_index import MapIndex
 from core.panorama import Panorama
@@ -258,3 +258,23 @@ def test_an_unknown_label_in_a_panorama_is_masked() -> None:
     level = PanoramaPyramid(Panorama(color, np.ones((64, 128), bool)), 64, label_codes(scan), "cpu").level(64)
     assert bool((level.valid[:, :64] == 1).all())
     assert bool((level.valid[:, 64:] == 0).all())
+
+
+def placed(x: float, score: float = 0.0, loss: float = 0.0, map_number: int = 0) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis."""
+    return Hypothesis(map_number, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), 0.0, score=score, loss=loss)
+
+
+def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
+    found = converged(
+        [placed(0.0, loss=0.3), placed(0.05, loss=0.1), placed(1.0, loss=0.2), placed(0.05, map_number=1)]
+    )
+    assert [(h.map_number, h.loss) for h in found] == [(1, 0.0), (0, 0.1), (0, 0.2)]
+
+
+def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
+    ranked = [placed(0.0, 1.4), placed(0.2, 1.3), placed(5.0, 0.6), placed(9.0, 0.5)]
+    assert [h.score for h in promising(ranked, 8, 0.35)] == [1.4, 1.3, 0.6]
+    close = [placed(0.0, 1.4), placed(5.0, 1.3), placed(9.0, 0.5)]
+    assert [h.score for h in promising(close, 8, 0.35)] == [1.4, 1.3]
+    assert promising([], 8, 0.35) == []

@@ -1,0 +1,64 @@
+"""Local contrast: what lamps do to an image, and what they do not do to its contrast."""
+
+import math
+
+import torch
+
+from core.config import SearchConfig
+from core.local_contrast import local_contrast
+from core.patch_histograms import described_histograms
+from core.spherical_patches import PatchGrid
+
+HEIGHT, WIDTH = 64, 128
+
+
+def textured(seed: int = 0) -> torch.Tensor:
+    """Return an image (1, H, W, 3) with detail at the size of a few pixels."""
+    return 0.3 + 0.6 * torch.rand((1, HEIGHT, WIDTH, 3), generator=torch.Generator().manual_seed(seed))
+
+
+def lamp() -> torch.Tensor:
+    """Return the light (1, H, W, 1) of one lamp: bright on one side, dark on the other, the same across the seam."""
+    azimuth = torch.arange(WIDTH) * (2 * math.pi / WIDTH)
+    return (0.6 + 0.35 * azimuth.cos()).expand(HEIGHT, -1)[None, ..., None]
+
+
+def correlation(first: torch.Tensor, second: torch.Tensor) -> float:
+    return float(torch.corrcoef(torch.stack((first.flatten(), second.flatten())))[0, 1])
+
+
+def test_a_lamp_changes_the_image_and_not_its_contrast() -> None:
+    image, valid = textured(), torch.ones((1, HEIGHT, WIDTH))
+    lit = image * lamp()
+    assert correlation(image, lit) < 0.7
+    assert correlation(local_contrast(image, valid), local_contrast(lit, valid)) > 0.97
+
+
+def test_another_image_has_another_contrast() -> None:
+    valid = torch.ones((1, HEIGHT, WIDTH))
+    assert abs(correlation(local_contrast(textured(0), valid), local_contrast(textured(1), valid))) < 0.1
+
+
+def test_contrast_does_not_end_at_the_seam() -> None:
+    image, valid = textured(), torch.ones((1, HEIGHT, WIDTH))
+    turned = local_contrast(image.roll(40, dims=2), valid)
+    torch.testing.assert_close(turned, local_contrast(image, valid).roll(40, dims=2), atol=1e-4, rtol=0)
+
+
+def test_what_is_missing_has_no_part_in_its_surroundings() -> None:
+    image, valid = textured(), torch.ones((1, HEIGHT, WIDTH))
+    valid[:, 20:40, 30:60] = 0
+    repainted = torch.where(valid[..., None] > 0, image, torch.ones(()))
+    torch.testing.assert_close(local_contrast(image, valid), local_contrast(repainted, valid))
+
+
+def test_patches_are_described_by_both_and_labels_by_their_codes_alone() -> None:
+    config = SearchConfig()
+    grid, image, valid = PatchGrid(8, 16), textured(), torch.ones((1, HEIGHT, WIDTH))
+    both, codes = (
+        described_histograms(image, image.flatten(1, 2), valid, valid, grid, config.bins, is_labels)
+        for is_labels in (False, True)
+    )
+    assert both.shape == (1, len(grid), 2 * config.bins**3)
+    torch.testing.assert_close(both[..., : config.bins**3], codes)
+    torch.testing.assert_close(both.sum(-1), torch.full((1, len(grid)), 2.0))
