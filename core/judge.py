@@ -54,12 +54,12 @@ def agreement(comparison: Comparison, height: int, patch_rows: int = 8) -> Agree
     inside = _correlation(patches[0], patches[1], weight / mass.clamp_min(1e-12)[..., None], 1e-3, joint_channels=True)[
         ..., 0
     ]
-    distance = (scan - panorama).norm(dim=-1) / _INLIER_SCALE
+    distance_square = (scan - panorama).square().sum(-1) / _INLIER_SCALE**2
     return Agreement(
         correlation,
         (inside * mass).sum(-1),
         _mutual_information(scan.mean(-1), panorama.mean(-1), share),
-        (share / (1 + distance.square())).sum(-1),
+        (share / (1 + distance_square)).sum(-1),
         total[:, 0] / (4 * torch.pi),
     )
 

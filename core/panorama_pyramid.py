@@ -48,7 +48,7 @@ class PanoramaPyramid:
         color = torch.from_numpy(np.require(panorama.color, requirements=["C", "W"])).to(device)
         valid = torch.from_numpy(np.require(panorama.valid, requirements=["C", "W"])).to(device)
         if labels is None:
-            image = color.permute(2, 0, 1).float() / 255
+            image = color.permute(2, 0, 1).contiguous().float().div_(255)
         else:
             codes, known = labels.recode(color)
             image, valid = codes.permute(2, 0, 1), valid & known
@@ -66,11 +66,19 @@ class PanoramaPyramid:
 
 def _mean_level(color: Tensor, valid: Tensor, height: int) -> PanoramaLevel:
     """Average valid pixels over the cells of `height` x 2 `height`; a cell is valid when at least half of it is."""
-    size = (height, 2 * height)
     if bool(valid.all()):
-        if color.shape[1:] != size:
-            color = torch.nn.functional.interpolate(color[None], size=size, mode="area")[0]
-        return PanoramaLevel(color, torch.ones(size, device=color.device))
-    total = torch.nn.functional.interpolate((color * valid)[None], size=size, mode="area")[0]
-    share = torch.nn.functional.interpolate(valid[None, None], size=size, mode="area")[0, 0]
+        color = _mean_cells(color, height)
+        return PanoramaLevel(color, torch.ones(color.shape[1:], device=color.device))
+    total, share = _mean_cells(color * valid, height), _mean_cells(valid[None], height)[0]
     return PanoramaLevel((total / share.clamp_min(1e-6)).clamp(0, 1), (share >= 0.5).float())
+
+
+def _mean_cells(planes: Tensor, height: int) -> Tensor:
+    """Average planes (C, H, W) over the cells of `height` x 2 `height`."""
+    while planes.shape[1] >= 2 * height and planes.shape[1] % 2 == 0 and planes.shape[2] % 2 == 0:
+        # Two by two as far as that goes, which is several times faster than cells of any size.
+        rows = planes[:, ::2] + planes[:, 1::2]
+        planes = (rows[..., ::2] + rows[..., 1::2]).mul_(0.25)
+    if planes.shape[1] == height:
+        return planes
+    return torch.nn.functional.interpolate(planes[None], size=(height, 2 * height), mode="area")[0]

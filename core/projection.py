@@ -54,9 +54,19 @@ def pixel_solid_angles(height: int, width: int, device: torch.device | str = "cp
 
 def wrap_border(image: Tensor) -> Tensor:
     """Pad (C, H, W) by one pixel on each side as the sphere continues: around the seam and over the poles."""
-    rolled = torch.roll(image, image.shape[-1] // 2, dims=-1)
-    tall = torch.cat((rolled[:, :1], image, rolled[:, -1:]), dim=1)
-    return torch.cat((tall[..., -1:], tall, tall[..., :1]), dim=2)
+    channels, height, width = image.shape
+    bordered = image.new_empty((channels, height + 2, width + 2))
+    bordered[:, 1:-1, 1:-1] = image
+    fill_border(bordered)
+    return bordered
+
+
+def fill_border(bordered: Tensor) -> None:
+    """Set the outermost pixels of (C, H + 2, W + 2), in place, to what `wrap_border` puts there."""
+    half = bordered.shape[2] // 2 - 1
+    for border, inside in ((0, 1), (-1, -2)):
+        bordered[:, border, 1:-1] = torch.roll(bordered[:, inside, 1:-1], half, dims=-1)
+    bordered[..., 0], bordered[..., -1] = bordered[..., -2], bordered[..., 1]
 
 
 def sample_planes(bordered: Tensor, u: Tensor, v: Tensor) -> Tensor:

@@ -1,0 +1,173 @@
+"""Refinement of many candidates at once: Gauss-Newton steps until poses rest.
+
+Candidates that no longer move are left where they are, and those that have come together go on as one: of 32 candidates that the search
+proposes, a third still moves after ten steps, and half of them are the same pose as another (docs/experiments.md).
+
+Paper: §3.3 (refinement of the best candidates).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from core.distinct_poses import first_distinct
+from core.gauss_newton import Aligned, StepRules, gauss_newton_step
+from core.image_level import ImageLevel
+from core.parallel import Lanes
+
+
+@dataclass(frozen=True)
+class CandidatePoints:
+    """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point)."""
+
+    positions: Tensor
+    colors: Tensor
+    weights: Tensor
+
+    def planes(self) -> Aligned:
+        """Return them as planes."""
+        place, target = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
+        return Aligned(place, target, self.weights)
+
+
+def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
+    """Return the points of several groups of candidates, one group after the other; all with the same number N."""
+    return CandidatePoints(
+        torch.cat([part.positions for part in parts]),
+        torch.cat([part.colors for part in parts]),
+        torch.cat([part.weights for part in parts]),
+    )
+
+
+@dataclass(frozen=True)
+class Rest:
+    """When candidates stop before their last step; looked at after every `interval` steps.
+
+    move_m, turn_rad: a candidate whose last step was shorter than both rests. apart_m, apart_rad: of candidates nearer to each other
+    than both, the one with the smallest loss goes on alone.
+    """
+
+    move_m: float
+    turn_rad: float
+    apart_m: float = 0.0
+    apart_rad: float = 0.0
+    interval: int = 4
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Poses after refinement: those of the candidates `numbers` (K,), ascending; the others had come together with one of these.
+
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). Of the last step: loss (K,) in 0..1; hessian (K, 6, 6) of half the weighted
+    squared residuals by turn and move; scale (K,), the residual at which a point counts a quarter; num_points (K,) that were in view.
+    steps: (K,) how many there were.
+    """
+
+    numbers: Tensor
+    rotations: Tensor
+    positions: Tensor
+    loss: Tensor
+    hessian: Tensor
+    scale: Tensor
+    num_points: Tensor
+    steps: Tensor
+
+    def take(self, chosen: Tensor | slice) -> "Refined":
+        """Return some of the candidates."""
+        return Refined(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    @staticmethod
+    def joined(parts: "Sequence[Refined]") -> "Refined":
+        """Return the candidates of all parts, in the order of their numbers."""
+        together = Refined(*(torch.cat([getattr(part, f.name) for part in parts]) for f in fields(Refined)))
+        return together.take(together.numbers.argsort())
+
+
+@dataclass(frozen=True)
+class _Moving:
+    """Candidates on their way: their points, the weights of the last step (K, N), and how far that step went (K,)."""
+
+    points: Aligned
+    light_weights: Tensor
+    poses: Refined
+    move: Tensor
+    turn: Tensor
+
+    def take(self, chosen: Tensor | slice) -> "_Moving":
+        points = Aligned(self.points.place[chosen], self.points.target[chosen], self.points.weights[chosen])
+        return _Moving(
+            points, self.light_weights[chosen], self.poses.take(chosen), self.move[chosen], self.turn[chosen]
+        )
+
+
+def refine(
+    level: ImageLevel,
+    points: CandidatePoints,
+    rotations: Tensor,
+    positions: Tensor,
+    iterations: int,
+    rules: StepRules,
+    rest: Rest | None = None,
+    lanes: Lanes | None = None,
+) -> Refined:
+    """Refine K poses on one image level by up to `iterations` steps, all of them without a `rest`.
+
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres. lanes: where candidates are refined side by side.
+    """
+    lanes = lanes or Lanes(1)
+    start = _at_start(points, rotations, positions)
+    moving = [start.take(share) for share in lanes.shares(len(rotations))]
+    resting: list[Refined] = []
+    done = 0
+    while moving and done < iterations:
+        count = min(rest.interval if rest else iterations, iterations - done)
+        done += count
+        walk = partial(_walk, level=level, rules=rules, count=count, to_the_end=done == iterations)
+        moving = lanes.map(walk, moving)
+        if rest and done < iterations:
+            resting, moving = _parted(resting, moving, rest)
+    return Refined.joined([*resting, *(part.poses for part in moving)])
+
+
+def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor) -> _Moving:
+    planes = points.planes()
+    nothing = torch.zeros(len(rotations), device=rotations.device)
+    numbers = torch.arange(len(rotations), device=rotations.device)
+    hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
+    poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, nothing, torch.zeros_like(numbers))
+    return _Moving(planes, planes.weights, poses, nothing, nothing)
+
+
+def _walk(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to_the_end: bool) -> _Moving:
+    """Take `count` steps; the very last of a refinement is not lengthened."""
+    poses, light_weights = moving.poses, moving.light_weights
+    rotations, positions = poses.rotations, poses.positions
+    for k in range(count):
+        relaxed = not to_the_end or k + 1 < count
+        step = gauss_newton_step(level, moving.points, rotations, positions, light_weights, rules, relaxed)
+        rotations, positions, light_weights = step.rotations, step.positions, step.weights
+    reached = Refined(
+        poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, step.num_points, poses.steps + count
+    )
+    return _Moving(moving.points, light_weights, reached, step.move, step.turn)
+
+
+def _parted(resting: list[Refined], moving: list[_Moving], rest: Rest) -> tuple[list[Refined], list[_Moving]]:
+    """Let those rest that hardly moved, and leave out those that are near a better one."""
+    if rest.apart_m > 0:
+        together = Refined.joined([*resting, *(part.poses for part in moving)])
+        order = together.loss.argsort()
+        kept = first_distinct(
+            together.rotations[order], together.positions[order], rest.apart_m, math.degrees(rest.apart_rad)
+        )
+        numbers = together.numbers[order[kept]]
+        resting = [part.take(torch.isin(part.numbers, numbers)) for part in resting]
+        moving = [part.take(torch.isin(part.poses.numbers, numbers)) for part in moving]
+    rests = [(part.move < rest.move_m) & (part.turn < rest.turn_rad) for part in moving]
+    resting = resting + [part.poses.take(still) for part, still in zip(moving, rests, strict=True)]
+    moving = [part.take(~still) for part, still in zip(moving, rests, strict=True)]
+    return resting, [part for part in moving if len(part.move)]
