@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Bytes = NDArray[np.uint8]
-COLOR_LEVELS, VIEW_COLOR_LEVELS = 64, 32
+COLOR_LEVELS = 64
 
 
 def pack_steps(steps: NDArray[np.int64]) -> Bytes:

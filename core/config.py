@@ -42,7 +42,12 @@ class SearchConfig:
 class RefinementConfig:
     """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
 
-    coarse_iterations: tuple[int, int] = (20, 15)  # at 32 and 64 rows, points seen from the start
+    coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
+    coarse_iterations: tuple[int, int] = (20, 15)  # at most, at 32 and 64 rows
+    # Of local contrast in the colours that are aligned: half where poses may lie far off in another light, less where millimetres
+    # count (docs/experiments.md).
+    contrast_share: float = 0.5
+    fine_contrast_share: float = 0.3
     robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
     min_residual: float = 0.02  # floor of the robust scale, canonical colours
     min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
@@ -113,7 +118,6 @@ class IndexConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     finest_spacing_m: float = 0.025  # points closer together move no pose (docs/experiments.md)
     finest_spacing_share: float = 1 / 300  # of the scan's diagonal, where that is less: models and toys
-    start_points: int = 1024  # points kept per start, spread evenly over the sphere
     render_batch: int = 8  # views rendered at once
 
     def digest(self) -> str:

@@ -17,7 +17,7 @@ from core.candidate_points import (
     points_seen_from_poses,
 )
 from core.config import LocalizerConfig
-from core.gauss_newton import CandidatePoints, ImageLevel, RefinementSteps, joined, refine
+from core.gauss_newton import StepRules
 from core.hypotheses import (
     ELSEWHERE_DEG,
     ELSEWHERE_M,
@@ -29,16 +29,21 @@ from core.hypotheses import (
     promising,
     stacked_poses,
 )
+from core.image_level import ImageLevel
 from core.judge import agreement, judged_hypotheses
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.pose_limits import PoseLimits, pose_limits
 from core.prepared_query import PreparedQuery
+from core.refinement import CandidatePoints, Rest, joined, refine
 from core.results import Hints
 from core.search import SearchRotations, search_maps
 from core.stage_clock import StageClock
 from core.synthetic_view import RenderCloud
 
+_COARSE_REST = Rest(0.01, 0.01, 0.1, 0.05)
+_MIDDLE_REST = Rest(0.002, 0.002, interval=3)
+_FINE_REST = Rest(0.0003, 0.0003, interval=2)
 _RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 
@@ -110,16 +115,15 @@ class FastMethod:
         return hypotheses, sum(part.num_starts for part in found), sum(part.num_poses for part in found)
 
     def _refine_coarse(self, query: PreparedQuery, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on the stored points of the starts, at 32 and 64 rows."""
+        """Refine on what the starts see, at 32 and 64 rows."""
         sizes = self.config.refinement
         refined: list[Hypothesis] = []
         for number, group in query.by_colors(hypotheses):
             for coarse, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
                 height = self.config.search.view_height // (2 if coarse else 1)
-                points = joined([query.points_from_starts(*part, coarse) for part in by_map(group)])
-                group = self._refined(
-                    query, query.canonical_level(number, height, blur=coarse), points, group, iterations
-                )
+                level = query.canonical_level(number, height, sizes.contrast_share, blur=coarse)
+                points = joined([query.points_from_starts(*part, self.config, coarse) for part in by_map(group)])
+                group = self._refined(query, level, points, group, iterations, _COARSE_REST)
             refined += group
         return refined
 
@@ -131,8 +135,8 @@ class FastMethod:
             for rows, scale in sizes.middle_rounds:
                 # Rendered anew each time: what a pose sees changes as it moves.
                 points = joined([self._points_from_poses(query, *part, height) for part in by_map(group)])
-                level = query.canonical_level(number, rows)
-                group = self._refined(query, level, points, group, sizes.middle_iterations, scale)
+                level = query.canonical_level(number, rows, sizes.contrast_share)
+                group = self._refined(query, level, points, group, sizes.middle_iterations, _MIDDLE_REST, scale)
             refined += group
         return refined
 
@@ -140,15 +144,16 @@ class FastMethod:
         self, query: PreparedQuery, number: int, group: Sequence[Hypothesis], height: int
     ) -> CandidatePoints:
         """Return the points of one map that the poses themselves see, those that changed with a smaller weight."""
-        cloud = query.cloud(number)
+        cloud, sizes = query.cloud(number), self.config.refinement
         comparison = self._compare(query, number, cloud, group, height)
-        return points_seen_from_poses(cloud, comparison, self.config.refinement.middle_points, weigh_changes=True)
+        return points_seen_from_poses(cloud, comparison, sizes.middle_points, sizes.contrast_share, weigh_changes=True)
 
     def _refine_fine(
         self, query: PreparedQuery, hypotheses: Sequence[Hypothesis], clock: StageClock
     ) -> tuple[list[Hypothesis], list[tuple[Comparison, RenderCloud]]]:
         """Refine one by one at full resolution with all points, and judge on a larger rendering."""
         sizes, judge = self.config.refinement, self.config.judge
+        share = sizes.fine_contrast_share
         refined: list[Hypothesis] = []
         comparisons = []
         for hypothesis in hypotheses:
@@ -161,9 +166,9 @@ class FastMethod:
                 (sizes.fine_height, sizes.fine_points, sizes.fine_iterations),
                 (sizes.finest_height, sizes.finest_points, sizes.finest_iterations),
             ):
-                points = points_seen_from_poses(cloud, comparison, count, weigh_changes=False)
-                level = query.level_for(number, height, comparison.tables)
-                group = self._refined(query, level, points, group, iterations, sizes.fine_robust_scale)
+                points = points_seen_from_poses(cloud, comparison, count, share, weigh_changes=False)
+                level = query.level_for(number, height, comparison.tables, share)
+                group = self._refined(query, level, points, group, iterations, _FINE_REST, sizes.fine_robust_scale)
             final = self._compare(query, number, cloud, group, judge.final_height, with_points=False)
             refined += judged_hypotheses(group, agreement(final, judge.final_height))
             comparisons.append((final, cloud))
@@ -201,27 +206,31 @@ class FastMethod:
         points: CandidatePoints,
         group: Sequence[Hypothesis],
         iterations: int,
+        rest: Rest,
         robust_scale: float | None = None,
     ) -> list[Hypothesis]:
         rotations, positions = stacked_poses(group)
         sizes = self.config.refinement
         is_labels = query.maps[group[0].map_number].labels is not None
         floor = sizes.min_residual_labels if is_labels else sizes.min_residual
-        steps = RefinementSteps(iterations, not is_labels, robust_scale or sizes.robust_scale, floor)
-        result = refine(level, points, rotations, positions, steps)
-        losses, scales, counts = result.loss.tolist(), result.scale.tolist(), result.num_points.tolist()
+        rules = StepRules(not is_labels, robust_scale or sizes.robust_scale, floor)
+        result = refine(level, points, rotations, positions, iterations, rules, rest)
+        figures = zip(
+            *(part.tolist() for part in (result.numbers, result.loss, result.scale, result.num_points, result.steps)),
+            strict=True,
+        )
         return [
             replace(
-                h,
+                group[number],
                 rotation=result.rotations[k],
                 position=result.positions[k],
-                loss=losses[k],
+                loss=loss,
                 hessian=result.hessian[k],
-                residual_scale=scales[k],
-                num_points=int(counts[k]),
-                iterations=h.iterations + iterations,
+                residual_scale=scale,
+                num_points=int(num_points),
+                iterations=group[number].iterations + steps,
             )
-            for k, h in enumerate(group)
+            for k, (number, loss, scale, num_points, steps) in enumerate(figures)
         ]
 
 

@@ -1,7 +1,7 @@
-"""Refinement of many candidates at once by damped Gauss-Newton on the robust sampling loss.
+"""One step of damped Gauss-Newton on the robust sampling loss, for many candidates at once.
 
-Each candidate has its own points; a step samples the panorama where the points project to, fits gain and offset per channel
-(light differs between scan and photo), weighs residuals down that no pose explains (changed furniture), and solves 6 x 6 normal equations.
+A step samples the panorama where the points of each candidate project to, fits gain and offset per channel (light differs between scan
+and photo), weighs residuals down that no pose explains (changed furniture), and solves 6 x 6 normal equations.
 
 Paper: §3.3, Eq. 5 (sampling loss).
 Deviation: the paper runs Adam on all points at full resolution for 100 steps. The Jacobian of the loss is known in closed form and
@@ -9,76 +9,27 @@ the problem has six unknowns, so second-order steps from coarse to fine need an 
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from core.projection import project, sample_planes, wrap_border
+from core.image_level import ImageLevel
 from core.rotations import rotation_from_vector
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
 _MIN_DISTANCE_M = 0.05
+_MEDIAN_POINTS = 512  # their median is within some percent of that of all
 _VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 
 
 @dataclass(frozen=True)
-class ImageLevel:
-    """One level of the panorama's pyramid, prepared for sampling.
+class StepRules:
+    """What a step depends on: the light model, the robust scale as a multiple of the median residual, and how far it may go.
 
-    planes: (10, H + 2, W + 2) float32: colour (3), its derivatives by azimuth (3) and by elevation (3) per radian, validity (1);
-    with the border of `wrap_border`.
+    relaxation: what steps are lengthened by. Weights lag behind the pose, so plain steps fall short and creep.
     """
 
-    planes: Tensor
-    height: int
-    width: int
-
-
-def prepare_level(color: Tensor, valid: Tensor) -> ImageLevel:
-    """Prepare an image (3, H, W) float32 with validity (H, W) float32 in 0..1 for sampling."""
-    _, height, width = color.shape
-    padded = wrap_border(color)
-    seen = wrap_border(valid[None])  # the gradient at the edge of a mask is unknown, not that towards a black pixel
-    # Columns run against the azimuth, rows against the elevation.
-    by_azimuth = (padded[:, 1:-1, :-2] - padded[:, 1:-1, 2:]) * (width / (4 * math.pi))
-    by_azimuth = by_azimuth * (seen[:, 1:-1, 2:] * seen[:, 1:-1, :-2])
-    by_elevation = (padded[:, :-2, 1:-1] - padded[:, 2:, 1:-1]) * (height / (2 * math.pi))
-    by_elevation = by_elevation * (seen[:, 2:, 1:-1] * seen[:, :-2, 1:-1])
-    return ImageLevel(wrap_border(torch.cat((color, by_azimuth, by_elevation, valid[None]))), height, width)
-
-
-@dataclass(frozen=True)
-class CandidatePoints:
-    """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point)."""
-
-    positions: Tensor
-    colors: Tensor
-    weights: Tensor
-
-    def take(self, keep: Tensor) -> "CandidatePoints":
-        """Return the points of the candidates numbered `keep`."""
-        return CandidatePoints(self.positions[keep], self.colors[keep], self.weights[keep])
-
-
-def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
-    """Return the points of several groups of candidates, one group after the other; all with the same number N."""
-    return CandidatePoints(
-        torch.cat([part.positions for part in parts]),
-        torch.cat([part.colors for part in parts]),
-        torch.cat([part.weights for part in parts]),
-    )
-
-
-@dataclass(frozen=True)
-class RefinementSteps:
-    """How one level is refined: how often, the light model, and the robust scale as a multiple of the median residual.
-
-    relaxation: what steps are lengthened by. Weights lag behind the pose, so plain steps fall short and creep; the last one is plain.
-    """
-
-    iterations: int
     fit_light: bool = True
     robust_scale: float = 1.5
     min_scale: float = 0.02
@@ -89,96 +40,128 @@ class RefinementSteps:
 
 
 @dataclass(frozen=True)
-class Refined:
-    """Poses after refinement.
+class Aligned:
+    """Planes of the N points that each of K candidates aligns: place (K, 3, N) metres, target (K, 3, N) colours, weights (K, N) >= 0.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). Of the last step: loss (K,) in 0..1; hessian (K, 6, 6) of half the weighted
-    squared residuals by turn and move; scale (K,), the residual at which a point counts a quarter; num_points (K,) that were in view.
+    One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
+    """
+
+    place: Tensor
+    target: Tensor
+    weights: Tensor
+
+
+@dataclass(frozen=True)
+class PoseStep:
+    """Poses after a step, and what the step saw before it moved.
+
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). turn, move: (K,), how far it went, radians and metres. weights: (K, N), robust.
+    hessian: (K, 6, 6) of half the weighted squared residuals by turn and move. ratio: (K, N), squared residuals over the squared scale.
+    base: (K, N), weights of the points in view. scale: (K,), the residual at which a point counts a quarter.
     """
 
     rotations: Tensor
     positions: Tensor
-    loss: Tensor
+    turn: Tensor
+    move: Tensor
+    weights: Tensor
     hessian: Tensor
+    ratio: Tensor
+    base: Tensor
     scale: Tensor
-    num_points: Tensor
+
+    @property
+    def loss(self) -> Tensor:
+        """Return the robust loss (K,) in 0..1."""
+        return (self.base * self.ratio / (1 + self.ratio)).sum(-1) / self.base.sum(-1).clamp_min(1e-9)
+
+    @property
+    def num_points(self) -> Tensor:
+        """Return how many points were in view (K,)."""
+        return (self.base > 0).sum(-1)
 
 
-def refine(
-    level: ImageLevel, points: CandidatePoints, rotations: Tensor, positions: Tensor, steps: RefinementSteps
-) -> Refined:
-    """Refine K poses on one image level.
-
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres.
-    """
-    # One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
-    place, target = points.positions.transpose(1, 2).contiguous(), points.colors.transpose(1, 2).contiguous()
-    hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
-    loss = torch.zeros(len(rotations), device=rotations.device)
-    scale, count = loss, loss
-    weights = points.weights
-    for iteration in range(steps.iterations):
-        seen, inside = _see(level, place, rotations, positions)
-        base = points.weights * inside
-        if steps.fit_light:
-            seen = seen.with_light(*_line_fit(seen.color, target, weights * inside))
-        residual = seen.color - target
-        squared = residual.square().sum(1)
-        scale = (steps.robust_scale * _weighted_median(squared, base).sqrt()).clamp_min(steps.min_scale)
-        ratio = squared / scale.square()[:, None]
-        weights = base / (1 + ratio).square()  # Geman-McClure: bounded influence
-        loss = (base * ratio / (1 + ratio)).sum(-1) / base.sum(-1).clamp_min(1e-9)
-        count = (base > 0).sum(-1)
-        hessian, gradient = _normal_equations(seen, residual, weights, steps.fit_light)
-        length = steps.relaxation if iteration + 1 < steps.iterations else 1.0
-        rotations, positions = _step(rotations, positions, hessian, gradient, steps, length)
-    return Refined(rotations, positions, loss, hessian, scale, count)
+def gauss_newton_step(
+    level: ImageLevel,
+    points: Aligned,
+    rotations: Tensor,
+    positions: Tensor,
+    light_weights: Tensor,
+    rules: StepRules,
+    relaxed: bool,
+) -> PoseStep:
+    """Move K poses by one step. light_weights: (K, N), robust weights of the step before, which light is fitted with."""
+    seen, inside = see(level, points.place, rotations, positions)
+    base = points.weights * inside
+    if rules.fit_light:
+        seen.take_light(*_line_fit(seen.color, points.target, light_weights * inside))
+    residual = seen.color - points.target
+    squared = _over_channels(residual, residual)[:, 0]
+    scale = (rules.robust_scale * _weighted_median(squared, base).sqrt()).clamp_min(rules.min_scale)
+    ratio = squared / scale.square()[:, None]
+    weights = base / (1 + ratio).square_()  # Geman-McClure: bounded influence
+    hessian, gradient = normal_equations(seen, residual, weights, rules.fit_light)
+    length = rules.relaxation if relaxed else 1.0
+    turn, move = _solve(hessian, gradient, rules, length)
+    moved = torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0]
+    turned = rotations @ rotation_from_vector(turn)
+    return PoseStep(turned, moved, turn.norm(dim=-1), move.norm(dim=-1), weights, hessian, ratio, base, scale)
 
 
 @dataclass(frozen=True)
-class _Seen:
+class Seen:
     """What the panorama shows where the N points of K candidates project to.
 
-    color, by_azimuth, by_elevation: (K, 3, N), as in `ImageLevel`. azimuth, elevation: (K, 6, N), derivatives of the points'
-    directions by a turn (rad) and a move (m) of the camera in its own frame.
+    planes: (K, 9, N): colour, its derivatives by azimuth and by elevation, as in `ImageLevel`. azimuth, elevation: (K, 6, N),
+    derivatives of the points' directions by a turn (rad) and a move (m) of the camera in its own frame.
     """
 
-    color: Tensor
-    by_azimuth: Tensor
-    by_elevation: Tensor
+    planes: Tensor
     azimuth: Tensor
     elevation: Tensor
 
-    def with_light(self, gain: Tensor, offset: Tensor) -> "_Seen":
-        """Return the same in another light: gain and offset (K, 3)."""
-        gain, offset = gain[..., None], offset[..., None]
-        color = torch.addcmul(offset, self.color, gain)
-        return replace(self, color=color, by_azimuth=self.by_azimuth * gain, by_elevation=self.by_elevation * gain)
+    @property
+    def color(self) -> Tensor:
+        """Return the colours (K, 3, N)."""
+        return self.planes[:, :3]
+
+    @property
+    def by_azimuth(self) -> Tensor:
+        """Return their derivatives by azimuth (K, 3, N) per radian."""
+        return self.planes[:, 3:6]
+
+    @property
+    def by_elevation(self) -> Tensor:
+        """Return their derivatives by elevation (K, 3, N) per radian."""
+        return self.planes[:, 6:9]
+
+    def take_light(self, gain: Tensor, offset: Tensor) -> None:
+        """Change all planes, in place, to another light: gain and offset (K, 3)."""
+        self.planes.view(len(gain), 3, 3, -1).mul_(gain[:, None, :, None])
+        self.color.add_(offset[..., None])
 
 
-def _see(level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor) -> tuple[_Seen, Tensor]:
+def see(level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor) -> tuple[Seen, Tensor]:
     """Sample the level where points (K, 3, N) project to from K poses; also tell which (K, N) fall on valid pixels."""
     inverse = rotations.transpose(1, 2)
-    in_camera = torch.baddbmm(-(inverse @ positions[..., None]), inverse, place)
-    u, v = project(in_camera.transpose(1, 2), level.height, level.width)
-    sampled = sample_planes(level.planes, u, v)
-    x, y, z = in_camera.unbind(1)
-    flat_square = x.square() + y.square()
-    square = torch.addcmul(flat_square, z, z).clamp_min(_MIN_DISTANCE_M**2)
-    per_flat = flat_square.clamp_min(1e-12).rsqrt()
-    # A turn ω and a move τ take a point p to p − ω × p − τ, with f² = x² + y² and d² = x² + y² + z²:
-    # ∂azimuth/∂p = (−y, x, 0) / f² and ∂elevation/∂p = (−x z / f, −y z / f, f) / d².
-    per_square = per_flat * torch.maximum(flat_square, square * _MIN_COSINE**2).rsqrt()
+    x, y, z = torch.baddbmm(-(inverse @ positions[..., None]), inverse, place).unbind(1)
+    flat_square = torch.addcmul(x.square(), y, y)
+    sampled = level.sample(torch.atan2(y, x), torch.atan2(z, flat_square.sqrt()))
+    # A turn ω and a move τ take a point p to p - ω x p - τ, with f² = x² + y² and d² = x² + y² + z²:
+    # ∂azimuth/∂p = (-y, x, 0) / f² and ∂elevation/∂p = (-x z / f, -y z / f, f) / d².
+    square = torch.addcmul(flat_square, z, z).clamp_min_(_MIN_DISTANCE_M**2)
+    per_flat = flat_square.clamp_min(1e-12).rsqrt_()
+    per_square = per_flat * torch.maximum(flat_square, square * _MIN_COSINE**2).rsqrt_()
     over_x, over_y, none = x * per_square, y * per_square, torch.zeros_like(x)
     azimuth = torch.stack((z * over_x, z * over_y, -flat_square * per_square, over_y, -over_x, none), dim=1)
     unit_x, unit_y, rise = x * per_flat, y * per_flat, z / square
     fall = -(flat_square * per_flat) / square
     elevation = torch.stack((-unit_y, unit_x, none, rise * unit_x, rise * unit_y, fall), dim=1)
-    seen = _Seen(sampled[:, :3], sampled[:, 3:6], sampled[:, 6:9], azimuth, elevation)
-    return seen, (sampled[:, 9] > _VALID_SHARE).to(sampled.dtype)
+    seen = Seen(sampled[:, :9], azimuth, elevation)
+    return seen, sampled[:, 9] > _VALID_SHARE
 
 
-def _normal_equations(seen: _Seen, residual: Tensor, weights: Tensor, fit_light: bool) -> tuple[Tensor, Tensor]:
+def normal_equations(seen: Seen, residual: Tensor, weights: Tensor, fit_light: bool) -> tuple[Tensor, Tensor]:
     """Return the Gauss-Newton Hessian (K, 6, 6) and gradient (K, 6) by turn and move.
 
     residual: (K, 3, N); weights: (K, N). The Jacobian of a channel is its derivative by azimuth times that of the azimuth by the pose, and
@@ -188,33 +171,37 @@ def _normal_equations(seen: _Seen, residual: Tensor, weights: Tensor, fit_light:
     each other. So what a change of gain and offset would undo is projected out (variable projection, Golub and Pereyra 1973).
     """
     weight = weights[:, None]
-    by_azimuth, by_elevation = seen.by_azimuth * weight, seen.by_elevation * weight
-    both = (by_azimuth * seen.by_elevation).sum(1, keepdim=True)
-    first = (by_azimuth * seen.by_azimuth).sum(1, keepdim=True) * seen.azimuth + both * seen.elevation
-    second = both * seen.azimuth + (by_elevation * seen.by_elevation).sum(1, keepdim=True) * seen.elevation
-    left = [first, (by_azimuth * residual).sum(1, keepdim=True)]
-    right = [second, (by_elevation * residual).sum(1, keepdim=True)]
-    total = weights.sum(-1).clamp_min(1e-9)[:, None]
-    contrast = seen.color - ((seen.color * weight).sum(-1) / total)[..., None]
-    if fit_light:
-        left += [by_azimuth, by_azimuth * contrast]
-        right += [by_elevation, by_elevation * contrast]
-    products = torch.baddbmm(
-        seen.azimuth @ torch.cat(left, dim=1).transpose(1, 2),
-        seen.elevation,
-        torch.cat(right, dim=1).transpose(1, 2),
+    # Rows, in place: six of the pose, one of the residual, three each of offset and gain.
+    shape = (2, len(weights), 13 if fit_light else 10, weights.shape[1])
+    by_azimuth, by_elevation = weights.new_empty(shape).unbind(0)
+    first = torch.mul(seen.by_azimuth, weight, out=by_azimuth[:, 7:10])
+    second = torch.mul(seen.by_elevation, weight, out=by_elevation[:, 7:10])
+    both = _over_channels(first, seen.by_elevation)
+    torch.mul(seen.azimuth, _over_channels(first, seen.by_azimuth), out=by_azimuth[:, :6]).addcmul_(
+        seen.elevation, both
     )
-    hessian, gradient = products[..., :6], products[..., 6]
+    torch.mul(seen.elevation, _over_channels(second, seen.by_elevation), out=by_elevation[:, :6]).addcmul_(
+        seen.azimuth, both
+    )
+    by_azimuth[:, 6:7] = _over_channels(first, residual)
+    by_elevation[:, 6:7] = _over_channels(second, residual)
+    total = weights.sum(-1).clamp_min(1e-9)[:, None]
+    contrast = seen.color - (_weighted_sums(seen.color, weights) / total)[..., None]
+    if fit_light:
+        torch.mul(first, contrast, out=by_azimuth[:, 10:])
+        torch.mul(second, contrast, out=by_elevation[:, 10:])
+    products = torch.bmm(by_azimuth, seen.azimuth.transpose(1, 2))
+    products = products.baddbmm_(by_elevation, seen.elevation.transpose(1, 2))
+    hessian, gradient = products[:, :6], products[:, 6]
     if not fit_light:
         return hessian, gradient
-    # Sums of the Jacobian with the derivatives by offset (1) and by gain (the contrast), per channel: (K, 6, 3) each.
-    by_offset, by_gain = products[..., 7:10], products[..., 10:13]
+    # Sums of the Jacobian with the derivatives by offset (1) and by gain (the contrast), per channel: (K, 3, 6) each.
     weighted = contrast * weight
     power = (weighted * contrast).sum(-1).clamp_min(1e-6 * total)
-    light = torch.cat((by_offset / total[:, None], by_gain / power[:, None]), dim=-1)
-    undone = torch.cat(((residual * weight).sum(-1), (residual * weighted).sum(-1)), dim=-1)
-    hessian = hessian - light @ products[..., 7:13].transpose(1, 2)
-    return hessian, gradient - (light @ undone[..., None])[..., 0]
+    light = products[:, 7:] / torch.cat((total.expand(-1, 3), power), dim=-1)[..., None]
+    undone = torch.cat((_weighted_sums(residual, weights), (residual * weighted).sum(-1)), dim=-1)
+    hessian = hessian - products[:, 7:].transpose(1, 2) @ light
+    return hessian, gradient - (undone[:, None] @ light)[:, 0]
 
 
 def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
@@ -227,31 +214,40 @@ def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Te
 
 def _line_fit(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     """Do what `fit_gain_offset` does for planes (K, 3, N)."""
-    share = (weights / weights.sum(-1, keepdim=True).clamp_min(1e-9))[:, None]
-    weighted = share * source
-    mean_source, mean_target = weighted.sum(-1), (share * target).sum(-1)
-    centered = weighted - share * mean_source[..., None]
-    variance, covariance = (centered * source).sum(-1), (centered * target).sum(-1)
+    share = weights / weights.sum(-1, keepdim=True).clamp_min(1e-9)
+    mean_source, mean_target = _weighted_sums(source, share), _weighted_sums(target, share)
+    centered = source - mean_source[..., None]
+    weighted = centered * share[:, None]
+    variance, covariance = (weighted * centered).sum(-1), (weighted * target).sum(-1)
     prior = 1e-3
-    gain = ((covariance + prior) / (variance.clamp_min(0) + prior)).clamp(0.3, 3.0)
+    gain = ((covariance + prior) / (variance + prior)).clamp(0.3, 3.0)
     return gain, mean_target - gain * mean_source
 
 
+def _over_channels(first: Tensor, second: Tensor) -> Tensor:
+    """Return the product of (K, 3, N) and (K, 3, N) summed over channels, (K, 1, N)."""
+    red = first[:, :1] * second[:, :1]
+    return red.addcmul_(first[:, 1:2], second[:, 1:2]).addcmul_(first[:, 2:], second[:, 2:])
+
+
+def _weighted_sums(planes: Tensor, weights: Tensor) -> Tensor:
+    """Return the sums (K, C) over the points of planes (K, C, N) weighted by (K, N)."""
+    return (planes * weights[:, None]).sum(-1)
+
+
 def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
-    """Return the median (K,) of values (K, N) among those of positive weight."""
-    masked = torch.where(weights > 0, values, torch.full_like(values, math.nan))
+    """Return the median (K,) of values (K, N) among those of positive weight; of many values, of some spread evenly."""
+    stride = max(1, values.shape[1] // _MEDIAN_POINTS)
+    masked = torch.where(weights[:, ::stride] > 0, values[:, ::stride], math.nan)
     return torch.nanmedian(masked, dim=-1).values.nan_to_num(1.0)
 
 
-def _step(
-    rotations: Tensor, positions: Tensor, hessian: Tensor, gradient: Tensor, steps: RefinementSteps, length: float
-) -> tuple[Tensor, Tensor]:
-    """Solve the damped normal equations and move the poses by `length` times the solution, no further than the limits of `steps`."""
+def _solve(hessian: Tensor, gradient: Tensor, rules: StepRules, length: float) -> tuple[Tensor, Tensor]:
+    """Solve the damped normal equations: turns and moves (K, 3) of `length` times the solution, no further than `rules` allow."""
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
-    damped = hessian + torch.diag_embed(diagonal * steps.damping + 1e-6)
+    damped = hessian + torch.diag_embed(diagonal * rules.damping + 1e-6)
     update = -length * torch.linalg.solve(damped, gradient)
     turn, move = update[:, :3], update[:, 3:]
-    turn = turn * (steps.max_turn / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
-    move = move * (steps.max_move / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
-    moved = positions + torch.einsum("kab,kb->ka", rotations, move)
-    return rotations @ rotation_from_vector(turn), moved
+    turn = turn * (rules.max_turn / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
+    move = move * (rules.max_move / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
+    return turn, move

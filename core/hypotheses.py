@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from core.candidate_points import Comparison
+from core.distinct_poses import first_distinct
 from core.rotations import rotation_angle
 from core.synthetic_view import RenderCloud
 
@@ -104,18 +105,8 @@ def _first_distinct(
         return []
     rotations, positions = stacked_poses(hypotheses)
     number = torch.tensor([h.map_number for h in hypotheses], device=rotations.device)
-    # All pairs at once: one by one they cost more than the rendering they save.
-    near = (torch.cdist(positions, positions) < distance_m) & (number[:, None] == number)
-    traces = rotations.flatten(1) @ rotations.flatten(1).T
-    near &= traces > 1 + 2 * math.cos(math.radians(angle_deg))
-    rows = near.tolist()
-    kept: list[int] = []
-    for k in range(len(hypotheses)):
-        if len(kept) == count:
-            break
-        if not any(rows[k][other] for other in kept):
-            kept.append(k)
-    return [hypotheses[k] for k in kept]
+    kept = first_distinct(rotations, positions, distance_m, angle_deg, number)
+    return [hypotheses[k] for k in kept[:count]]
 
 
 def distinct_places(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

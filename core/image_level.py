@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.projection import wrap_border
+from core.projection import fill_border
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,17 @@ class ImageLevel:
 def prepare_level(color: Tensor, valid: Tensor) -> ImageLevel:
     """Prepare an image (3, H, W) float32 with validity (H, W) float32 in 0..1 for sampling."""
     _, height, width = color.shape
-    padded = wrap_border(color)
-    seen = wrap_border(valid[None])  # the gradient at the edge of a mask is unknown, not that towards a black pixel
-    # Columns run against the azimuth, rows against the elevation.
-    by_azimuth = (padded[:, 1:-1, :-2] - padded[:, 1:-1, 2:]) * (width / (4 * math.pi))
-    by_azimuth = by_azimuth * (seen[:, 1:-1, 2:] * seen[:, 1:-1, :-2])
-    by_elevation = (padded[:, :-2, 1:-1] - padded[:, 2:, 1:-1]) * (height / (2 * math.pi))
-    by_elevation = by_elevation * (seen[:, 2:, 1:-1] * seen[:, :-2, 1:-1])
-    return ImageLevel(wrap_border(torch.cat((color, by_azimuth, by_elevation, valid[None]))), height, width)
+    planes = color.new_empty((10, height + 2, width + 2))
+    padded, seen = planes[:3], planes[9]
+    inside = planes[:, 1:-1, 1:-1]
+    inside[:3], inside[9] = color, valid
+    fill_border(planes[:3])
+    fill_border(planes[9:])
+    # Columns run against the azimuth, rows against the elevation. The gradient at the edge of a mask is unknown, not that towards a
+    # black pixel.
+    across = seen[1:-1, 2:] * seen[1:-1, :-2] * (width / (4 * math.pi))
+    down = seen[2:, 1:-1] * seen[:-2, 1:-1] * (height / (2 * math.pi))
+    torch.sub(padded[:, 1:-1, :-2], padded[:, 1:-1, 2:], out=inside[3:6]).mul_(across)
+    torch.sub(padded[:, :-2, 1:-1], padded[:, 2:, 1:-1], out=inside[6:9]).mul_(down)
+    fill_border(planes[3:9])
+    return ImageLevel(planes, height, width)

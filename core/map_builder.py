@@ -13,13 +13,12 @@ from torch import Tensor
 
 from core.color_equalization import LabelCodes, equalize, label_codes
 from core.config import IndexConfig
-from core.map_index import IndexOptions, MapIndex
+from core.map_index import INDEX_VERSION, IndexOptions, MapIndex
 from core.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
 from core.patch_histograms import described_histograms
 from core.point_cloud import PointCloud
-from core.projection import pixel_solid_angles, project
+from core.projection import pixel_solid_angles
 from core.scan.voxel_thinning import thin_to_spacing
-from core.sphere_points import even_directions
 from core.spherical_patches import PatchGrid
 from core.starts import Starts, grid_starts, octree_starts
 from core.synthetic_view import RenderCloud, make_render_cloud, point_spacing, render_views
@@ -29,7 +28,7 @@ Progress = Callable[[str, float], None]
 
 def index_config_digest(options: IndexOptions, config: IndexConfig | None = None) -> str:
     """Return 16 hex digits that change whenever an index built with these options would."""
-    text = (config or IndexConfig()).digest() + repr(options)
+    text = f"{INDEX_VERSION} {(config or IndexConfig()).digest()} {options!r}"
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -74,9 +73,7 @@ def build_map_index(
         starts=centers[keep],
         leaf_sizes=torch.from_numpy(starts.leaf_sizes).float().to(device)[keep],
         descriptors=descriptors,
-        start_points=torch.cat(views.points)[keep],
-        start_colors=torch.cat(views.colors)[keep],
-        start_colors_coarse=torch.cat(views.colors_coarse)[keep],
+        sampled_shares=torch.cat(views.sampled_shares)[keep],
         labels=labels,
         num_points_read=cloud.num_points_read or len(cloud),
         num_rotations=config.search.num_rotations,
@@ -91,18 +88,14 @@ class _ViewCollector:
         self.grid = PatchGrid(search.patch_rows, search.patch_columns)
         self.height, self.width, self.bins = search.view_height, 2 * search.view_height, search.bins
         self.descriptor_size, self.labels = search.descriptor_size, labels
-        self.directions = even_directions(config.start_points)
-        self.points: list[Tensor] = []
-        self.colors: list[Tensor] = []
-        self.colors_coarse: list[Tensor] = []
         self.histograms: list[Tensor] = []
         self.coverage: list[Tensor] = []
+        self.sampled_shares: list[Tensor] = []
 
     def add(self, cloud: RenderCloud, centers: Tensor) -> None:
-        """Render the views from `centers` (B, 3) and keep histograms, points and coverage."""
-        device, batch = centers.device, len(centers)
+        """Render the views from `centers` (B, 3) and keep histograms and coverage."""
         views = render_views(cloud, centers, self.height, self.width)
-        solid = pixel_solid_angles(self.height, self.width, device).expand(-1, self.width)
+        solid = pixel_solid_angles(self.height, self.width, centers.device).expand(-1, self.width)
         weights = views.valid * solid
         flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)
         canonical = flat if self.labels is not None else equalize(flat, flat_weights)
@@ -111,15 +104,7 @@ class _ViewCollector:
         )
         self.histograms.append(histogram.half())
         self.coverage.append(weights.sum((1, 2)) / solid.sum())
-        pixel = self._pixels(self.height, device)
-        self.points.append(views.point.flatten(1)[:, pixel].int())
-        self.colors.append(_bytes(canonical[:, pixel]))
-        half = _halve(canonical.view(batch, self.height, self.width, 3), views.valid)
-        self.colors_coarse.append(_bytes(half.flatten(1, 2)[:, self._pixels(self.height // 2, device)]))
-
-    def _pixels(self, height: int, device: torch.device) -> Tensor:
-        u, v = project(self.directions.to(device), height, 2 * height)
-        return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)
+        self.sampled_shares.append(((views.point >= 0) * solid).sum((1, 2)) / solid.sum())
 
     def well_covered(self, share: float) -> Tensor:
         """Return the numbers of the views that see enough to lie inside the scanned space."""
@@ -169,16 +154,3 @@ def _sort_along_curve(cloud: PointCloud) -> PointCloud:
     return replace(
         cloud, positions=np.ascontiguousarray(cloud.positions[order]), colors=np.ascontiguousarray(cloud.colors[order])
     )
-
-
-def _halve(color: Tensor, valid: Tensor) -> Tensor:
-    """Average (B, H, W, 3) over squares of two valid pixels a side."""
-    weight = valid[..., None].float()
-    batch, height, width, _ = color.shape
-    shape = (batch, height // 2, 2, width // 2, 2)
-    total = (color * weight).view(*shape, 3).sum((2, 4))
-    return total / weight.view(*shape, 1).sum((2, 4)).clamp_min(1e-6)
-
-
-def _bytes(color: Tensor) -> Tensor:
-    return (color * 255).round().clamp_(0, 255).to(torch.uint8)

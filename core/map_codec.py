@@ -1,7 +1,7 @@
 """Map indexes as bytes: a header, then little-endian arrays, compressed. No pickle: reading runs no code.
 
 Layout: magic `PLMI`, version (uint16), length of a JSON header (uint32), the header, the arrays. Positions are steps of a sixteenth of the
-points' spacing, colours of points 6 bits a channel (labels all 8), colours of views 5 bits, descriptors 31 steps up and down per view;
+points' spacing, colours of points 6 bits a channel (labels all 8), descriptors 31 steps up and down per view;
 docs/experiments.md says what is lost by it (nothing that can be measured).
 """
 
@@ -17,7 +17,6 @@ from torch import Tensor
 
 from core.array_packing import (
     COLOR_LEVELS,
-    VIEW_COLOR_LEVELS,
     pack_colors,
     pack_steps,
     row_differences,
@@ -27,11 +26,10 @@ from core.array_packing import (
 )
 from core.color_equalization import LabelCodes
 from core.errors import IndexFormatError
-from core.map_index import MapIndex
+from core.map_index import INDEX_VERSION, MapIndex
 from core.patch_descriptors import ViewDescriptors
 
 _MAGIC = b"PLMI"
-_VERSION = 2
 _STEPS_PER_SPACING = 16
 _MOST_STEPS = 1 << 30
 _DESCRIPTOR_STEPS = 31
@@ -43,8 +41,6 @@ def encode_map_index(index: MapIndex) -> bytes:
     lower, step, positions = _quantize_positions(index.positions, index.spacing)
     scale = index.descriptors.values.abs().amax((1, 2)).clamp_min(1e-9) / _DESCRIPTOR_STEPS
     values = (index.descriptors.values / scale[:, None, None]).round().to(torch.int8)
-    fine = pack_colors(_bytes(index.start_colors), VIEW_COLOR_LEVELS)
-    coarse = pack_colors(_bytes(index.start_colors_coarse), VIEW_COLOR_LEVELS)
     arrays = {
         "positions": pack_steps(positions),
         "colors": row_differences(pack_colors(_bytes(index.colors), _color_levels(index.labels))),
@@ -54,9 +50,7 @@ def encode_map_index(index: MapIndex) -> bytes:
         "descriptor_scale": _array(scale),
         "basis": _array(index.descriptors.basis),
         "patch_weights": _array(index.descriptors.weights.half()),
-        "start_points": np.ascontiguousarray(_array(index.start_points)[..., None].view(np.uint8).transpose(2, 0, 1)),
-        "start_colors": fine,
-        "start_colors_coarse": coarse - fine,
+        "sampled_shares": _array(index.sampled_shares),
     }
     if index.labels is not None:
         arrays |= {"labels": _array(index.labels.labels.int()), "label_codes": _array(index.labels.codes)}
@@ -73,7 +67,7 @@ def encode_map_index(index: MapIndex) -> bytes:
     # Runs and Huffman codes: nothing repeats for longer, and looking for it would take ten times as long.
     compressor = zlib.compressobj(6, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
     body = b"".join([*(compressor.compress(v.tobytes()) for v in arrays.values()), compressor.flush()])
-    return _PREFIX.pack(_MAGIC, _VERSION, len(text)) + text + body
+    return _PREFIX.pack(_MAGIC, INDEX_VERSION, len(text)) + text + body
 
 
 def decode_map_index(data: bytes, device: torch.device | str = "cpu") -> MapIndex:
@@ -95,9 +89,9 @@ def _read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
             f"map index: expected at least {_PREFIX.size} bytes, got {len(data)}; build it again from the scan"
         )
     magic, version, length = _PREFIX.unpack_from(data)
-    if magic != _MAGIC or version != _VERSION:
+    if magic != _MAGIC or version != INDEX_VERSION:
         raise IndexFormatError(
-            f"map index: expected version {_VERSION}, got {magic!r} {version}; build it again from the scan"
+            f"map index: expected version {INDEX_VERSION}, got {magic!r} {version}; build it again from the scan"
         )
     try:
         header = json.loads(data[_PREFIX.size : _PREFIX.size + length])
@@ -108,6 +102,8 @@ def _read(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
             count = int(np.prod(shape, dtype=np.int64))
             arrays[entry["name"]] = np.frombuffer(body, dtype, count, offset).reshape(shape)
             offset += count * dtype.itemsize
+        if offset != len(body):
+            raise ValueError(f"expected {offset} bytes of arrays, got {len(body)}")
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError, SyntaxError, zlib.error) as error:
         raise IndexFormatError(f"map index: the bytes are damaged ({error}); build it again from the scan") from error
     return header, arrays
@@ -122,9 +118,6 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
     scale = tensors["descriptor_scale"]
     values = (tensors["descriptors"].float() * scale).permute(2, 1, 0).contiguous()
     labels = LabelCodes(tensors["labels"], tensors["label_codes"]) if "labels" in tensors else None
-    fine = packed["start_colors"]
-    coarse = packed["start_colors_coarse"] + fine
-    start_points = np.ascontiguousarray(packed["start_points"].transpose(1, 2, 0)).view("<i4")[..., 0]
     return MapIndex(
         positions=positions.contiguous(),
         colors=torch.from_numpy(unpack_colors(row_sums(packed["colors"]), _color_levels(labels))),
@@ -133,9 +126,7 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
         starts=tensors["starts"],
         leaf_sizes=tensors["leaf_sizes"],
         descriptors=ViewDescriptors(values, tensors["basis"], tensors["patch_weights"].float()),
-        start_points=torch.from_numpy(start_points),
-        start_colors=torch.from_numpy(unpack_colors(fine, VIEW_COLOR_LEVELS)),
-        start_colors_coarse=torch.from_numpy(unpack_colors(coarse, VIEW_COLOR_LEVELS)),
+        sampled_shares=tensors["sampled_shares"],
         labels=labels,
         num_points_read=int(header["num_points_read"]),
         num_rotations=int(header["num_rotations"]),
@@ -146,7 +137,7 @@ def _check_fit(index: MapIndex) -> None:
     """Raise ValueError when the arrays do not describe the same points, starts and patches."""
     views = index.descriptors
     num_patches, size = views.values.shape[1:]
-    points, starts, seen = index.num_points, index.num_starts, index.start_points.shape[1]
+    points, starts = index.num_points, index.num_starts
     expected: dict[str, tuple[Any, tuple[int, ...]]] = {
         "positions": (index.positions, (points, 3)),
         "colors": (index.colors, (points, 3)),
@@ -155,16 +146,14 @@ def _check_fit(index: MapIndex) -> None:
         "descriptors": (views.values, (starts, num_patches, size)),
         "basis": (views.basis, (len(views.basis), size)),
         "patch_weights": (views.weights, (starts, num_patches)),
-        "start_points": (index.start_points, (starts, seen)),
-        "start_colors": (index.start_colors, (starts, seen, 3)),
-        "start_colors_coarse": (index.start_colors_coarse, (starts, seen, 3)),
+        "sampled_shares": (index.sampled_shares, (starts,)),
         "origin_offset": (index.origin_offset, (3,)),
     }
     for name, (array, shape) in expected.items():
         if tuple(array.shape) != shape:
             raise ValueError(f"{name}: expected the shape {shape}, got {tuple(array.shape)}")
-    if points == 0 or starts == 0 or not -1 <= int(index.start_points.min()) <= int(index.start_points.max()) < points:
-        raise ValueError("start_points: expected numbers of points of this map")
+    if points == 0 or starts == 0:
+        raise ValueError(f"expected points and starts, got {points} and {starts}")
 
 
 def _quantize_positions(positions: Tensor, spacing: float) -> tuple[NDArray[np.float32], float, NDArray[np.int64]]:

@@ -46,8 +46,7 @@ def _few_points(index: MapIndex) -> Diagnostic | None:
 
 
 def _starts_see_little(index: MapIndex) -> Diagnostic | None:
-    # start_points has −1 where nothing is seen; its directions are spread evenly over the sphere.
-    seen = float((index.start_points >= 0).float().mean(dim=1).max())
+    seen = float(index.sampled_shares.max())
     if seen >= _LEAST_SEEN:
         return None
     message = (

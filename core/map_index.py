@@ -14,6 +14,7 @@ from core.errors import OptionsError
 from core.patch_descriptors import ViewDescriptors, pooled
 from core.synthetic_view import RenderCloud, make_render_cloud
 
+INDEX_VERSION = 3  # of what an index holds and means; rises with every change, so that older ones are built again
 ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
 Vector = tuple[float, float, float]
@@ -51,10 +52,8 @@ class MapIndex:
     positions: (N, 3) float32 metres relative to `origin_offset`. colors: (N, 3) uint8 as scanned.
     origin_offset: (3,) float64. spacing: metres between points.
     starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres.
-    descriptors: of the T synthetic views. start_points: (T, S) int32, numbers of points seen from each start, spread evenly over the
-    sphere, −1 where nothing is seen. start_colors, start_colors_coarse: (T, S, 3) uint8, canonical colour of the
-    view there at full and half resolution. labels: codes when the colours are semantic labels, else None.
-    num_points_read: points in the scan file.
+    descriptors: of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view
+    a point falls. labels: codes when the colours are semantic labels, else None. num_points_read: points in the scan file.
     """
 
     positions: Tensor
@@ -64,9 +63,7 @@ class MapIndex:
     starts: Tensor
     leaf_sizes: Tensor
     descriptors: ViewDescriptors
-    start_points: Tensor
-    start_colors: Tensor
-    start_colors_coarse: Tensor
+    sampled_shares: Tensor
     labels: LabelCodes | None
     num_points_read: int
     num_rotations: int

@@ -6,13 +6,15 @@ import torch
 from torch import Tensor
 
 from core.candidate_points import points_seen_from_starts
-from core.config import SearchConfig
-from core.gauss_newton import CandidatePoints, ImageLevel, prepare_level
+from core.config import LocalizerConfig, SearchConfig
 from core.hypotheses import Hypothesis, by_map
+from core.image_level import ImageLevel, prepare_level
+from core.local_contrast import mixed_with_contrast
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.panorama_pyramid import PanoramaLevel, PanoramaPyramid
 from core.projection import wrap_border
+from core.refinement import CandidatePoints
 from core.search import DescribedPanorama, describe_panorama
 from core.synthetic_view import RenderCloud
 
@@ -30,6 +32,8 @@ class PreparedQuery:
             for m in maps
         ]
         self._levels: dict[tuple[int, int, bool], ImageLevel] = {}
+        self._starts_seen: dict[int, list[int]] = {}
+        self._points_seen: dict[int, tuple[CandidatePoints, CandidatePoints]] = {}
         self._described: dict[int, DescribedPanorama] = {}
 
     def pyramid(self, number: int) -> PanoramaPyramid:
@@ -51,30 +55,53 @@ class PreparedQuery:
         for group in groups.values():
             yield group[0].map_number, group
 
-    def points_from_starts(self, number: int, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
-        """Return the stored points of the starts that hypotheses of one map came from."""
-        index = self.maps[number]
-        starts = torch.tensor([h.start for h in group], device=index.starts.device)
-        return points_seen_from_starts(index, starts, coarse)
+    def points_from_starts(
+        self, number: int, group: Sequence[Hypothesis], config: LocalizerConfig, coarse: bool
+    ) -> CandidatePoints:
+        """Return what the starts of hypotheses of one map see, with colours of half the views' resolution or all of it."""
+        if not {h.start for h in group} <= set(self._starts_seen.get(number, ())):
+            starts = sorted({h.start for h in group})
+            index, sizes = self.maps[number], config.refinement
+            self._starts_seen[number] = starts
+            self._points_seen[number] = points_seen_from_starts(
+                index,
+                torch.tensor(starts, device=index.starts.device),
+                config.search.view_height,
+                sizes.coarse_points,
+                sizes.contrast_share,
+            )
+        rows = {start: row for row, start in enumerate(self._starts_seen[number])}
+        points = self._points_seen[number][0 if coarse else 1]
+        return points.take(torch.tensor([rows[h.start] for h in group], device=points.weights.device))
 
     def cloud(self, number: int) -> RenderCloud:
         """Return the cloud of a map, ready for rendering."""
         return self.maps[number].render_cloud
 
-    def canonical_level(self, number: int, height: int, blur: bool = False) -> ImageLevel:
-        """Return a level equalized over the whole panorama, prepared for sampling; blurred for the widest basin."""
+    def canonical_level(self, number: int, height: int, contrast_share: float, blur: bool = False) -> ImageLevel:
+        """Return a level equalized over the whole panorama and mixed with contrast, prepared for sampling; blurred for the widest basin."""
         pyramid = self._pyramids[number]
         key = (id(pyramid), height, blur)
         if key not in self._levels:
-            level = pyramid.level(height)
-            color = level.canonical(self.maps[number].labels)
+            level, labels = pyramid.level(height), self.maps[number].labels
+            color = level.canonical(labels)
+            if labels is None:
+                color = _with_contrast(color, level, contrast_share)
             self._levels[key] = prepare_level(_blur(color, level.valid) if blur else color, level.valid)
         return self._levels[key]
 
-    def level_for(self, number: int, height: int, tables: Tensor | None) -> ImageLevel:
-        """Return a level with the colours of one candidate: its own equalization (1, 3, 256), or label codes."""
+    def level_for(self, number: int, height: int, tables: Tensor | None, contrast_share: float) -> ImageLevel:
+        """Return a level with the colours of one candidate: its own equalization (1, 3, 256) mixed with contrast, or label codes."""
         level: PanoramaLevel = self._pyramids[number].level(height)
-        return prepare_level(level.color if tables is None else level.recolored(tables[0]), level.valid)
+        if tables is None:
+            return prepare_level(level.color, level.valid)
+        return prepare_level(_with_contrast(level.recolored(tables[0]), level, contrast_share), level.valid)
+
+
+def _with_contrast(equalized: Tensor, level: PanoramaLevel, share: float) -> Tensor:
+    """Mix equalized colours (3, H, W) of a level with its local contrast."""
+    as_views = equalized.permute(1, 2, 0)[None], level.color.permute(1, 2, 0)[None], level.valid[None]
+    return mixed_with_contrast(*as_views, share)[0].permute(2, 0, 1)
 
 
 def _blur(color: Tensor, valid: Tensor) -> Tensor:

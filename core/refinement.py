@@ -9,7 +9,6 @@ Paper: §3.3 (refinement of the best candidates).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -17,7 +16,6 @@ from torch import Tensor
 from core.distinct_poses import first_distinct
 from core.gauss_newton import Aligned, StepRules, gauss_newton_step
 from core.image_level import ImageLevel
-from core.parallel import Lanes
 
 
 @dataclass(frozen=True)
@@ -27,6 +25,10 @@ class CandidatePoints:
     positions: Tensor
     colors: Tensor
     weights: Tensor
+
+    def take(self, chosen: Tensor) -> "CandidatePoints":
+        """Return the points of the candidates numbered `chosen`."""
+        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen])
 
     def planes(self) -> Aligned:
         """Return them as planes."""
@@ -76,7 +78,7 @@ class Refined:
     num_points: Tensor
     steps: Tensor
 
-    def take(self, chosen: Tensor | slice) -> "Refined":
+    def take(self, chosen: Tensor) -> "Refined":
         """Return some of the candidates."""
         return Refined(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
@@ -97,7 +99,8 @@ class _Moving:
     move: Tensor
     turn: Tensor
 
-    def take(self, chosen: Tensor | slice) -> "_Moving":
+    def take(self, chosen: Tensor) -> "_Moving":
+        """Return some of the candidates."""
         points = Aligned(self.points.place[chosen], self.points.target[chosen], self.points.weights[chosen])
         return _Moving(
             points, self.light_weights[chosen], self.poses.take(chosen), self.move[chosen], self.turn[chosen]
@@ -112,25 +115,21 @@ def refine(
     iterations: int,
     rules: StepRules,
     rest: Rest | None = None,
-    lanes: Lanes | None = None,
 ) -> Refined:
     """Refine K poses on one image level by up to `iterations` steps, all of them without a `rest`.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres. lanes: where candidates are refined side by side.
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres.
     """
-    lanes = lanes or Lanes(1)
-    start = _at_start(points, rotations, positions)
-    moving = [start.take(share) for share in lanes.shares(len(rotations))]
+    moving = _at_start(points, rotations, positions)
     resting: list[Refined] = []
     done = 0
-    while moving and done < iterations:
+    while done < iterations and len(moving.move):
         count = min(rest.interval if rest else iterations, iterations - done)
         done += count
-        walk = partial(_walk, level=level, rules=rules, count=count, to_the_end=done == iterations)
-        moving = lanes.map(walk, moving)
+        moving = _walked(moving, level, rules, count, to_the_end=done == iterations)
         if rest and done < iterations:
             resting, moving = _parted(resting, moving, rest)
-    return Refined.joined([*resting, *(part.poses for part in moving)])
+    return Refined.joined([*resting, moving.poses])
 
 
 def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor) -> _Moving:
@@ -142,7 +141,7 @@ def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor) -> 
     return _Moving(planes, planes.weights, poses, nothing, nothing)
 
 
-def _walk(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to_the_end: bool) -> _Moving:
+def _walked(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to_the_end: bool) -> _Moving:
     """Take `count` steps; the very last of a refinement is not lengthened."""
     poses, light_weights = moving.poses, moving.light_weights
     rotations, positions = poses.rotations, poses.positions
@@ -156,18 +155,15 @@ def _walk(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to_t
     return _Moving(moving.points, light_weights, reached, step.move, step.turn)
 
 
-def _parted(resting: list[Refined], moving: list[_Moving], rest: Rest) -> tuple[list[Refined], list[_Moving]]:
+def _parted(resting: list[Refined], moving: _Moving, rest: Rest) -> tuple[list[Refined], _Moving]:
     """Let those rest that hardly moved, and leave out those that are near a better one."""
     if rest.apart_m > 0:
-        together = Refined.joined([*resting, *(part.poses for part in moving)])
+        together = Refined.joined([*resting, moving.poses])
         order = together.loss.argsort()
-        kept = first_distinct(
-            together.rotations[order], together.positions[order], rest.apart_m, math.degrees(rest.apart_rad)
-        )
+        rotations, positions = together.rotations[order], together.positions[order]
+        kept = first_distinct(rotations, positions, rest.apart_m, math.degrees(rest.apart_rad))
         numbers = together.numbers[order[kept]]
         resting = [part.take(torch.isin(part.numbers, numbers)) for part in resting]
-        moving = [part.take(torch.isin(part.poses.numbers, numbers)) for part in moving]
-    rests = [(part.move < rest.move_m) & (part.turn < rest.turn_rad) for part in moving]
-    resting = resting + [part.poses.take(still) for part, still in zip(moving, rests, strict=True)]
-    moving = [part.take(~still) for part, still in zip(moving, rests, strict=True)]
-    return resting, [part for part in moving if len(part.move)]
+        moving = moving.take(torch.isin(moving.poses.numbers, numbers))
+    rests = (moving.move < rest.move_m) & (moving.turn < rest.turn_rad)
+    return [*resting, moving.poses.take(rests)], moving.take(~rests)

@@ -31,7 +31,7 @@ def test_a_lamp_changes_the_image_and_not_its_contrast() -> None:
     image, valid = textured(), torch.ones((1, HEIGHT, WIDTH))
     lit = image * lamp()
     assert correlation(image, lit) < 0.7
-    assert correlation(local_contrast(image, valid), local_contrast(lit, valid)) > 0.97
+    assert correlation(local_contrast(image, valid), local_contrast(lit, valid)) > 0.94
 
 
 def test_another_image_has_another_contrast() -> None:

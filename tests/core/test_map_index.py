@@ -39,22 +39,13 @@ def test_the_bytes_of_an_index_are_counted(box_index: MapIndex) -> None:
     assert counted < 60_000_000
 
 
-def test_points_of_a_start_are_seen_from_it(box_index: MapIndex) -> None:
-    from core.projection import project
-    from core.sphere_points import even_directions
-
-    directions = even_directions(box_index.start_points.shape[1])
-    for start in range(0, box_index.num_starts, 40):
-        numbers = box_index.start_points[start].long()
-        seen = numbers >= 0
-        relative = box_index.positions[numbers[seen]] - box_index.starts[start]
-        cosine = (relative / relative.norm(dim=-1, keepdim=True) * directions[seen]).sum(-1)
-        # A pixel of the view is 2.8 degrees high: the point kept for a direction lies in the same pixel.
-        assert float(torch.rad2deg(torch.arccos(cosine.clamp(-1, 1))).max()) < 5
-        u, v = project(relative, 64, 128)
-        wanted_u, wanted_v = project(directions[seen], 64, 128)
-        assert torch.equal(u.long(), wanted_u.long())
-        assert torch.equal(v.long(), wanted_v.long())
+def test_the_sampled_share_of_a_start_is_that_of_the_sphere_where_points_lie(box: PaintedBox) -> None:
+    cloud, options = box.scan(20_000), IndexOptions(starts_method="grid", spacing_m=1.2)
+    below = cloud.positions[:, 2] < np.median(cloud.positions[:, 2])
+    whole = build_map_index(cloud, options)
+    half = build_map_index(PointCloud(cloud.positions[below], cloud.colors[below]), options)
+    assert float(whole.sampled_shares.min()) > 0.5
+    assert 0.3 < float(half.sampled_shares.mean() / whole.sampled_shares.mean()) < 0.7
 
 
 def test_progress_moves_from_stage_to_stage_and_never_back(box: PaintedBox) -> None:
@@ -132,11 +123,9 @@ def read_back(box_index: MapIndex) -> MapIndex:
 
 def test_an_index_read_back_differs_only_by_stated_rounding(box_index: MapIndex, read_back: MapIndex) -> None:
     assert float((read_back.positions - box_index.positions).abs().max()) <= box_index.spacing / 32 + 1e-6
-    for name in ("starts", "leaf_sizes", "start_points"):
+    for name in ("starts", "leaf_sizes", "sampled_shares"):
         assert torch.equal(getattr(read_back, name), getattr(box_index, name)), name
-    for name, levels in (("colors", 64), ("start_colors", 32), ("start_colors_coarse", 32)):
-        difference = getattr(read_back, name).int() - getattr(box_index, name).int()
-        assert int(difference.abs().max()) <= 255 / (levels - 1) / 2 + 1, name
+    assert int((read_back.colors.int() - box_index.colors.int()).abs().max()) <= 255 / 63 / 2 + 1
     assert torch.equal(read_back.descriptors.basis, box_index.descriptors.basis)
     largest = box_index.descriptors.values.abs().amax((1, 2), keepdim=True)
     assert bool(((read_back.descriptors.values - box_index.descriptors.values).abs() <= largest / 62 + 1e-6).all())
@@ -149,8 +138,7 @@ def test_an_index_read_back_differs_only_by_stated_rounding(box_index: MapIndex,
 def test_rounding_happens_once(box_index: MapIndex, read_back: MapIndex) -> None:
     again = decode_map_index(encode_map_index(read_back))
     torch.testing.assert_close(again.positions, read_back.positions, atol=1e-5, rtol=0)
-    for name in ("colors", "start_colors", "start_colors_coarse"):
-        assert torch.equal(getattr(again, name), getattr(read_back, name)), name
+    assert torch.equal(again.colors, read_back.colors)
     torch.testing.assert_close(again.descriptors.values, read_back.descriptors.values, atol=1e-5, rtol=1e-4)
 
 
@@ -173,8 +161,8 @@ def test_label_codes_survive() -> None:
     assert torch.equal(back.colors, index.colors)
 
 
-def test_an_index_of_a_room_takes_a_few_megabytes(box_index: MapIndex) -> None:
-    assert len(encode_map_index(box_index)) < 2_500_000
+def test_an_index_of_a_room_takes_less_than_a_megabyte(box_index: MapIndex) -> None:
+    assert len(encode_map_index(box_index)) < 1_000_000
 
 
 def test_the_bytes_run_no_code(box_index: MapIndex) -> None:
@@ -199,7 +187,7 @@ def test_the_digest_changes_with_every_option_and_every_setting() -> None:
     ]
     digests = [index_config_digest(option) for option in options]
     digests.append(index_config_digest(IndexOptions(), IndexConfig(search=SearchConfig(bins=6))))
-    digests.append(index_config_digest(IndexOptions(), IndexConfig(start_points=512)))
+    digests.append(index_config_digest(IndexOptions(), IndexConfig(finest_spacing_m=0.05)))
     assert len(set(digests)) == len(digests)
     assert all(len(digest) == 16 and int(digest, 16) >= 0 for digest in digests)
     assert index_config_digest(IndexOptions()) == digests[0]

@@ -16,14 +16,16 @@ from core.confidence import (
     formal_radii,
     load_confidence_model,
 )
-from core.gauss_newton import CandidatePoints, RefinementSteps, fit_gain_offset, prepare_level, refine
+from core.gauss_newton import StepRules, fit_gain_offset
 from core.hypotheses import Hypothesis, best_distinct, converged, promising
+from core.image_level import prepare_level
 from core.judge import agreement
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.panorama_pyramid import PanoramaPyramid
 from core.pose import Pose
 from core.projection import pixel_directions
+from core.refinement import CandidatePoints, Rest, refine
 from core.rotations import rotation_angle, rotation_from_vector, uniform_rotations
 
 HEIGHT = 128
@@ -63,9 +65,7 @@ def refined_errors(
     level = prepare_level(image, torch.ones(image.shape[1:]) if valid is None else valid)
     candidates = CandidatePoints(points[None], colors[None], torch.ones((1, len(points))))
     start = rotation @ rotation_from_vector(torch.tensor([0.1, -0.1, 0.07]))
-    found = refine(
-        level, candidates, start[None], (POSITION + torch.tensor([0.15, -0.15, 0.1]))[None], RefinementSteps(25)
-    )
+    found = refine(level, candidates, start[None], (POSITION + torch.tensor([0.15, -0.15, 0.1]))[None], 25, StepRules())
     angle = float(torch.rad2deg(rotation_angle(found.rotations[0].double(), rotation.double())))
     return float((found.positions[0] - POSITION).norm()), angle
 
@@ -115,7 +115,8 @@ def test_each_candidate_is_refined_as_if_it_were_alone(scene: tuple[torch.Tensor
         CandidatePoints(points.expand(3, -1, -1), colors.expand(3, -1, -1), weights),
         starts,
         positions,
-        RefinementSteps(6),
+        6,
+        StepRules(),
     )
     for k in range(3):
         alone = refine(
@@ -123,17 +124,40 @@ def test_each_candidate_is_refined_as_if_it_were_alone(scene: tuple[torch.Tensor
             CandidatePoints(points[None], colors[None], weights[:1]),
             starts[k : k + 1],
             positions[k : k + 1],
-            RefinementSteps(6),
+            6,
+            StepRules(),
         )
         torch.testing.assert_close(alone.positions[0], together.positions[k], atol=2e-4, rtol=0)
         torch.testing.assert_close(alone.rotations[0], together.rotations[k], atol=2e-4, rtol=0)
+
+
+def test_candidates_that_come_together_go_on_as_one_and_all_end_in_the_same_place(
+    scene: tuple[torch.Tensor, ...],
+) -> None:
+    image, points, colors, rotation = scene
+    level = prepare_level(image, torch.ones(image.shape[1:]))
+    turns = (0.1, -0.1, 0.15)
+    starts = torch.stack([rotation @ rotation_from_vector(torch.tensor([a, 0.05, 0.0])) for a in turns])
+    # A fourth one has no points: it stays, far from the others.
+    starts = torch.cat((starts, (rotation @ rotation_from_vector(torch.tensor([0.0, 0.0, 2.0])))[None]))
+    weights = torch.ones((4, len(points)))
+    weights[3] = 0
+    candidates = CandidatePoints(points.expand(4, -1, -1), colors.expand(4, -1, -1), weights)
+    rest = Rest(move_m=1e-3, turn_rad=1e-3, apart_m=0.05, apart_rad=0.03)
+    found = refine(level, candidates, starts, (POSITION + 0.1).expand(4, -1), 40, StepRules(), rest)
+    assert len(found.numbers) == 2
+    assert int(found.numbers[1]) == 3
+    torch.testing.assert_close(found.positions[0], POSITION, atol=0.005, rtol=0)
+    torch.testing.assert_close(found.positions[1], POSITION + 0.1)
+    assert int(found.steps[0]) < 40  # it rests when it has arrived
+    assert int(found.steps[1]) == 4
 
 
 def test_a_candidate_without_a_point_stays_where_it_is(scene: tuple[torch.Tensor, ...]) -> None:
     image, points, colors, rotation = scene
     level = prepare_level(image, torch.ones(image.shape[1:]))
     nothing = CandidatePoints(points[None], colors[None], torch.zeros((1, len(points))))
-    found = refine(level, nothing, rotation[None], POSITION[None], RefinementSteps(3))
+    found = refine(level, nothing, rotation[None], POSITION[None], 3, StepRules())
     torch.testing.assert_close(found.positions[0], POSITION)
     assert bool(torch.isfinite(found.rotations).all())
     assert bool(torch.isfinite(found.loss).all())

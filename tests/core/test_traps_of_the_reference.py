@@ -102,7 +102,7 @@ def test_a_scan_of_black_walls_is_described_like_one_of_any_other_colour() -> No
     one = build_map_index(dataclasses.replace(cloud, colors=black), options)
     other = build_map_index(dataclasses.replace(cloud, colors=grey), options)
     torch.testing.assert_close(one.descriptors.weights, other.descriptors.weights)
-    assert torch.equal(one.start_points, other.start_points)
+    assert torch.equal(one.sampled_shares, other.sampled_shares)
 
 
 def test_hints_speak_of_the_camera_position_in_the_maps_own_frame(box_index: MapIndex) -> None:

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core import gauss_newton
-from core.gauss_newton import prepare_level
+from core.image_level import prepare_level
 from core.projection import pixel_directions
 from core.rotations import rotation_from_vector, uniform_rotations
 from core.sampling_loss import SamplingProblem, sampling_loss
@@ -120,7 +120,7 @@ def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProble
 HEIGHT = 128
 
 
-def jacobian_of(seen: gauss_newton._Seen) -> np.ndarray:
+def jacobian_of(seen: gauss_newton.Seen) -> np.ndarray:
     """Return the Jacobians (N, 3, 6) of the first candidate."""
     by_azimuth, by_elevation, azimuth, elevation = (
         part[0].numpy() for part in (seen.by_azimuth, seen.by_elevation, seen.azimuth, seen.elevation)
@@ -135,7 +135,7 @@ def linearized(positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.
     place = torch.from_numpy(positions).float().T[None]
     rotation = torch.from_numpy(loss_twin.turned(ROTATION, step[:3])).float()[None]
     position = torch.from_numpy(POSITION + ROTATION @ step[3:]).float()[None]
-    seen, _ = gauss_newton._see(level, place, rotation, position)
+    seen, _ = gauss_newton.see(level, place, rotation, position)
     return seen.color[0].T.numpy(), jacobian_of(seen)
 
 
@@ -161,11 +161,10 @@ def test_the_jacobian_of_refinement_agrees_with_finite_differences_of_a_painted_
 def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light: bool) -> None:
     rng = np.random.default_rng(2)
     count = 60
-    parts = {name: rng.normal(size=(1, 3, count)) for name in ("color", "by_azimuth", "by_elevation")}
-    parts |= {name: rng.normal(size=(1, 6, count)) for name in ("azimuth", "elevation")}
-    seen = gauss_newton._Seen(**{name: torch.from_numpy(value) for name, value in parts.items()})
+    planes, azimuth, elevation = (torch.from_numpy(rng.normal(size=(1, rows, count))) for rows in (9, 6, 6))
+    seen = gauss_newton.Seen(planes, azimuth, elevation)
     residual, weights = rng.normal(size=(1, 3, count)), rng.uniform(size=(1, count))
-    hessian, gradient = gauss_newton._normal_equations(
+    hessian, gradient = gauss_newton.normal_equations(
         seen, torch.from_numpy(residual), torch.from_numpy(weights), fit_light
     )
     jacobian = jacobian_of(seen)
@@ -173,7 +172,7 @@ def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light:
     for channel in range(3):
         rows, root = jacobian[:, channel], np.sqrt(weights[0])[:, None]
         if fit_light:  # what the best gain and offset leave of every column
-            light = np.column_stack((parts["color"][0, channel], np.ones(count)))
+            light = np.column_stack((planes[0, channel].numpy(), np.ones(count)))
             rows = rows - light @ np.linalg.lstsq(root * light, root * rows, rcond=None)[0]
         expected_hessian += (root * rows).T @ (root * rows)
         expected_gradient += rows.T @ (weights[0] * residual[0, channel])

@@ -1,0 +1,46 @@
+"""The points that candidates are refined on."""
+
+import pytest
+import torch
+
+from core.candidate_points import points_seen_from_starts
+from core.map_index import MapIndex
+from core.projection import project
+from core.sphere_points import even_directions
+
+COUNT, HEIGHT = 512, 64
+
+
+def test_points_of_a_start_are_seen_from_it(box_index: MapIndex) -> None:
+    starts = torch.arange(0, box_index.num_starts, 40)
+    _, fine = points_seen_from_starts(box_index, starts, HEIGHT, COUNT, 0.5)
+    directions = even_directions(COUNT)
+    for k, start in enumerate(starts):
+        seen = fine.weights[k] > 0
+        assert float(seen.float().mean()) > 0.3  # of a sparse scan, many pixels show no point
+        relative = fine.positions[k][seen] - box_index.starts[start]
+        cosine = (relative / relative.norm(dim=-1, keepdim=True) * directions[seen]).sum(-1)
+        # A pixel of the view is 2.8 degrees high: the point kept for a direction lies in the same pixel.
+        assert float(torch.rad2deg(torch.arccos(cosine.clamp(-1, 1))).max()) < 5
+        for found, wanted in zip(
+            project(relative, HEIGHT, 2 * HEIGHT), project(directions[seen], HEIGHT, 2 * HEIGHT), strict=True
+        ):
+            assert torch.equal(found.long(), wanted.long())
+
+
+def test_both_resolutions_show_the_same_points_in_nearly_the_same_colours(box_index: MapIndex) -> None:
+    coarse, fine = points_seen_from_starts(box_index, torch.tensor([3, 1]), HEIGHT, COUNT, 0.0)
+    assert torch.equal(coarse.positions, fine.positions)
+    assert torch.equal(coarse.weights, fine.weights)
+    assert 0 < float((coarse.colors - fine.colors).abs().mean()) < 0.2
+    swapped = points_seen_from_starts(box_index, torch.tensor([1, 3]), HEIGHT, COUNT, 0.0)[1]
+    torch.testing.assert_close(swapped.colors.flip(0), fine.colors)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_colours_are_equalized_unless_contrast_is_mixed_in(box_index: MapIndex, share: float) -> None:
+    _, fine = points_seen_from_starts(box_index, torch.tensor([2]), HEIGHT, COUNT, share)
+    middle = fine.colors[0].mean(0)
+    torch.testing.assert_close(middle, torch.full((3,), 0.5), atol=0.05, rtol=0)
+    spread = float(fine.colors.std())
+    assert (abs(spread - 12**-0.5) < 0.02) == (share == 0.0)
