@@ -2,14 +2,20 @@
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 
 def first_distinct(
-    rotations: Tensor, positions: Tensor, distance_m: float, angle_deg: float, groups: Tensor | None = None
+    rotations: Tensor,
+    positions: Tensor,
+    distance_m: float,
+    angle_deg: float,
+    groups: Tensor | None = None,
+    count: int | None = None,
 ) -> list[int]:
-    """Return the numbers of poses (K,) that are near none before them that is returned.
+    """Return the numbers of poses (K,) that are near none before them that is returned, the first `count` of them.
 
     rotations: (K, 3, 3); positions: (K, 3) metres. Near: closer than both limits, and of the same group (K,) where there are groups.
     """
@@ -18,8 +24,11 @@ def first_distinct(
     near &= rotations.flatten(1) @ rotations.flatten(1).T > 1 + 2 * math.cos(math.radians(angle_deg))
     if groups is not None:
         near &= groups[:, None] == groups
+    rows = near.cpu().numpy()
+    taken = np.zeros(len(rows), dtype=bool)
     kept: list[int] = []
-    for k, row in enumerate(near.tolist()):
-        if not any(row[other] for other in kept):
-            kept.append(k)
+    while not taken.all() and len(kept) != count:
+        kept.append(int(taken.argmin()))
+        taken |= rows[kept[-1]]
+        taken[: kept[-1] + 1] = True
     return kept

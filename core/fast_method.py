@@ -215,20 +215,18 @@ class FastMethod:
         floor = sizes.min_residual_labels if is_labels else sizes.min_residual
         rules = StepRules(not is_labels, robust_scale or sizes.robust_scale, floor)
         result = refine(level, points, rotations, positions, iterations, rules, rest)
-        figures = zip(
-            *(part.tolist() for part in (result.numbers, result.loss, result.scale, result.num_points, result.steps)),
-            strict=True,
-        )
+        columns = (result.numbers, result.loss, result.scale, result.num_points, result.steps)
+        figures = torch.stack([column.double() for column in columns], dim=1).tolist()
         return [
             replace(
-                group[number],
+                group[int(number)],
                 rotation=result.rotations[k],
                 position=result.positions[k],
                 loss=loss,
                 hessian=result.hessian[k],
                 residual_scale=scale,
                 num_points=int(num_points),
-                iterations=group[number].iterations + steps,
+                iterations=group[int(number)].iterations + int(steps),
             )
             for k, (number, loss, scale, num_points, steps) in enumerate(figures)
         ]

@@ -246,7 +246,8 @@ def _solve(hessian: Tensor, gradient: Tensor, rules: StepRules, length: float) -
     """Solve the damped normal equations: turns and moves (K, 3) of `length` times the solution, no further than `rules` allow."""
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     damped = hessian + torch.diag_embed(diagonal * rules.damping + 1e-6)
-    update = -length * torch.linalg.solve(damped, gradient)
+    # Damped equations always have a solution; to check would make a GPU wait.
+    update = -length * torch.linalg.solve_ex(damped, gradient)[0]
     turn, move = update[:, :3], update[:, 3:]
     turn = turn * (rules.max_turn / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
     move = move * (rules.max_move / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)

@@ -105,8 +105,7 @@ def _first_distinct(
         return []
     rotations, positions = stacked_poses(hypotheses)
     number = torch.tensor([h.map_number for h in hypotheses], device=rotations.device)
-    kept = first_distinct(rotations, positions, distance_m, angle_deg, number)
-    return [hypotheses[k] for k in kept[:count]]
+    return [hypotheses[k] for k in first_distinct(rotations, positions, distance_m, angle_deg, number, count)]
 
 
 def distinct_places(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

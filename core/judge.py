@@ -8,7 +8,7 @@ the cases and the best agreement in 1.00 (docs/experiments.md).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -98,15 +98,9 @@ def _mutual_information(first: Tensor, second: Tensor, share: Tensor) -> Tensor:
 
 def judged_hypotheses(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
     """Return the hypotheses (K) with their score and measures."""
-    table = {
-        "correlation": measured.correlation.tolist(),
-        "patch_correlation": measured.patch_correlation.tolist(),
-        "mutual_information": measured.mutual_information.tolist(),
-        "inlier_share": measured.inlier_share.tolist(),
-        "coverage": measured.coverage.tolist(),
-    }
-    scores = measured.score.tolist()
+    names = [field.name for field in fields(measured)]
+    columns = torch.stack([measured.score, *(getattr(measured, name) for name in names)], dim=1)
     return [
-        replace(h, score=scores[k], measures={name: values[k] for name, values in table.items()})
-        for k, h in enumerate(group)
+        replace(h, score=score, measures=dict(zip(names, values, strict=True)))
+        for h, (score, *values) in zip(group, columns.tolist(), strict=True)
     ]

@@ -9,6 +9,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.distinct_poses import first_distinct
+
+# Poses looked at for each candidate wanted; the second only where too few of the first differ.
+_POOLS = (16, 100)
+
 
 @dataclass(frozen=True)
 class Candidates:
@@ -48,21 +53,16 @@ def select_candidates(
 
     scores: (T, R), −inf where excluded; positions: (T, 3) metres; rotations: (R, 3, 3).
     """
-    pool = min(scores.numel(), max(100 * count, 1000))
-    top = scores.flatten().topk(pool)
-    keep_finite = top.values > -math.inf
-    values, flat = top.values[keep_finite], top.indices[keep_finite]
-    start, rotation = flat // scores.shape[1], flat % scores.shape[1]
-    place, turn = positions[start], rotations.flatten(1)[rotation]
-    same_turn = 1 + 2 * math.cos(math.radians(distinct_angle_deg))  # the trace of a turn by that angle
-    alive = torch.ones(len(flat), dtype=torch.bool, device=scores.device)
-    chosen: list[int] = []
-    while len(chosen) < count and bool(alive.any()):
-        best = int(alive.int().argmax())
-        chosen.append(best)
-        near = (place - place[best]).norm(dim=-1) < distinct_distance_m
-        near &= turn @ turn[best] > same_turn
-        alive &= ~near
-        alive[best] = False
+    flat_scores = scores.flatten()
+    for per_candidate in _POOLS:
+        top = flat_scores.topk(min(len(flat_scores), max(per_candidate * count, 256)))
+        keep_finite = top.values > -math.inf
+        values, flat = top.values[keep_finite], top.indices[keep_finite]
+        start, rotation = flat // scores.shape[1], flat % scores.shape[1]
+        chosen = first_distinct(
+            rotations[rotation], positions[start], distinct_distance_m, distinct_angle_deg, count=count
+        )
+        if len(chosen) == count:
+            break
     pick = torch.tensor(chosen, dtype=torch.long, device=scores.device)
     return Candidates(start[pick], rotation[pick], values[pick])

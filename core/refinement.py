@@ -162,7 +162,7 @@ def _parted(resting: list[Refined], moving: _Moving, rest: Rest) -> tuple[list[R
         order = together.loss.argsort()
         rotations, positions = together.rotations[order], together.positions[order]
         kept = first_distinct(rotations, positions, rest.apart_m, math.degrees(rest.apart_rad))
-        numbers = together.numbers[order[kept]]
+        numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
         resting = [part.take(torch.isin(part.numbers, numbers)) for part in resting]
         moving = moving.take(torch.isin(moving.poses.numbers, numbers))
     rests = (moving.move < rest.move_m) & (moving.turn < rest.turn_rad)
