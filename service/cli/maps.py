@@ -45,7 +45,7 @@ def delete(
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:
-        for map_id in map_ids:
+        for map_id in dict.fromkeys(map_ids):  # a map named twice is deleted once
             client.delete_map(map_id)
             if json:
                 session.print_json({"id": map_id, "deleted": True})

@@ -78,5 +78,12 @@ def upload_and_wait(
         place = client.register_map(scan, options, progress)
     if not wait:
         return place
-    with show_registration(session.messages) as on_update:
-        return client.wait_for_map(place["id"], on_update)
+    try:
+        with show_registration(session.messages) as on_update:
+            return client.wait_for_map(place["id"], on_update)
+    except KeyboardInterrupt:
+        session.messages.print(
+            f"Map {place['id']} goes on registering: panoloc maps shows it, panoloc maps delete {place['id']} ends it.",
+            markup=False,
+        )
+        raise

@@ -90,4 +90,4 @@ def _explain(location: tuple[int | str, ...], message: str, given: object) -> st
     variable = "PANOLOC_" + ".".join(map(str, location)).removeprefix("panoloc_").upper()
     # Keys must not end up in the log of whatever started the service.
     shown = "" if "KEY" in variable else f", got {given!r}"
-    return f"Setting {variable}: {message}{shown}"
+    return f"Setting {variable}: {message.removeprefix('Value error, ')}{shown}"

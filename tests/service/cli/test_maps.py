@@ -36,3 +36,9 @@ def test_every_named_map_is_deleted(panoloc: Panoloc, fake: FakeService) -> None
     done = panoloc("maps", "delete", "map_1", "map_2")
     assert done.code == 0, done.err
     assert fake.requests == [("DELETE", "/maps/map_1"), ("DELETE", "/maps/map_2")]
+
+
+def test_a_map_named_twice_is_deleted_once(panoloc: Panoloc, fake: FakeService) -> None:
+    done = panoloc("maps", "delete", "map_1", "map_1")
+    assert done.code == 0, done.err
+    assert fake.requests == [("DELETE", "/maps/map_1")]

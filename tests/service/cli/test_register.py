@@ -71,3 +71,20 @@ def test_a_missing_file_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None
     done = panoloc("register", tmp_path / "nothing.ply")
     assert done.code == 2
     assert "does not exist" in done.err
+
+
+def test_ctrl_c_while_waiting_says_that_the_registration_goes_on(
+    panoloc: Panoloc, fake: FakeService, scan: Path
+) -> None:
+    answer = fake.handle
+
+    def interrupted(request):  # type: ignore[no-untyped-def]
+        if request.method == "GET":
+            raise KeyboardInterrupt
+        return answer(request)
+
+    fake.handle = interrupted  # type: ignore[method-assign]
+    done = panoloc("register", scan)
+    assert done.code not in (0, None)
+    assert "map_1 goes on registering" in done.err
+    assert "panoloc maps delete map_1" in done.err

@@ -65,3 +65,12 @@ def test_a_wrong_key_is_never_printed(
     assert done.code == 2
     assert "PANOLOC_API_KEYS" in done.err
     assert "secret-key-1" not in done.err + done.out
+
+
+def test_a_wrong_key_is_explained_without_the_jargon_of_the_validator(
+    panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PANOLOC_API_KEYS", "short")
+    done = panoloc("serve")
+    assert done.code == 2
+    assert "Setting PANOLOC_API_KEYS: key 1: expected at least 8" in done.err
