@@ -43,7 +43,7 @@ class RefinementConfig:
     """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
 
     coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
-    coarse_iterations: tuple[int, int] = (20, 15)  # at most, at 32 and 64 rows
+    coarse_iterations: tuple[int, int] = (16, 12)  # at most, at 32 and 64 rows
     # Of local contrast in the colours that are aligned: half where poses may lie far off in another light, less where millimetres
     # count (docs/experiments.md).
     contrast_share: float = 0.5

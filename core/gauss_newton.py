@@ -27,7 +27,7 @@ _VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 class StepRules:
     """What a step depends on: the light model, the robust scale as a multiple of the median residual, and how far it may go.
 
-    relaxation: what steps are lengthened by. Weights lag behind the pose, so plain steps fall short and creep.
+    relaxation: what the first step is lengthened by; later ones by what the last one fell short, up to `max_relaxation`.
     """
 
     fit_light: bool = True
@@ -37,6 +37,30 @@ class StepRules:
     max_move: float = 0.3  # metres per step
     damping: float = 1e-3
     relaxation: float = 1.5
+    max_relaxation: float = 5.0
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How the last step of each of K candidates went.
+
+    step: (K, 6), turn (rad) and move (m), zero before the first. slope: (K,), of the loss along it where it began. length: (K,),
+    what it was lengthened by.
+    """
+
+    step: Tensor
+    slope: Tensor
+    length: Tensor
+
+    def take(self, chosen: Tensor) -> "Pace":
+        """Return some of the candidates."""
+        return Pace(self.step[chosen], self.slope[chosen], self.length[chosen])
+
+
+def first_pace(count: int, rules: StepRules, device: torch.device) -> Pace:
+    """Return the pace of `count` candidates that have not moved yet."""
+    nothing = torch.zeros(count, device=device)
+    return Pace(torch.zeros((count, 6), device=device), nothing, torch.full_like(nothing, rules.relaxation))
 
 
 @dataclass(frozen=True)
@@ -55,15 +79,14 @@ class Aligned:
 class PoseStep:
     """Poses after a step, and what the step saw before it moved.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). turn, move: (K,), how far it went, radians and metres. weights: (K, N), robust.
-    hessian: (K, 6, 6) of half the weighted squared residuals by turn and move. ratio: (K, N), squared residuals over the squared scale.
-    base: (K, N), weights of the points in view. scale: (K,), the residual at which a point counts a quarter.
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). pace: how it went. weights: (K, N), robust.
+    hessian: (K, 6, 6) of half the weighted squared residuals by turn and move. ratio: (K, N), squared residuals over the squared
+    scale. base: (K, N), weights of the points in view. scale: (K,), the residual at which a point counts a quarter.
     """
 
     rotations: Tensor
     positions: Tensor
-    turn: Tensor
-    move: Tensor
+    pace: Pace
     weights: Tensor
     hessian: Tensor
     ratio: Tensor
@@ -87,10 +110,15 @@ def gauss_newton_step(
     rotations: Tensor,
     positions: Tensor,
     light_weights: Tensor,
+    pace: Pace,
     rules: StepRules,
     relaxed: bool,
 ) -> PoseStep:
-    """Move K poses by one step. light_weights: (K, N), robust weights of the step before, which light is fitted with."""
+    """Move K poses by one step.
+
+    light_weights: (K, N), robust weights of the step before, which light is fitted with. pace: of the step before. relaxed: whether
+    to lengthen the step.
+    """
     seen, inside = see(level, points.place, rotations, positions)
     base = points.weights * inside
     if rules.fit_light:
@@ -101,11 +129,13 @@ def gauss_newton_step(
     ratio = squared / scale.square()[:, None]
     weights = base / (1 + ratio).square_()  # Geman-McClure: bounded influence
     hessian, gradient = normal_equations(seen, residual, weights, rules.fit_light)
-    length = rules.relaxation if relaxed else 1.0
-    turn, move = _solve(hessian, gradient, rules, length)
+    length = next_length(pace, gradient, rules)
+    turn, move = _solve(hessian, gradient, rules, length if relaxed else torch.ones_like(length))
+    step = torch.cat((turn, move), dim=-1)
+    pace = Pace(step, (gradient * step).sum(-1), length)
     moved = torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0]
     turned = rotations @ rotation_from_vector(turn)
-    return PoseStep(turned, moved, turn.norm(dim=-1), move.norm(dim=-1), weights, hessian, ratio, base, scale)
+    return PoseStep(turned, moved, pace, weights, hessian, ratio, base, scale)
 
 
 @dataclass(frozen=True)
@@ -242,12 +272,25 @@ def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
     return torch.nanmedian(masked, dim=-1).values.nan_to_num(1.0)
 
 
-def _solve(hessian: Tensor, gradient: Tensor, rules: StepRules, length: float) -> tuple[Tensor, Tensor]:
-    """Solve the damped normal equations: turns and moves (K, 3) of `length` times the solution, no further than `rules` allow."""
+def next_length(pace: Pace, gradient: Tensor, rules: StepRules) -> Tensor:
+    """Return what the next step is lengthened by (K,), from the gradient (K, 6) where the last one led.
+
+    Weights lag behind the pose and noise in the image's derivatives inflates the Hessian, so plain steps fall short, at full
+    resolution to a third of the way. Where the loss still falls along the last step, a line through its slopes at both ends says how
+    much longer it should have been (the secant rule).
+    """
+    slope = (gradient * pace.step).sum(-1)
+    missed = torch.where(slope > pace.slope, pace.slope / (pace.slope - slope).clamp_max(-1e-12), 2.0).clamp(0.5, 2.0)
+    length = (pace.length * missed).clamp(1.0, rules.max_relaxation)
+    return torch.where(pace.slope < 0, length, pace.length)
+
+
+def _solve(hessian: Tensor, gradient: Tensor, rules: StepRules, length: Tensor) -> tuple[Tensor, Tensor]:
+    """Solve the damped normal equations: turns and moves (K, 3) of `length` (K,) times the solution, no further than `rules` allow."""
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     damped = hessian + torch.diag_embed(diagonal * rules.damping + 1e-6)
     # Damped equations always have a solution; to check would make a GPU wait.
-    update = -length * torch.linalg.solve_ex(damped, gradient)[0]
+    update = -length[:, None] * torch.linalg.solve_ex(damped, gradient)[0]
     turn, move = update[:, :3], update[:, 3:]
     turn = turn * (rules.max_turn / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
     move = move * (rules.max_move / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)

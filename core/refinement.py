@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from core.distinct_poses import first_distinct
-from core.gauss_newton import Aligned, StepRules, gauss_newton_step
+from core.gauss_newton import Aligned, Pace, StepRules, first_pace, gauss_newton_step
 from core.image_level import ImageLevel
 
 
@@ -91,20 +91,17 @@ class Refined:
 
 @dataclass(frozen=True)
 class _Moving:
-    """Candidates on their way: their points, the weights of the last step (K, N), and how far that step went (K,)."""
+    """Candidates on their way: their points, and the weights (K, N) and pace of the last step."""
 
     points: Aligned
     light_weights: Tensor
     poses: Refined
-    move: Tensor
-    turn: Tensor
+    pace: Pace
 
     def take(self, chosen: Tensor) -> "_Moving":
         """Return some of the candidates."""
         points = Aligned(self.points.place[chosen], self.points.target[chosen], self.points.weights[chosen])
-        return _Moving(
-            points, self.light_weights[chosen], self.poses.take(chosen), self.move[chosen], self.turn[chosen]
-        )
+        return _Moving(points, self.light_weights[chosen], self.poses.take(chosen), self.pace.take(chosen))
 
 
 def refine(
@@ -120,10 +117,10 @@ def refine(
 
     rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres.
     """
-    moving = _at_start(points, rotations, positions)
+    moving = _at_start(points, rotations, positions, rules)
     resting: list[Refined] = []
     done = 0
-    while done < iterations and len(moving.move):
+    while done < iterations and len(moving.light_weights):
         count = min(rest.interval if rest else iterations, iterations - done)
         done += count
         moving = _walked(moving, level, rules, count, to_the_end=done == iterations)
@@ -132,27 +129,27 @@ def refine(
     return Refined.joined([*resting, moving.poses])
 
 
-def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor) -> _Moving:
+def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, rules: StepRules) -> _Moving:
     planes = points.planes()
     nothing = torch.zeros(len(rotations), device=rotations.device)
     numbers = torch.arange(len(rotations), device=rotations.device)
     hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
     poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, nothing, torch.zeros_like(numbers))
-    return _Moving(planes, planes.weights, poses, nothing, nothing)
+    return _Moving(planes, planes.weights, poses, first_pace(len(rotations), rules, rotations.device))
 
 
 def _walked(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to_the_end: bool) -> _Moving:
     """Take `count` steps; the very last of a refinement is not lengthened."""
-    poses, light_weights = moving.poses, moving.light_weights
+    poses, light_weights, pace = moving.poses, moving.light_weights, moving.pace
     rotations, positions = poses.rotations, poses.positions
     for k in range(count):
         relaxed = not to_the_end or k + 1 < count
-        step = gauss_newton_step(level, moving.points, rotations, positions, light_weights, rules, relaxed)
-        rotations, positions, light_weights = step.rotations, step.positions, step.weights
+        step = gauss_newton_step(level, moving.points, rotations, positions, light_weights, pace, rules, relaxed)
+        rotations, positions, light_weights, pace = step.rotations, step.positions, step.weights, step.pace
     reached = Refined(
         poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, step.num_points, poses.steps + count
     )
-    return _Moving(moving.points, light_weights, reached, step.move, step.turn)
+    return _Moving(moving.points, light_weights, reached, pace)
 
 
 def _parted(resting: list[Refined], moving: _Moving, rest: Rest) -> tuple[list[Refined], _Moving]:
@@ -165,5 +162,6 @@ def _parted(resting: list[Refined], moving: _Moving, rest: Rest) -> tuple[list[R
         numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
         resting = [part.take(torch.isin(part.numbers, numbers)) for part in resting]
         moving = moving.take(torch.isin(moving.poses.numbers, numbers))
-    rests = (moving.move < rest.move_m) & (moving.turn < rest.turn_rad)
+    turn, move = moving.pace.step[:, :3].norm(dim=-1), moving.pace.step[:, 3:].norm(dim=-1)
+    rests = (turn < rest.turn_rad) & (move < rest.move_m)
     return [*resting, moving.poses.take(rests)], moving.take(~rests)

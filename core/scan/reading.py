@@ -149,7 +149,7 @@ class _Collector:
             note(
                 "non_finite_points",
                 f"{self._num_dropped:,} of {self._num_read:,} points were dropped: their coordinates or colours are "
-                f"not finite or lie beyond {_FARTHEST_M:g} m.",
+                f"not finite or lie beyond {_metres(_FARTHEST_M)}.",
                 "warning",
             )
         if options.unit != "m":
@@ -160,7 +160,7 @@ class _Collector:
         if not _SMALLEST_PLAUSIBLE_M <= extent <= _LARGEST_PLAUSIBLE_M:
             note(
                 "suspicious_extent",
-                f"The scan measures {extent:.3g} m if its unit is {options.unit!r}; is that the right unit? "
+                f"The scan measures {_metres(extent)} if its unit is {options.unit!r}; is that the right unit? "
                 "Set unit to m, cm, mm or ft.",
                 "warning",
             )
@@ -172,7 +172,7 @@ class _Collector:
         self._context.note(
             "thinned",
             f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
-            f"{kept} of each voxel of {thinned.voxel_size:.3g} m.",
+            f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
         )
 
     def _origin_offset(self) -> NDArray[np.float64]:
@@ -182,11 +182,16 @@ class _Collector:
         self._context.note(
             "large_coordinates",
             f"Coordinates reach {np.abs([self._lowest, self._highest]).max():,.0f} m; the offset "
-            f"({', '.join(f'{value:.0f}' for value in offset)}) is subtracted before they become float32 and added "
+            f"({', '.join(f'{value:.0f}' for value in offset + 0.0)}) is subtracted before they become float32 and added "
             "back to every position that leaves.",
             "warning",
         )
         return np.asarray(offset, np.float64)
+
+
+def _metres(length: float) -> str:
+    """Return a length as people write it, whatever its size."""
+    return f"{length:,.0f} m" if length >= 100 else f"{length:.3g} m"
 
 
 def _all_true(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from core.confidence import (
     formal_radii,
     load_confidence_model,
 )
-from core.gauss_newton import StepRules, fit_gain_offset
+from core.gauss_newton import Pace, StepRules, fit_gain_offset, next_length
 from core.hypotheses import Hypothesis, best_distinct, converged, promising
 from core.image_level import prepare_level
 from core.judge import agreement
@@ -302,3 +302,30 @@ def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
     close = [placed(0.0, 1.4), placed(5.0, 1.3), placed(9.0, 0.5)]
     assert [h.score for h in promising(close, 8, 0.35)] == [1.4, 1.3]
     assert promising([], 8, 0.35) == []
+
+
+@pytest.mark.parametrize(
+    ("slope_before", "slope_after", "length"),
+    [
+        (-1.0, -0.5, 3.0),  # half way: twice as long
+        (-1.0, -0.9, 3.0),  # hardly begun: no more than twice at once
+        (-1.0, 0.0, 1.5),  # there
+        (-1.0, 0.5, 1.0),  # beyond: two thirds of it
+        (-1.0, -1.2, 3.0),  # it became steeper
+        (0.0, 0.0, 1.5),  # the first step
+    ],
+)
+def test_steps_are_lengthened_by_what_the_last_one_fell_short(
+    slope_before: float, slope_after: float, length: float
+) -> None:
+    rules = StepRules(relaxation=1.5, max_relaxation=5.0)
+    step = torch.tensor([[0.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
+    pace = Pace(step, torch.tensor([slope_before]), torch.tensor([1.5]))
+    found = next_length(pace, step * slope_after, rules)
+    assert found.tolist() == pytest.approx([length])
+
+
+def test_steps_grow_no_longer_than_the_rules_allow() -> None:
+    rules, step = StepRules(max_relaxation=5.0), torch.eye(6)[:1]
+    pace = Pace(step, torch.tensor([-1.0]), torch.tensor([4.0]))
+    assert next_length(pace, -0.9 * step, rules).tolist() == [5.0]
