@@ -142,13 +142,12 @@ def gauss_newton_step(
 class Seen:
     """What the panorama shows where the N points of K candidates project to.
 
-    planes: (K, 9, N): colour, its derivatives by azimuth and by elevation, as in `ImageLevel`. azimuth, elevation: (K, 6, N),
-    derivatives of the points' directions by a turn (rad) and a move (m) of the camera in its own frame.
+    planes: (K, 9, N): colour, its derivatives by azimuth and by elevation, as in `ImageLevel`. directions: (K, 6, 2, N), derivatives
+    of the points' azimuth and elevation by a turn (rad) and a move (m) of the camera in its own frame.
     """
 
     planes: Tensor
-    azimuth: Tensor
-    elevation: Tensor
+    directions: Tensor
 
     @property
     def color(self) -> Tensor:
@@ -156,14 +155,9 @@ class Seen:
         return self.planes[:, :3]
 
     @property
-    def by_azimuth(self) -> Tensor:
-        """Return their derivatives by azimuth (K, 3, N) per radian."""
-        return self.planes[:, 3:6]
-
-    @property
-    def by_elevation(self) -> Tensor:
-        """Return their derivatives by elevation (K, 3, N) per radian."""
-        return self.planes[:, 6:9]
+    def derivatives(self) -> Tensor:
+        """Return their derivatives by azimuth and by elevation (K, 3, 2, N) per radian."""
+        return self.planes[:, 3:].view(len(self.planes), 2, 3, -1).transpose(1, 2)
 
     def take_light(self, gain: Tensor, offset: Tensor) -> None:
         """Change all planes, in place, to another light: gain and offset (K, 3)."""
@@ -183,11 +177,12 @@ def see(level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor) 
     per_flat = flat_square.clamp_min(1e-12).rsqrt_()
     per_square = per_flat * torch.maximum(flat_square, square * _MIN_COSINE**2).rsqrt_()
     over_x, over_y, none = x * per_square, y * per_square, torch.zeros_like(x)
-    azimuth = torch.stack((z * over_x, z * over_y, -flat_square * per_square, over_y, -over_x, none), dim=1)
     unit_x, unit_y, rise = x * per_flat, y * per_flat, z / square
     fall = -(flat_square * per_flat) / square
-    elevation = torch.stack((-unit_y, unit_x, none, rise * unit_x, rise * unit_y, fall), dim=1)
-    seen = Seen(sampled[:, :9], azimuth, elevation)
+    by_turn = (z * over_x, -unit_y, z * over_y, unit_x, -flat_square * per_square, none)
+    by_move = (over_y, rise * unit_x, -over_x, rise * unit_y, none, fall)
+    directions = torch.stack((*by_turn, *by_move), dim=1)
+    seen = Seen(sampled[:, :9], directions.view(len(place), 6, 2, -1))
     return seen, sampled[:, 9] > _VALID_SHARE
 
 
@@ -200,36 +195,27 @@ def normal_equations(seen: Seen, residual: Tensor, weights: Tensor, fit_light: b
     Gain and offset are solved for anew in every step; a step that takes them for constants crawls where light and pose pull against
     each other. So what a change of gain and offset would undo is projected out (variable projection, Golub and Pereyra 1973).
     """
-    weight = weights[:, None]
-    # Rows, in place: six of the pose, one of the residual, three each of offset and gain.
-    shape = (2, len(weights), 13 if fit_light else 10, weights.shape[1])
-    by_azimuth, by_elevation = weights.new_empty(shape).unbind(0)
-    first = torch.mul(seen.by_azimuth, weight, out=by_azimuth[:, 7:10])
-    second = torch.mul(seen.by_elevation, weight, out=by_elevation[:, 7:10])
-    both = _over_channels(first, seen.by_elevation)
-    torch.mul(seen.azimuth, _over_channels(first, seen.by_azimuth), out=by_azimuth[:, :6]).addcmul_(
-        seen.elevation, both
-    )
-    torch.mul(seen.elevation, _over_channels(second, seen.by_elevation), out=by_elevation[:, :6]).addcmul_(
-        seen.azimuth, both
-    )
-    by_azimuth[:, 6:7] = _over_channels(first, residual)
-    by_elevation[:, 6:7] = _over_channels(second, residual)
+    # Rows, in place: six of the pose, one of the residual, three each of offset and gain; each by azimuth and by elevation.
+    rows = weights.new_empty((len(weights), 13 if fit_light else 10, 2, weights.shape[1]))
+    derivatives = seen.derivatives
+    weighted = torch.mul(derivatives, weights[:, None, None], out=rows[:, 7:10])
+    by_azimuth = _over_channels(weighted[:, :, :1], derivatives)
+    by_elevation = _over_channels(weighted[:, :, 1:], derivatives)
+    torch.mul(seen.directions[:, :, :1], by_azimuth, out=rows[:, :6]).addcmul_(seen.directions[:, :, 1:], by_elevation)
+    rows[:, 6:7] = _over_channels(weighted, residual[:, :, None])
     total = weights.sum(-1).clamp_min(1e-9)[:, None]
     contrast = seen.color - (_weighted_sums(seen.color, weights) / total)[..., None]
     if fit_light:
-        torch.mul(first, contrast, out=by_azimuth[:, 10:])
-        torch.mul(second, contrast, out=by_elevation[:, 10:])
-    products = torch.bmm(by_azimuth, seen.azimuth.transpose(1, 2))
-    products = products.baddbmm_(by_elevation, seen.elevation.transpose(1, 2))
+        torch.mul(weighted, contrast[:, :, None], out=rows[:, 10:])
+    products = torch.bmm(rows.flatten(2), seen.directions.flatten(2).transpose(1, 2))
     hessian, gradient = products[:, :6], products[:, 6]
     if not fit_light:
         return hessian, gradient
     # Sums of the Jacobian with the derivatives by offset (1) and by gain (the contrast), per channel: (K, 3, 6) each.
-    weighted = contrast * weight
-    power = (weighted * contrast).sum(-1).clamp_min(1e-6 * total)
+    spread = contrast * weights[:, None]
+    power = (spread * contrast).sum(-1).clamp_min(1e-6 * total)
     light = products[:, 7:] / torch.cat((total.expand(-1, 3), power), dim=-1)[..., None]
-    undone = torch.cat((_weighted_sums(residual, weights), (residual * weighted).sum(-1)), dim=-1)
+    undone = torch.cat((_weighted_sums(residual, weights), (residual * spread).sum(-1)), dim=-1)
     hessian = hessian - products[:, 7:].transpose(1, 2) @ light
     return hessian, gradient - (undone[:, None] @ light)[:, 0]
 
@@ -255,7 +241,7 @@ def _line_fit(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, 
 
 
 def _over_channels(first: Tensor, second: Tensor) -> Tensor:
-    """Return the product of (K, 3, N) and (K, 3, N) summed over channels, (K, 1, N)."""
+    """Return the product of (K, 3, ...) and (K, 3, ...) summed over channels, (K, 1, ...)."""
     red = first[:, :1] * second[:, :1]
     return red.addcmul_(first[:, 1:2], second[:, 1:2]).addcmul_(first[:, 2:], second[:, 2:])
 

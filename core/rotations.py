@@ -5,6 +5,7 @@ number of rotations and covers SO(3) more evenly than a grid of Euler angles.
 """
 
 import math
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -12,6 +13,12 @@ from torch import Tensor
 # Roots used by the spiral: φ = √2 and ψ with ψ⁴ = ψ + 4 (Alexa 2022, §3).
 _PHI = math.sqrt(2.0)
 _PSI = 1.533751168755204288118041
+# The matrices of v -> e x v for the three axes e, one row each.
+_GENERATORS = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0),
+    (0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+)
 
 
 def uniform_rotations(count: int) -> Tensor:
@@ -37,11 +44,19 @@ def matrix_from_quaternion(quaternion: Tensor) -> Tensor:
 
 def rotation_from_vector(vector: Tensor) -> Tensor:
     """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (exponential map)."""
-    angle = vector.norm(dim=-1, keepdim=True)
-    half = angle / 2
-    # sin(a/2)/a tends to 1/2; below 1e-6 the series is exact to float precision.
-    scale = torch.where(angle > 1e-6, half.sin() / angle.clamp_min(1e-12), torch.full_like(angle, 0.5))
-    return matrix_from_quaternion(torch.cat((vector * scale, half.cos()), dim=-1))
+    angle = vector.norm(dim=-1)[..., None, None]
+    cross = (vector @ _generators(vector.dtype, str(vector.device))).reshape(*vector.shape, 3)
+    # Rodrigues: 1 + sin a / a [v] + (1 - cos a) / a² [v]²; both quotients are smooth where the angle vanishes.
+    first, second = torch.sinc(angle / math.pi), torch.sinc(angle / (2 * math.pi)).square() / 2
+    result: Tensor = first * cross + second * (cross @ cross)
+    torch.diagonal(result, dim1=-2, dim2=-1).add_(1)
+    return result
+
+
+@lru_cache(maxsize=8)
+def _generators(dtype: torch.dtype, device: str) -> Tensor:
+    with torch.inference_mode(False):  # they outlive the query that asked for them first
+        return torch.tensor(_GENERATORS, dtype=dtype).to(device)
 
 
 def rotation_angle(first: Tensor, second: Tensor) -> Tensor:

@@ -122,10 +122,7 @@ HEIGHT = 128
 
 def jacobian_of(seen: gauss_newton.Seen) -> np.ndarray:
     """Return the Jacobians (N, 3, 6) of the first candidate."""
-    by_azimuth, by_elevation, azimuth, elevation = (
-        part[0].numpy() for part in (seen.by_azimuth, seen.by_elevation, seen.azimuth, seen.elevation)
-    )
-    return np.asarray(np.einsum("cn,kn->nck", by_azimuth, azimuth) + np.einsum("cn,kn->nck", by_elevation, elevation))
+    return np.asarray(np.einsum("can,kan->nck", seen.derivatives[0].numpy(), seen.directions[0].numpy()))
 
 
 def linearized(positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -161,8 +158,8 @@ def test_the_jacobian_of_refinement_agrees_with_finite_differences_of_a_painted_
 def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light: bool) -> None:
     rng = np.random.default_rng(2)
     count = 60
-    planes, azimuth, elevation = (torch.from_numpy(rng.normal(size=(1, rows, count))) for rows in (9, 6, 6))
-    seen = gauss_newton.Seen(planes, azimuth, elevation)
+    planes = torch.from_numpy(rng.normal(size=(1, 9, count)))
+    seen = gauss_newton.Seen(planes, torch.from_numpy(rng.normal(size=(1, 6, 2, count))))
     residual, weights = rng.normal(size=(1, 3, count)), rng.uniform(size=(1, count))
     hessian, gradient = gauss_newton.normal_equations(
         seen, torch.from_numpy(residual), torch.from_numpy(weights), fit_light
