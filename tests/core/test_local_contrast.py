@@ -5,8 +5,10 @@ import math
 import torch
 
 from core.config import SearchConfig
-from core.local_contrast import local_contrast
+from core.local_contrast import local_contrast, mixed_with_contrast
 from core.patch_histograms import described_histograms
+from core.projection import pixel_directions, project, sample_bilinear
+from core.rotations import rotation_from_vector
 from core.spherical_patches import PatchGrid
 
 HEIGHT, WIDTH = 64, 128
@@ -62,3 +64,26 @@ def test_patches_are_described_by_both_and_labels_by_their_codes_alone() -> None
     assert both.shape == (1, len(grid), 2 * config.bins**3)
     torch.testing.assert_close(both[..., : config.bins**3], codes)
     torch.testing.assert_close(both.sum(-1), torch.full((1, len(grid)), 2.0))
+
+
+def test_a_tilted_camera_sees_the_same_contrast() -> None:
+    valid = torch.ones((1, HEIGHT, WIDTH))
+    directions = pixel_directions(HEIGHT, WIDTH)
+    turn = rotation_from_vector(torch.tensor([0.9, -0.6, 0.4]))
+
+    def painted(seen: torch.Tensor) -> torch.Tensor:
+        x, y, z = seen.unbind(-1)
+        return torch.stack((1.2 + (5 * x + 3 * z).sin(), 1.2 + (7 * y).sin(), 1.2 + (4 * z - 5 * x).cos()), -1) / 2.4
+
+    level = local_contrast(painted(directions)[None], valid)[0]
+    tilted = local_contrast(painted(directions @ turn.T)[None], valid)[0]
+    u, v = project(directions @ turn.T, HEIGHT, WIDTH)
+    expected = sample_bilinear(level.permute(2, 0, 1), u, v)
+    assert float((tilted - expected).abs().mean()) < 0.1 * float(expected.std())
+
+
+def test_a_mixture_goes_from_equalized_colours_to_contrast() -> None:
+    image, valid = textured(), torch.ones((1, HEIGHT, WIDTH))
+    equalized = torch.rand((1, HEIGHT, WIDTH, 3), generator=torch.Generator().manual_seed(7))
+    torch.testing.assert_close(mixed_with_contrast(equalized, image, valid, 0.0), equalized)
+    torch.testing.assert_close(mixed_with_contrast(equalized, image, valid, 1.0), local_contrast(image, valid))
