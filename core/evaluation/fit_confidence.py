@@ -17,7 +17,7 @@ from core.hypotheses import Hypothesis
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 # A little above 0.68: on places of a kind that was not fitted on, radii hold less often than on those that were.
-_RADIUS_LEVEL = 0.72
+_RADIUS_LEVEL = 0.78
 _LEAST_ERROR = 1e-5  # metres or degrees: nobody knows a pose better
 _TELLING_SPREAD = 0.05  # of a sign, below which rows cannot tell what it is worth
 

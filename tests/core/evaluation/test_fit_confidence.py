@@ -111,13 +111,13 @@ def test_a_group_whose_measures_mislead_is_not_saved_by_having_been_fitted() -> 
     assert held_out.area_under_roc < 0.8
 
 
-def test_the_radius_makes_68_percent_of_the_errors_fit() -> None:
+def test_the_radius_holds_somewhat_more_than_68_percent_of_the_rows_it_was_fitted_on() -> None:
     rows = [
         made_row(n, position_m=0.01 * (n + 1), formal_position_m=0.02, formal_orientation_deg=0.1) for n in range(25)
     ]
     model, _ = radius_models(rows)
     held = np.mean([row.position_error_m <= model.radius(0.02, 0.0) for row in rows])  # type: ignore[operator]
-    assert held == pytest.approx(0.68, abs=0.04)
+    assert 0.68 <= held <= 0.8  # on places of another kind fewer hold
 
 
 def test_the_radius_follows_what_errors_follow() -> None:
