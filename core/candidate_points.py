@@ -9,13 +9,14 @@ import torch
 from torch import Tensor
 
 from core.color_equalization import apply_tables, equalization_tables, equalize
+from core.image_halving import halve
 from core.local_contrast import mixed_with_contrast
 from core.map_index import MapIndex
 from core.panorama_pyramid import PanoramaLevel
 from core.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
 from core.refinement import CandidatePoints
 from core.sphere_points import even_directions
-from core.synthetic_view import RenderCloud, SyntheticViews, halve, render_views
+from core.synthetic_view import RenderCloud, SyntheticViews, render_views
 
 _RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 # Colour distance at which a pixel counts half, and how many regions a view's height has.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from core.candidate_points import Comparison
-from core.gauss_newton import fit_gain_offset
+from core.light_fit import fit_gain_offset
 from core.projection import pixel_directions, project, sample_bilinear, wrap_border
 from core.synthetic_view import RenderCloud, visible_points
 

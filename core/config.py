@@ -39,6 +39,21 @@ class SearchConfig:
 
 
 @dataclass(frozen=True)
+class Rest:
+    """When candidates stop before their last step; looked at after every `interval` steps.
+
+    move_m, turn_rad: a candidate whose last step was shorter than both rests. apart_m, apart_rad: of candidates nearer to each other
+    than both, the one with the smallest loss goes on alone.
+    """
+
+    move_m: float
+    turn_rad: float
+    apart_m: float = 0.0
+    apart_rad: float = 0.0
+    interval: int = 4
+
+
+@dataclass(frozen=True)
 class RefinementConfig:
     """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
 
@@ -48,6 +63,7 @@ class RefinementConfig:
     # count (docs/experiments.md).
     contrast_share: float = 0.5
     fine_contrast_share: float = 0.3
+    coarse_rest: Rest = Rest(0.01, 0.01, 0.1, 0.05)
     robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
     min_residual: float = 0.02  # floor of the robust scale, canonical colours
     min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
@@ -56,9 +72,11 @@ class RefinementConfig:
         0.35  # of the judge's score; candidates further behind the best never won (docs/experiments.md)
     )
     middle_points: int = 4096
-    middle_iterations: int = 6  # in each of the rounds below
+    middle_iterations: int = 6  # at most, in each of the rounds below
+    middle_rest: Rest = Rest(0.002, 0.002, interval=3)
     # Rows of the image, and robust scale: changed furniture loses its vote as poses settle.
     middle_rounds: tuple[tuple[int, float], ...] = ((64, 2.5), (128, 1.5))
+    fine_rest: Rest = Rest(0.0003, 0.0003, interval=2)
     fine_robust_scale: float = 2.5  # 1.5 loses millimetres (docs/experiments.md)
     fine_candidates: int = 2
     fine_margin: float = 0.25  # of the judge's score; candidates further behind the best never won

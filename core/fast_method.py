@@ -16,7 +16,7 @@ from core.candidate_points import (
     compare,
     points_seen_from_poses,
 )
-from core.config import LocalizerConfig
+from core.config import LocalizerConfig, Rest
 from core.gauss_newton import StepRules
 from core.hypotheses import (
     ELSEWHERE_DEG,
@@ -35,15 +35,12 @@ from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.pose_limits import PoseLimits, pose_limits
 from core.prepared_query import PreparedQuery
-from core.refinement import CandidatePoints, Rest, joined, refine
+from core.refinement import CandidatePoints, joined, refine
 from core.results import Hints
 from core.search import SearchRotations, search_maps
 from core.stage_clock import StageClock
 from core.synthetic_view import RenderCloud
 
-_COARSE_REST = Rest(0.01, 0.01, 0.1, 0.05)
-_MIDDLE_REST = Rest(0.002, 0.002, interval=3)
-_FINE_REST = Rest(0.0003, 0.0003, interval=2)
 _RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 
@@ -123,7 +120,7 @@ class FastMethod:
                 height = self.config.search.view_height // (2 if coarse else 1)
                 level = query.canonical_level(number, height, sizes.contrast_share, blur=coarse)
                 points = joined([query.points_from_starts(*part, self.config, coarse) for part in by_map(group)])
-                group = self._refined(query, level, points, group, iterations, _COARSE_REST)
+                group = self._refined(query, level, points, group, iterations, sizes.coarse_rest)
             refined += group
         return refined
 
@@ -136,7 +133,7 @@ class FastMethod:
                 # Rendered anew each time: what a pose sees changes as it moves.
                 points = joined([self._points_from_poses(query, *part, height) for part in by_map(group)])
                 level = query.canonical_level(number, rows, sizes.contrast_share)
-                group = self._refined(query, level, points, group, sizes.middle_iterations, _MIDDLE_REST, scale)
+                group = self._refined(query, level, points, group, sizes.middle_iterations, sizes.middle_rest, scale)
             refined += group
         return refined
 
@@ -168,7 +165,7 @@ class FastMethod:
             ):
                 points = points_seen_from_poses(cloud, comparison, count, share, weigh_changes=False)
                 level = query.level_for(number, height, comparison.tables, share)
-                group = self._refined(query, level, points, group, iterations, _FINE_REST, sizes.fine_robust_scale)
+                group = self._refined(query, level, points, group, iterations, sizes.fine_rest, sizes.fine_robust_scale)
             final = self._compare(query, number, cloud, group, judge.final_height, with_points=False)
             refined += judged_hypotheses(group, agreement(final, judge.final_height))
             comparisons.append((final, cloud))

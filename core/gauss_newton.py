@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from core.image_level import ImageLevel
+from core.light_fit import fit_planes, weighted_sums
 from core.rotations import rotation_from_vector
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
@@ -122,7 +123,7 @@ def gauss_newton_step(
     seen, inside = see(level, points.place, rotations, positions)
     base = points.weights * inside
     if rules.fit_light:
-        seen.take_light(*_line_fit(seen.color, points.target, light_weights * inside))
+        seen.take_light(*fit_planes(seen.color, points.target, light_weights * inside))
     residual = seen.color - points.target
     squared = _over_channels(residual, residual)[:, 0]
     scale = (rules.robust_scale * _weighted_median(squared, base).sqrt()).clamp_min(rules.min_scale)
@@ -204,7 +205,7 @@ def normal_equations(seen: Seen, residual: Tensor, weights: Tensor, fit_light: b
     torch.mul(seen.directions[:, :, :1], by_azimuth, out=rows[:, :6]).addcmul_(seen.directions[:, :, 1:], by_elevation)
     rows[:, 6:7] = _over_channels(weighted, residual[:, :, None])
     total = weights.sum(-1).clamp_min(1e-9)[:, None]
-    contrast = seen.color - (_weighted_sums(seen.color, weights) / total)[..., None]
+    contrast = seen.color - (weighted_sums(seen.color, weights) / total)[..., None]
     if fit_light:
         torch.mul(weighted, contrast[:, :, None], out=rows[:, 10:])
     products = torch.bmm(rows.flatten(2), seen.directions.flatten(2).transpose(1, 2))
@@ -215,40 +216,15 @@ def normal_equations(seen: Seen, residual: Tensor, weights: Tensor, fit_light: b
     spread = contrast * weights[:, None]
     power = (spread * contrast).sum(-1).clamp_min(1e-6 * total)
     light = products[:, 7:] / torch.cat((total.expand(-1, 3), power), dim=-1)[..., None]
-    undone = torch.cat((_weighted_sums(residual, weights), (residual * spread).sum(-1)), dim=-1)
+    undone = torch.cat((weighted_sums(residual, weights), (residual * spread).sum(-1)), dim=-1)
     hessian = hessian - products[:, 7:].transpose(1, 2) @ light
     return hessian, gradient - (undone[:, None] @ light)[:, 0]
-
-
-def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Return gain and offset (K, 3) that bring `source` (K, N, 3) nearest to `target`, weighted (K, N); gains stay in 0.3..3.
-
-    A small prior towards gain 1 keeps the fit defined where there is no contrast.
-    """
-    return _line_fit(source.transpose(1, 2).contiguous(), target.transpose(1, 2).contiguous(), weights)
-
-
-def _line_fit(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Do what `fit_gain_offset` does for planes (K, 3, N)."""
-    share = weights / weights.sum(-1, keepdim=True).clamp_min(1e-9)
-    mean_source, mean_target = _weighted_sums(source, share), _weighted_sums(target, share)
-    centered = source - mean_source[..., None]
-    weighted = centered * share[:, None]
-    variance, covariance = (weighted * centered).sum(-1), (weighted * target).sum(-1)
-    prior = 1e-3
-    gain = ((covariance + prior) / (variance + prior)).clamp(0.3, 3.0)
-    return gain, mean_target - gain * mean_source
 
 
 def _over_channels(first: Tensor, second: Tensor) -> Tensor:
     """Return the product of (K, 3, ...) and (K, 3, ...) summed over channels, (K, 1, ...)."""
     red = first[:, :1] * second[:, :1]
     return red.addcmul_(first[:, 1:2], second[:, 1:2]).addcmul_(first[:, 2:], second[:, 2:])
-
-
-def _weighted_sums(planes: Tensor, weights: Tensor) -> Tensor:
-    """Return the sums (K, C) over the points of planes (K, C, N) weighted by (K, N)."""
-    return (planes * weights[:, None]).sum(-1)
 
 
 def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
+from core.config import Rest
 from core.distinct_poses import first_distinct
 from core.gauss_newton import Aligned, Pace, StepRules, first_pace, gauss_newton_step
 from core.image_level import ImageLevel
@@ -43,21 +44,6 @@ def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
         torch.cat([part.colors for part in parts]),
         torch.cat([part.weights for part in parts]),
     )
-
-
-@dataclass(frozen=True)
-class Rest:
-    """When candidates stop before their last step; looked at after every `interval` steps.
-
-    move_m, turn_rad: a candidate whose last step was shorter than both rests. apart_m, apart_rad: of candidates nearer to each other
-    than both, the one with the smallest loss goes on alone.
-    """
-
-    move_m: float
-    turn_rad: float
-    apart_m: float = 0.0
-    apart_rad: float = 0.0
-    interval: int = 4
 
 
 @dataclass(frozen=True)

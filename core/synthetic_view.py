@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.image_halving import double, pool
 from core.projection import project
 
 _FOOTPRINT = 1.5  # pixel size over point spacing at which a random sampling of a surface leaves few holes
@@ -212,7 +213,7 @@ def _compose_depth(nearest: Tensor, offsets: list[int], batch: int, height: int,
         here = nearest[offsets[k] : offsets[k] + batch * (height >> k) * (width >> k)].view(
             batch, height >> k, width >> k
         )
-        depth = here if depth is None else torch.minimum(_double(depth), here)
+        depth = here if depth is None else torch.minimum(double(depth), here)
     assert depth is not None
     return depth
 
@@ -232,37 +233,14 @@ def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, wi
     for k in range(len(own) - 1, -1, -1):
         here = own[k]
         for below in range(max(0, k - _FILL_LEVELS), k):
-            here = here + _pool(own[below], k - below)
+            here = here + pool(own[below], k - below)
         seen = here[..., -1] > 0
         mean = here[..., :-1] / here[..., -1:].clamp_min(1)
         if color is None or valid is None:
             color, valid = mean, seen
         else:
-            color = torch.where(seen[..., None], mean, _double(color))
-            valid = seen | _double(valid)
+            color = torch.where(seen[..., None], mean, double(color))
+            valid = seen | double(valid)
     assert color is not None
     assert valid is not None
     return color, valid
-
-
-def _pool(level: Tensor, halvings: int) -> Tensor:
-    """Sum (B, h, w, C) over squares of 2^halvings cells."""
-    for _ in range(halvings):
-        # Rows, then columns: a sum over two axes at once takes six times as long.
-        rows = level[:, ::2] + level[:, 1::2]
-        level = rows[:, :, ::2] + rows[:, :, 1::2]
-    return level
-
-
-def _double(level: Tensor) -> Tensor:
-    """Repeat rows and columns of (B, h, w, ...) twice."""
-    return level.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2)
-
-
-def halve(color: Tensor, valid: Tensor) -> Tensor:
-    """Average (B, H, W, 3) over squares of two valid pixels a side."""
-    weight = valid[..., None].float()
-    batch, height, width, _ = color.shape
-    shape = (batch, height // 2, 2, width // 2, 2)
-    total = (color * weight).view(*shape, 3).sum((2, 4))
-    return total / weight.view(*shape, 1).sum((2, 4)).clamp_min(1e-6)

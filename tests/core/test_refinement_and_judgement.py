@@ -16,16 +16,18 @@ from core.confidence import (
     formal_radii,
     load_confidence_model,
 )
-from core.gauss_newton import Pace, StepRules, fit_gain_offset, next_length
+from core.config import Rest
+from core.gauss_newton import Pace, StepRules, next_length
 from core.hypotheses import Hypothesis, best_distinct, converged, promising
 from core.image_level import prepare_level
 from core.judge import agreement
+from core.light_fit import fit_gain_offset
 from core.map_index import MapIndex
 from core.panorama import Panorama
 from core.panorama_pyramid import PanoramaPyramid
 from core.pose import Pose
 from core.projection import pixel_directions
-from core.refinement import CandidatePoints, Rest, refine
+from core.refinement import CandidatePoints, refine
 from core.rotations import rotation_angle, rotation_from_vector, uniform_rotations
 
 HEIGHT = 128
