@@ -211,7 +211,8 @@ class FastMethod:
         is_labels = query.maps[group[0].map_number].labels is not None
         floor = sizes.min_residual_labels if is_labels else sizes.min_residual
         rules = StepRules(not is_labels, robust_scale or sizes.robust_scale, floor)
-        result = refine(level, points, rotations, positions, iterations, rules, rest)
+        maps = torch.tensor([h.map_number for h in group], device=rotations.device)
+        result = refine(level, points, rotations, positions, iterations, rules, rest, maps)
         columns = (result.numbers, result.loss, result.scale, result.num_points, result.steps)
         figures = torch.stack([column.double() for column in columns], dim=1).tolist()
         return [

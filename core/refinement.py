@@ -98,10 +98,12 @@ def refine(
     iterations: int,
     rules: StepRules,
     rest: Rest | None = None,
+    groups: Tensor | None = None,
 ) -> Refined:
     """Refine K poses on one image level by up to `iterations` steps, all of them without a `rest`.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres.
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres. groups: (K,), candidates of different groups, such as maps, are never
+    one however near their poses lie; None: all are of one.
     """
     moving = _at_start(points, rotations, positions, rules)
     resting: list[Refined] = []
@@ -111,7 +113,7 @@ def refine(
         done += count
         moving = _walked(moving, level, rules, count, to_the_end=done == iterations)
         if rest and done < iterations:
-            resting, moving = _parted(resting, moving, rest)
+            resting, moving = _parted(resting, moving, rest, groups)
     return Refined.joined([*resting, moving.poses])
 
 
@@ -138,13 +140,16 @@ def _walked(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to
     return _Moving(moving.points, light_weights, reached, pace)
 
 
-def _parted(resting: list[Refined], moving: _Moving, rest: Rest) -> tuple[list[Refined], _Moving]:
+def _parted(
+    resting: list[Refined], moving: _Moving, rest: Rest, groups: Tensor | None
+) -> tuple[list[Refined], _Moving]:
     """Let those rest that hardly moved, and leave out those that are near a better one."""
     if rest.apart_m > 0:
         together = Refined.joined([*resting, moving.poses])
         order = together.loss.argsort()
         rotations, positions = together.rotations[order], together.positions[order]
-        kept = first_distinct(rotations, positions, rest.apart_m, math.degrees(rest.apart_rad))
+        of = None if groups is None else groups[together.numbers[order]]
+        kept = first_distinct(rotations, positions, rest.apart_m, math.degrees(rest.apart_rad), of)
         numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
         resting = [part.take(torch.isin(part.numbers, numbers)) for part in resting]
         moving = moving.take(torch.isin(moving.poses.numbers, numbers))

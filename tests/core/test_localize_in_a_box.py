@@ -519,3 +519,12 @@ def test_the_paper_method_runs_without_each_of_its_parts(
     assert found.best is not None
     assert math.isfinite(found.best.sampling_loss)
     assert found.search["num_poses"] > 0
+
+
+def test_one_place_registered_twice_is_ambiguous(
+    localizer: Localizer, box_index: MapIndex, other_box_index: MapIndex, box_panorama: Panorama
+) -> None:
+    found = localizer.localize(box_panorama, [box_index, other_box_index, box_index])
+    assert found.status == "ambiguous"
+    assert found.best is not None
+    assert {found.best.map_position, *(each.map_position for each in found.alternatives)} == {0, 2}

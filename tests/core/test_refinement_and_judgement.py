@@ -155,6 +155,17 @@ def test_candidates_that_come_together_go_on_as_one_and_all_end_in_the_same_plac
     assert int(found.steps[1]) == 4
 
 
+def test_candidates_of_different_maps_are_never_one(scene: tuple[torch.Tensor, ...]) -> None:
+    image, points, colors, rotation = scene
+    level = prepare_level(image, torch.ones(image.shape[1:]))
+    candidates = CandidatePoints(points.expand(3, -1, -1), colors.expand(3, -1, -1), torch.ones((3, len(points))))
+    start = (rotation @ rotation_from_vector(torch.tensor([0.1, 0.05, 0.0]))).expand(3, -1, -1)
+    rest = Rest(move_m=1e-3, turn_rad=1e-3, apart_m=0.05, apart_rad=0.03)
+    maps = torch.tensor([4, 7, 4])
+    found = refine(level, candidates, start, (POSITION + 0.1).expand(3, -1), 20, StepRules(), rest, maps)
+    assert sorted(maps[found.numbers].tolist()) == [4, 7]
+
+
 def test_a_candidate_without_a_point_stays_where_it_is(scene: tuple[torch.Tensor, ...]) -> None:
     image, points, colors, rotation = scene
     level = prepare_level(image, torch.ones(image.shape[1:]))
