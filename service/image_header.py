@@ -65,8 +65,22 @@ def _webp(data: bytes) -> ImageHeader:
     raise IndexError
 
 
+_OTHER_KINDS = {
+    b"GIF8": "a GIF image",
+    b"BM": "a BMP image",
+    b"II*\x00": "a TIFF image",
+    b"MM\x00*": "a TIFF image",
+    b"%PDF": "a PDF document",
+    b"\x00\x00\x00\x18ftyp": "a HEIC image or a video",
+    b"PK\x03\x04": "a ZIP archive",
+}
+
+
 def _description(data: bytes) -> str:
     if not data:
         return "an empty file"
     head = data[:12]
+    for beginning, kind in _OTHER_KINDS.items():
+        if head.startswith(beginning):
+            return kind
     return f"text ({head!r})" if head.isascii() and head.decode().isprintable() else f"bytes that begin {head.hex(' ')}"

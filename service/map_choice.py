@@ -47,7 +47,7 @@ class MapChoice:
         tagged = registry.with_tag(self.tag)
         if not tagged:
             raise MapNotFoundError(
-                f"expected a tag that some map bears, got {self.tag[:80]!r}; GET /maps lists the maps"
+                f"expected a tag that some map bears, got {self.tag[:80]!r}; GET /maps and `panoloc maps` list the maps"
             )
         serving = [ref for record in tagged if (ref := record.serving_ref) is not None]
         if not serving:

@@ -1,5 +1,6 @@
 """The folder that holds sockets and logs of one running service, and the lock that keeps a second one out."""
 
+import contextlib
 import fcntl
 import hashlib
 import os
@@ -26,13 +27,17 @@ class RunFolder:
         """Raise DataFolderInUseError when another service holds the folder, OSError when it cannot be written."""
         data_dir = data_dir.resolve()
         (data_dir / "run").mkdir(parents=True, exist_ok=True)
-        self._lock = _locked(data_dir / "run" / "lock")
+        self._own = data_dir / "run"
+        self._lock = _locked(self._own / "lock")
         self.path = _short_folder(data_dir)
         _empty(self.path)
 
     def close(self) -> None:
-        """Remove what is left in the folder and let the next service in."""
+        """Remove what is left in the folder, and the folder itself where it is a stand-in, and let the next service in."""
         _empty(self.path)
+        if self.path != self._own:
+            with contextlib.suppress(OSError):  # Ray may still write its last words
+                self.path.rmdir()
         self._lock.close()
 
 

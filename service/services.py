@@ -1,5 +1,6 @@
 """Everything that routes work with, put together once per application."""
 
+import asyncio
 import time
 from dataclasses import dataclass, field
 
@@ -10,6 +11,7 @@ from service.localizations import Localizations
 from service.map_registry import MapRegistry
 from service.metrics import Metrics
 from service.pool import WorkerPool
+from service.redis_watch import watch_redis
 from service.registrations import Registrations
 from service.settings import Settings
 from service.storage import Storage
@@ -32,6 +34,7 @@ class Services:
     localizations: Localizations
     started: bool = False
     began: float = field(default_factory=time.monotonic)
+    _watch: asyncio.Task[None] | None = None
 
     @classmethod
     def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
@@ -54,11 +57,15 @@ class Services:
         await self.registry.load()
         await self.pool.start()
         self.registrations.resume()
+        if self.settings.redis_url is not None:
+            self._watch = asyncio.create_task(watch_redis(self.cache, self.settings.redis_url))
         self.started = True
 
     async def stop(self) -> None:
         """Let queries end within the drain time, then stop everything."""
         deadline = time.monotonic() + self.settings.drain_s
+        if self._watch is not None:
+            self._watch.cancel()
         await self.registrations.stop()
         await self.localizations.stop(self.settings.drain_s)
         await self.pool.stop(max(0.0, deadline - time.monotonic()))

@@ -46,8 +46,8 @@ class PlyBody:
             yield from ply_binary.iter_plain_rows(self._stream, element, CHUNK_ROWS)
 
 
-def check_file_size(header: PlyHeader, size_bytes: int) -> None:
-    """Raise ScanDamagedError when the file cannot hold what its header announces."""
+def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
+    """Raise ScanDamagedError when the file cannot hold what its header announces; say so when it holds more."""
     available = size_bytes - header.size_bytes
     needed = 0
     for element in header.elements:
@@ -60,6 +60,9 @@ def check_file_size(header: PlyHeader, size_bytes: int) -> None:
                 f"The PLY header announces {element.count:,} rows of {element.name!r} (at least {needed:,} bytes of "
                 f"data), but the file holds {available:,} bytes, enough for {num_found:,}. {CUT_SHORT}"
             )
+    if not header.is_ascii and not any(element.has_lists for element in header.elements) and needed < available:
+        return f"The file holds {available - needed:,} bytes more than its header announces; they were not read."
+    return None
 
 
 def _merge_scalars(batches: list[RowBatch], names: list[str]) -> NDArray[np.void]:

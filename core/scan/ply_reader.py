@@ -21,7 +21,9 @@ def read_ply(context: ReadingContext) -> Iterator[RawChunk]:
     with context.path.open("rb") as stream:
         header = read_ply_header(stream)
         vertices = _checked_vertices(context, header)
-        check_file_size(header, context.size_bytes)
+        surplus = check_file_size(header, context.size_bytes)
+        if surplus is not None:
+            context.note("surplus_bytes", surplus, "warning")
         body = PlyBody(stream, header)
         if has_mesh(header):
             yield from read_mesh(context, header, body)

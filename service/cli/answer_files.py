@@ -15,7 +15,11 @@ class AnswerFolder:
 
     def save(self, panorama: Path, answer: JsonObject, client: PanolocClient) -> list[Path]:
         """Write the answer and fetch its pictures; return the files written. Creates the folder."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OSError(f"--out {self.folder}: the folder cannot be made ({reason}); choose another one") from error
         stem = self._free_stem(panorama.stem)
         answer_file = self.folder / f"{stem}.json"
         answer_file.write_text(json.dumps(answer, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,7 +1,8 @@
 """Puts the commands together, and turns every expected failure into a message and an exit code."""
 
+import importlib.metadata
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import httpx
 import typer
@@ -18,6 +19,12 @@ def _exit_with(code: int | None, **_: Any) -> None:
     raise typer.Exit(code or ExitCode.OK)
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"panoloc {importlib.metadata.version('panoloc')}")
+        raise typer.Exit
+
+
 app = typer.Typer(
     name="panoloc",
     help="Find where a 360° photo was taken inside a scanned place.",
@@ -27,6 +34,17 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit codes: 0 done or localized, 1 error, 2 wrong usage, 3 not localized, 4 ambiguous, 5 no service.",
 )
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Find where a 360° photo was taken inside a scanned place."""
+
+
 app.command()(serve.serve)
 app.command()(register.register)
 app.command()(localize.localize)
@@ -63,7 +81,7 @@ def _report(session: Session, error: ClientError) -> ExitCode:
         session.print_json({"error": error.as_dict()})
     show = session.messages.print
     if isinstance(error, UnreachableError):
-        show(f"[bold red]No service:[/] {escape(str(error))}")
+        show(f"[bold red]Error:[/] {escape(str(error))}")
         show("Start it with [bold]panoloc serve[/], or say where it runs with [bold]--url[/] or [bold]PANOLOC_URL[/].")
         return ExitCode.UNREACHABLE
     if not isinstance(error, ApiProblemError):

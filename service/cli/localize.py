@@ -80,7 +80,7 @@ def localize(
     """Find where panoramas were taken in a map. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
     if bool(map_id) == bool(tag):
         raise typer.BadParameter(
-            "expected either --map ID (repeatable) or --tag TAG, not both; `panoloc maps` lists them.",
+            f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them.",
             param_hint="--map",
         )
     hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)

@@ -30,6 +30,10 @@ def list_maps(
             session.print_json(place)
     elif places:
         session.results.print(map_table(places))
+        for place in places:
+            if place["status"] == "failed":
+                reason = (place.get("error") or {}).get("detail", "see its error with --json")
+                session.results.print(f"{place['id']} failed: {reason}", markup=False)
     else:
         session.messages.print("No maps yet. Register a scan with [bold]panoloc register SCAN[/].")
 

@@ -11,6 +11,7 @@ from service.cli.progress import show_registration, show_upload
 from service.cli.session import Session
 from service.cli.tables import map_summary
 from service.client import JsonObject, PanolocClient
+from service.client_errors import UnreachableError
 
 
 class Unit(StrEnum):
@@ -81,9 +82,12 @@ def upload_and_wait(
     try:
         with show_registration(session.messages) as on_update:
             return client.wait_for_map(place["id"], on_update)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, UnreachableError) as end:
+        goes_on = (
+            "goes on registering" if isinstance(end, KeyboardInterrupt) else "is registered when the service runs again"
+        )
         session.messages.print(
-            f"Map {place['id']} goes on registering: panoloc maps shows it, panoloc maps delete {place['id']} ends it.",
+            f"Map {place['id']} {goes_on}: panoloc maps shows it, panoloc maps delete {place['id']} ends it.",
             markup=False,
         )
         raise

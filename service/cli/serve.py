@@ -1,5 +1,8 @@
 """`panoloc serve`: start the service in the foreground."""
 
+import difflib
+import os
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,6 +12,11 @@ import typer
 from service.cli.address import why_not_free
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
+
+# Variables that other commands, the scripts or the container image read.
+_OF_OTHER_COMMANDS = {
+    f"PANOLOC_{name}" for name in ("URL", "API_KEY", "EVAL_THREADS", "VENV", "TEST_VENV", "PUBLISHED_PORT")
+}
 
 
 class LogLevel(StrEnum):
@@ -66,6 +74,8 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
 
     from service.settings import Settings
 
+    for sentence in unknown_settings(os.environ):
+        session.messages.print(f"[yellow]Warning:[/] {sentence}")
     try:
         settings = Settings(**overrides)
     except ValidationError as error:
@@ -84,6 +94,19 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     from service.serve import run_service
 
     return int(run_service(settings) or 0)
+
+
+def unknown_settings(environment: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each variable that looks like a setting and is none, with the one that was probably meant."""
+    from service.settings import Settings
+
+    known = {f"PANOLOC_{name.upper()}" for name in Settings.model_fields} | _OF_OTHER_COMMANDS
+    found = []
+    for name in sorted(set(environment) - known):
+        if name.startswith("PANOLOC_"):
+            near = difflib.get_close_matches(name, known, 1, cutoff=0.85)
+            found.append(f"{name} is no setting" + (f"; did you mean {near[0]}?" if near else "; it has no effect."))
+    return found
 
 
 def _explain(location: tuple[int | str, ...], message: str, given: object) -> str:

@@ -40,3 +40,11 @@ def test_any_bytes_have_a_size_or_are_no_image(data: bytes, head: bytes) -> None
         return
     assert header.width >= 0
     assert header.height >= 0
+
+
+@pytest.mark.parametrize(("kind", "said"), [("GIF", "a GIF image"), ("BMP", "a BMP image"), ("TIFF", "a TIFF image")])
+def test_other_images_are_called_by_their_names(kind: str, said: str) -> None:
+    data = io.BytesIO()
+    Image.new("RGB", (8, 4)).save(data, kind)
+    with pytest.raises(UnknownImageError, match=said):
+        read_image_header(data.getvalue())

@@ -223,3 +223,11 @@ def test_label_colours_in_text_keep_their_codes(scan_file: ScanFile) -> None:
     path = scan_file("scan.ply", start + b"0 0 0 1 1 0\n1 1 1 0 1 1\n")
     cloud = read_scan(path, ScanOptions(color_kind="labels"))
     np.testing.assert_array_equal(cloud.colors, [[1, 1, 0], [0, 1, 1]])
+
+
+def test_bytes_beyond_what_the_header_announces_are_told(cloud: PointCloud, scan_file: ScanFile) -> None:
+    data = encode_ply(cloud)
+    whole, longer = (read_scan(scan_file("scan.ply", each)).diagnostics for each in (data, data + bytes(9)))
+    assert "surplus_bytes" not in {each.code for each in whole}
+    found = {each.code: each for each in longer}
+    assert "9 bytes more" in found["surplus_bytes"].message

@@ -42,3 +42,9 @@ def test_a_map_named_twice_is_deleted_once(panoloc: Panoloc, fake: FakeService) 
     done = panoloc("maps", "delete", "map_1", "map_1")
     assert done.code == 0, done.err
     assert fake.requests == [("DELETE", "/maps/map_1")]
+
+
+def test_the_reason_of_a_failed_map_stands_below_the_table(panoloc: Panoloc, fake: FakeService) -> None:
+    failed = {**READY_MAP, "status": "failed", "error": {"detail": "scan: expected 100 vertices, got 40"}}
+    fake.places = [failed]
+    assert "map_1 failed: scan: expected 100 vertices, got 40" in panoloc("maps").out

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import httpx
+
 from tests.service.cli.conftest import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
@@ -88,3 +90,17 @@ def test_ctrl_c_while_waiting_says_that_the_registration_goes_on(
     assert done.code not in (0, None)
     assert "map_1 goes on registering" in done.err
     assert "panoloc maps delete map_1" in done.err
+
+
+def test_a_service_that_goes_away_while_waiting_leaves_the_id(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    answer = fake.handle
+
+    def gone(request):  # type: ignore[no-untyped-def]
+        if request.method == "GET":
+            raise httpx.ConnectError("connection refused")
+        return answer(request)
+
+    fake.handle = gone  # type: ignore[method-assign]
+    done = panoloc("register", scan)
+    assert done.code == 5
+    assert "map_1 is registered when the service runs again" in done.err

@@ -74,3 +74,14 @@ def test_a_wrong_key_is_explained_without_the_jargon_of_the_validator(
     done = panoloc("serve")
     assert done.code == 2
     assert "Setting PANOLOC_API_KEYS: key 1: expected at least 8" in done.err
+
+
+def test_a_setting_that_is_none_is_named_with_the_one_that_was_meant(
+    panoloc: Panoloc, started_with: list[Settings], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PANOLOC_QUEU_LIMIT", "3")
+    monkeypatch.setenv("PANOLOC_URL", "http://127.0.0.1:8123")
+    done = panoloc("serve")
+    assert "PANOLOC_QUEU_LIMIT is no setting; did you mean PANOLOC_QUEUE_LIMIT?" in done.err
+    assert "PANOLOC_URL" not in done.err
+    assert len(started_with) == 1
