@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from service.cpu_share import num_sockets
-from service.ray_cluster import RayCluster
+from service.ray_cluster import SPIN_COUNT, RayCluster
 from service.reachability import leave_token, missing_here
 from service.worker_plan import WorkerPlan
 
@@ -140,7 +140,7 @@ class RayServing:
         return (
             {}
             if self._cluster.is_ours
-            else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2", "OMP_WAIT_POLICY": "PASSIVE"}}}
+            else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2", "GOMP_SPINCOUNT": SPIN_COUNT}}}
         )
 
 
