@@ -66,7 +66,7 @@ def localize(
     heading_tolerance: Annotated[
         float | None, typer.Option(help="Hint: --heading is right within this, degrees.")
     ] = None,
-    top_k: Annotated[int, typer.Option(min=1, help="Poses to return, alternatives included.")] = 1,
+    top_k: Annotated[int, typer.Option(min=1, max=32, help="Poses to return, alternatives included.")] = 1,
     timeout: Annotated[
         float | None,
         typer.Option(

@@ -528,3 +528,32 @@ def test_one_place_registered_twice_is_ambiguous(
     assert found.status == "ambiguous"
     assert found.best is not None
     assert {found.best.map_position, *(each.map_position for each in found.alternatives)} == {0, 2}
+
+
+def lit_by_a_lamp(panorama: Panorama) -> Panorama:
+    """Return the panorama as a lamp on one side lights it: eight times as bright there as on the other side."""
+    height, width = panorama.color.shape[:2]
+    azimuth = np.arange(width) * 2 * np.pi / width - 1
+    elevation = np.linspace(-1, 1, height)[:, None] + 0.2
+    light = 0.12 + 0.9 * np.exp(3 * (np.cos(azimuth) - 1)) * np.exp(-2 * elevation**2)
+    lit = np.clip(panorama.color * (1.3 * np.clip(light, 0, 1))[..., None], 0, 255)
+    return Panorama(lit.astype(np.uint8), panorama.valid)
+
+
+@pytest.mark.parametrize(("angles", "position"), [((130, 8, -5), (1.7, 2.4, 1.5)), ((20, -8, 5), (1.2, 1.4, 1.3))])
+def test_a_lamp_hardly_moves_the_pose(
+    localizer: Localizer,
+    box: PaintedBox,
+    box_index: MapIndex,
+    angles: tuple[float, float, float],
+    position: tuple[float, float, float],
+) -> None:
+    pose = Pose(rotation_of(*angles), np.array(position))
+    panorama = lit_by_a_lamp(box.panorama(pose))
+    colors_alone = dataclasses.replace(LocalizerConfig().refinement, contrast_share=0.0, fine_contrast_share=0.0)
+    without = Localizer(dataclasses.replace(LocalizerConfig(), refinement=colors_alone), device="cpu")
+    found, off = localizer.localize(panorama, [box_index]), without.localize(panorama, [box_index])
+    assert_found(found, pose, 0.015, 0.3)
+    assert found.best is not None
+    assert off.best is not None
+    assert pose_error(found.best.pose, pose).position_m < 0.75 * pose_error(off.best.pose, pose).position_m
