@@ -16,9 +16,8 @@ from core.panorama_pyramid import PanoramaLevel
 from core.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
 from core.refinement import CandidatePoints
 from core.sphere_points import even_directions
-from core.synthetic_view import RenderCloud, SyntheticViews, render_views
+from core.synthetic_view import RENDER_BATCH, RenderCloud, SyntheticViews, render_views
 
-_RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 # Colour distance at which a pixel counts half, and how many regions a view's height has.
 _AGREEING_DISTANCE, _REGIONS_PER_HEIGHT = 0.3, 32
 
@@ -33,7 +32,7 @@ def points_seen_from_starts(
     cloud, width = index.render_cloud, 2 * height
     directions = even_directions(count).to(starts.device)
     numbers, coarse, fine = [], [], []
-    for part in torch.split(starts, _RENDER_BATCH):
+    for part in torch.split(starts, RENDER_BATCH):
         views = render_views(cloud, index.starts[part], height, width)
         canonical = _canonical_view(views, index.labels is not None, contrast_share)
         pixel = _pixels_towards(directions, height)

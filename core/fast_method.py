@@ -39,9 +39,7 @@ from core.refinement import CandidatePoints, joined, refine
 from core.results import Hints
 from core.search import SearchRotations, search_maps
 from core.stage_clock import StageClock
-from core.synthetic_view import RenderCloud
-
-_RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
+from core.synthetic_view import RENDER_BATCH, RenderCloud
 
 
 class FastMethod:
@@ -176,8 +174,8 @@ class FastMethod:
         height, judged = self.config.judge.height, []
         for number, group in by_map(hypotheses):
             cloud = query.cloud(number)
-            for first in range(0, len(group), _RENDER_BATCH):
-                part = group[first : first + _RENDER_BATCH]
+            for first in range(0, len(group), RENDER_BATCH):
+                part = group[first : first + RENDER_BATCH]
                 comparison = self._compare(query, number, cloud, part, height, with_points=False)
                 judged += judged_hypotheses(part, agreement(comparison, height))
         return judged

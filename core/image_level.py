@@ -23,12 +23,11 @@ class ImageLevel:
 
     def sample(self, azimuth: Tensor, elevation: Tensor) -> Tensor:
         """Return the planes (K, 10, N) at directions (K, N) in radians, bilinearly."""
-        # Column W (π - azimuth) / 2π of the image is 0.5 further right in the bordered one, whose outermost centres are -1 and 1.
+        # The middle of the image, straight ahead, is the middle of the bordered one, whose outermost centres are at -1 and 1.
         grid = torch.empty((*azimuth.shape, 2), dtype=azimuth.dtype, device=azimuth.device)
         across, down = 2 / (self.width + 1), 2 / (self.height + 1)
         torch.mul(azimuth, -across * self.width / (2 * math.pi), out=grid[..., 0])
         torch.mul(elevation, -down * self.height / math.pi, out=grid[..., 1])
-        # The image's middle is the bordered image's middle.
         images = self.planes.expand(len(azimuth), -1, -1, -1)
         sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
         return sampled[:, :, 0]

@@ -16,7 +16,7 @@ from torch import Tensor
 from core.projection import pixel_directions, pixel_solid_angles
 
 _DARKEST = 0.03  # added before the logarithm: below it there is only noise
-_SAMPLED_ROWS = 64
+_SAMPLED_ROWS = 64  # of a large image these say as much of the surroundings as all of it
 _ROWS = 16  # of the image in which surroundings are averaged; they are smooth
 _CONCENTRATION = 40.0  # of the weights around a direction: a standard deviation of 9 degrees
 _CONTRAST_SCALE = 0.5  # logarithm of the ratio at which contrast begins to saturate
@@ -42,9 +42,7 @@ def mixed_with_contrast(equalized: Tensor, color: Tensor, valid: Tensor, share: 
 def _mean_around(values: Tensor, valid: Tensor) -> Tensor:
     """Return the weighted mean around each pixel of values (B, H, W, 3) that are zero where invalid."""
     batch, height, width, _ = values.shape
-    stride = max(
-        1, height // _SAMPLED_ROWS
-    )  # of a large image some pixels say as much of the surroundings as all of them
+    stride = max(1, height // _SAMPLED_ROWS)
     some = slice(stride // 2, None, stride)
     planes = torch.cat((values[:, some, some], valid[:, some, some, None]), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(_ROWS, 2 * _ROWS), mode="area")

@@ -31,9 +31,9 @@ class PreparedQuery:
             else PanoramaPyramid(panorama, max_height, m.labels, device)
             for m in maps
         ]
-        self._levels: dict[tuple[int, int, bool], ImageLevel] = {}
-        self._starts_seen: dict[int, list[int]] = {}
-        self._points_seen: dict[int, tuple[CandidatePoints, CandidatePoints]] = {}
+        self._levels: dict[tuple[int, int, float, bool], ImageLevel] = {}
+        # By map: the row of each start, and what the starts see at half and at full resolution.
+        self._seen: dict[int, tuple[dict[int, int], tuple[CandidatePoints, CandidatePoints]]] = {}
         self._described: dict[int, DescribedPanorama] = {}
 
     def pyramid(self, number: int) -> PanoramaPyramid:
@@ -59,19 +59,16 @@ class PreparedQuery:
         self, number: int, group: Sequence[Hypothesis], config: LocalizerConfig, coarse: bool
     ) -> CandidatePoints:
         """Return what the starts of hypotheses of one map see, with colours of half the views' resolution or all of it."""
-        if not {h.start for h in group} <= set(self._starts_seen.get(number, ())):
-            starts = sorted({h.start for h in group})
+        starts = sorted({h.start for h in group})
+        if number not in self._seen or not self._seen[number][0].keys() >= set(starts):
             index, sizes = self.maps[number], config.refinement
-            self._starts_seen[number] = starts
-            self._points_seen[number] = points_seen_from_starts(
-                index,
-                torch.tensor(starts, device=index.starts.device),
-                config.search.view_height,
-                sizes.coarse_points,
-                sizes.contrast_share,
+            chosen = torch.tensor(starts, device=index.starts.device)
+            seen = points_seen_from_starts(
+                index, chosen, config.search.view_height, sizes.coarse_points, sizes.contrast_share
             )
-        rows = {start: row for row, start in enumerate(self._starts_seen[number])}
-        points = self._points_seen[number][0 if coarse else 1]
+            self._seen[number] = {start: row for row, start in enumerate(starts)}, seen
+        rows, by_resolution = self._seen[number]
+        points = by_resolution[0 if coarse else 1]
         return points.take(torch.tensor([rows[h.start] for h in group], device=points.weights.device))
 
     def cloud(self, number: int) -> RenderCloud:
@@ -81,7 +78,7 @@ class PreparedQuery:
     def canonical_level(self, number: int, height: int, contrast_share: float, blur: bool = False) -> ImageLevel:
         """Return a level equalized over the whole panorama and mixed with contrast, prepared for sampling; blurred for the widest basin."""
         pyramid = self._pyramids[number]
-        key = (id(pyramid), height, blur)
+        key = (id(pyramid), height, contrast_share, blur)
         if key not in self._levels:
             level, labels = pyramid.level(height), self.maps[number].labels
             color = level.canonical(labels)

@@ -1,7 +1,7 @@
 """Refinement of many candidates at once: Gauss-Newton steps until poses rest.
 
 Candidates that no longer move are left where they are, and those that have come together go on as one: of 32 candidates that the search
-proposes, a third still moves after ten steps, and half of them are the same pose as another (docs/experiments.md).
+proposes, four tenths still move after 16 steps, and four tenths are the same pose as another (docs/experiments.md).
 
 Paper: §3.3 (refinement of the best candidates).
 """

@@ -19,6 +19,7 @@ from torch import Tensor
 from core.image_halving import double, pool
 from core.projection import project
 
+RENDER_BATCH = 8  # views that a query renders at once: memory stays below 200 MB
 _FOOTPRINT = 1.5  # pixel size over point spacing at which a random sampling of a surface leaves few holes
 _SLACK_SPACINGS = 4.0  # depth range of one surface inside a pixel seen at a slant, in point spacings
 _SLACK_SHARE = 0.02

@@ -71,7 +71,6 @@ _OTHER_KINDS = {
     b"II*\x00": "a TIFF image",
     b"MM\x00*": "a TIFF image",
     b"%PDF": "a PDF document",
-    b"\x00\x00\x00\x18ftyp": "a HEIC image or a video",
     b"PK\x03\x04": "a ZIP archive",
 }
 
@@ -80,7 +79,9 @@ def _description(data: bytes) -> str:
     if not data:
         return "an empty file"
     head = data[:12]
-    for beginning, kind in _OTHER_KINDS.items():
-        if head.startswith(beginning):
-            return kind
-    return f"text ({head!r})" if head.isascii() and head.decode().isprintable() else f"bytes that begin {head.hex(' ')}"
+    if head.isascii() and head.decode().isprintable():
+        return f"text ({head!r})"
+    if head[4:8] == b"ftyp":
+        return "a HEIC image or a video"
+    named = (kind for beginning, kind in _OTHER_KINDS.items() if head.startswith(beginning))
+    return next(named, f"bytes that begin {head.hex(' ')}")

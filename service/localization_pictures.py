@@ -26,7 +26,6 @@ def localization_pictures(
     if "score_map_3d" in names or "overlay" in names:
         view = view_scan(index, localization, with_scores="score_map_3d" in names)
         drawn |= {"score_map_3d": draw_score_map_3d(view), "overlay": draw_overlay(panorama, view)}
-    with ThreadPoolExecutor(
-        len(names) or 1
-    ) as threads:  # compressing takes a third of the time, and needs no interpreter
+    # Compressing takes a third of the time, and needs no interpreter.
+    with ThreadPoolExecutor(len(names) or 1) as threads:
         return dict(zip(names, threads.map(encode_png, (drawn[name] for name in names)), strict=True))

@@ -48,3 +48,16 @@ def test_other_images_are_called_by_their_names(kind: str, said: str) -> None:
     Image.new("RGB", (8, 4)).save(data, kind)
     with pytest.raises(UnknownImageError, match=said):
         read_image_header(data.getvalue())
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"\x00\x00\x00\x1cftypheic\x00\x00", "a HEIC image or a video"),
+        (b"BM is how this text begins", "text"),
+        (b"\x01\x02\x03", "bytes that begin 01 02 03"),
+    ],
+)
+def test_what_is_no_image_is_described(data: bytes, said: str) -> None:
+    with pytest.raises(UnknownImageError, match=said):
+        read_image_header(data)

@@ -28,5 +28,8 @@ def test_a_long_data_folder_gets_a_path_short_enough_for_sockets(tmp_path: Path)
     folder = RunFolder(deep)
     assert len(str(folder.path)) <= 32
     assert folder.path.stat().st_mode & 0o077 == 0
-    assert RunFolder(tmp_path / ("other" * 20)).path != folder.path
-    folder.close()
+    other = RunFolder(tmp_path / ("other" * 20))
+    assert other.path != folder.path
+    for each in (folder, other):
+        each.close()
+        assert not each.path.exists()  # nothing is left in /tmp
