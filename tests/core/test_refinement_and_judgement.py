@@ -342,3 +342,17 @@ def test_steps_grow_no_longer_than_the_rules_allow() -> None:
     rules, step = StepRules(max_relaxation=5.0), torch.eye(6)[:1]
     pace = Pace(step, torch.tensor([-1.0]), torch.tensor([4.0]))
     assert next_length(pace, -0.9 * step, rules).tolist() == [5.0]
+
+
+def test_steps_that_learn_reach_the_pose_where_noise_makes_plain_ones_creep(scene: tuple[torch.Tensor, ...]) -> None:
+    image, points, colors, rotation = scene
+    noisy = image + 0.02 * torch.randn(image.shape, generator=torch.Generator().manual_seed(5))
+    level = prepare_level(noisy, torch.ones(image.shape[1:]))
+    candidates = CandidatePoints(points[None], colors[None], torch.ones((1, len(points))))
+    start = POSITION + torch.tensor([0.15, -0.15, 0.1])
+    errors = [
+        float((refine(level, candidates, rotation[None], start[None], 6, rules).positions[0] - POSITION).norm())
+        for rules in (StepRules(), StepRules(max_relaxation=1.5))
+    ]
+    assert errors[0] < 0.005
+    assert errors[0] < 0.3 * errors[1]
