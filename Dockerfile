@@ -29,6 +29,7 @@ RUN python check_torch_build.py "${DEVICE}"
 
 COPY README.md LICENSE ./
 COPY core ./core
+COPY lab ./lab
 COPY service ./service
 RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install --no-deps .
 

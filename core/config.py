@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 @dataclass(frozen=True)
 class StartsConfig:
-    """Where the search starts (see `core.starts`). Metres."""
+    """Where the search starts (see `core.index.starts`). Metres."""
 
     spacing_m: float = 0.5  # basin of convergence in a furnished room (measured)
     max_starts: int = 800
@@ -19,7 +19,7 @@ class StartsConfig:
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """The search over all starts and rotations (see `core.patch_descriptors`, `core.pose_scores`)."""
+    """The search over all starts and rotations (see `core.describe.patch_descriptors`, `core.search.pose_scores`)."""
 
     patch_rows: int = 8  # paper, §4: 8 x 16 patches
     patch_columns: int = 16
@@ -55,7 +55,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class RefinementConfig:
-    """Refinement coarse to fine (see `core.gauss_newton`, `core.fast_method`)."""
+    """Refinement coarse to fine (see `core.refine.gauss_newton`, `core.fast_method`)."""
 
     coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
     coarse_iterations: tuple[int, int] = (16, 12)  # at most, at 32 and 64 rows
@@ -91,7 +91,7 @@ class RefinementConfig:
 
 @dataclass(frozen=True)
 class JudgeConfig:
-    """The comparison of the scan rendered at a refined pose with the panorama (see `core.judge`)."""
+    """The comparison of the scan rendered at a refined pose with the panorama (see `core.judge.agreement`)."""
 
     height: int = 64
     final_height: int = 128

@@ -11,14 +11,10 @@ from dataclasses import replace
 
 import torch
 
-from core.candidate_points import (
-    Comparison,
-    compare,
-    points_seen_from_poses,
-)
 from core.config import LocalizerConfig, Rest
-from core.gauss_newton import StepRules
-from core.hypotheses import (
+from core.index.map_index import MapIndex
+from core.judge.agreement import agreement, judged_hypotheses
+from core.judge.hypotheses import (
     ELSEWHERE_DEG,
     ELSEWHERE_M,
     Hypothesis,
@@ -29,17 +25,19 @@ from core.hypotheses import (
     promising,
     stacked_poses,
 )
-from core.image_level import ImageLevel
-from core.judge import agreement, judged_hypotheses
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.pose_limits import PoseLimits, pose_limits
+from core.panorama.image_level import ImageLevel
+from core.panorama.panorama import Panorama
 from core.prepared_query import PreparedQuery
-from core.refinement import CandidatePoints, joined, refine
+from core.refine.candidate_points import points_seen_from_poses
+from core.refine.gauss_newton import StepRules
+from core.refine.refinement import CandidatePoints, joined, refine
 from core.results import Hints
-from core.search import SearchRotations, search_maps
+from core.search.map_search import SearchRotations, search_maps
+from core.search.pose_limits import PoseLimits, pose_limits
 from core.stage_clock import StageClock
-from core.synthetic_view import RENDER_BATCH, RenderCloud
+from core.views.comparison import Comparison, compare
+from core.views.render_cloud import RenderCloud
+from core.views.synthetic_view import RENDER_BATCH
 
 
 class FastMethod:

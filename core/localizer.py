@@ -6,18 +6,18 @@ from typing import Any
 
 import torch
 
-from core.change_maps import ChangeMaps, change_maps
-from core.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast_method import FastMethod
-from core.hypotheses import Hypothesis, MethodResult, distinct_places
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.paper_method import PaperMethod
-from core.pose import Pose
+from core.geometry.pose import Pose
+from core.index.map_index import MapIndex
+from core.judge.change_maps import ChangeMaps, change_maps
+from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
+from core.judge.hypotheses import Hypothesis, MethodResult, distinct_places
+from core.panorama.panorama import Panorama
+from core.paper.paper_method import PaperMethod
 from core.results import Candidate, Hints, Localization, Method, Status
-from core.search import make_search_rotations
+from core.search.map_search import make_search_rotations
 from core.stage_clock import StageClock
 
 _HINTS_MAY_BE_WRONG = (

@@ -11,12 +11,13 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.pose import Pose
-from core.projection import pixel_directions, project
+from core.geometry.pose import Pose
+from core.geometry.projection import pixel_directions, project
+from core.index.map_index import MapIndex
+from core.panorama.panorama import Panorama
 from core.results import Localization
-from core.synthetic_view import counted_colors, render_views
+from core.views.render_cloud import counted_colors
+from core.views.synthetic_view import render_views
 
 Picture = NDArray[np.uint8]
 _WIDTH = 1024

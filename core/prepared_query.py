@@ -5,18 +5,18 @@ from collections.abc import Iterator, Sequence
 import torch
 from torch import Tensor
 
-from core.candidate_points import points_seen_from_starts
 from core.config import LocalizerConfig, SearchConfig
-from core.hypotheses import Hypothesis, by_map
-from core.image_level import ImageLevel, prepare_level
-from core.local_contrast import mixed_with_contrast
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.panorama_pyramid import PanoramaLevel, PanoramaPyramid
-from core.projection import wrap_border
-from core.refinement import CandidatePoints
-from core.search import DescribedPanorama, describe_panorama
-from core.synthetic_view import RenderCloud
+from core.geometry.projection import wrap_border
+from core.index.map_index import MapIndex
+from core.judge.hypotheses import Hypothesis, by_map
+from core.light.local_contrast import mixed_with_contrast
+from core.panorama.image_level import ImageLevel, prepare_level
+from core.panorama.panorama import Panorama
+from core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
+from core.refine.candidate_points import points_seen_from_starts
+from core.refine.refinement import CandidatePoints
+from core.search.map_search import DescribedPanorama, describe_panorama
+from core.views.render_cloud import RenderCloud
 
 
 class PreparedQuery:

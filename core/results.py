@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from core.pose import Pose
+from core.geometry.pose import Pose
 
 Method = Literal["fast", "paper"]
 Status = Literal["localized", "ambiguous", "not_localized"]

@@ -6,13 +6,13 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 
 from service.cache import Cache
-from service.error_handlers import install_error_handlers
-from service.lingering import LingeringClose
-from service.openapi import install_openapi
-from service.pool import WorkerPool
-from service.request_context import RequestContext
-from service.routes import ROUTERS
-from service.routes.health import service_version
+from service.http.error_handlers import install_error_handlers
+from service.http.lingering import LingeringClose
+from service.http.openapi import install_openapi
+from service.http.request_context import RequestContext
+from service.http.routes import ROUTERS
+from service.http.routes.health import service_version
+from service.jobs import WorkerPool
 from service.services import Services
 from service.settings import Settings
 from service.storage import Storage, open_storage

@@ -27,7 +27,7 @@ from redis.exceptions import BusyLoadingError, OutOfMemoryError, ReadOnlyError
 from redis.retry import Retry
 
 from service.errors import CacheDownError
-from service.pool import MapRef
+from service.jobs import MapRef
 
 _TIMEOUT_S = 5.0
 _RETRIES = 3

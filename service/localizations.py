@@ -12,10 +12,10 @@ from service.cache import Cache
 from service.errors import DeadlineError, LocalizationNotFoundError, ServiceError
 from service.identity import new_id, now
 from service.image_header import read_image_header
-from service.map_choice import ChosenMaps, MapChoice
-from service.map_registry import MapRegistry
+from service.jobs import ARTIFACTS, LocalizeJob, LocalizeOutcome, WorkerPool
+from service.maps.registry import MapRegistry
+from service.maps.selection import ChosenMaps, MapChoice
 from service.metrics import Metrics
-from service.pool import ARTIFACTS, LocalizeJob, LocalizeOutcome, WorkerPool
 from service.problems import problem_document, problem_of
 from service.settings import Settings
 from service.storage import Storage

@@ -7,21 +7,21 @@ import threading
 
 import uvicorn
 
-from service.admission import Admission
 from service.app import create_app
 from service.cache import Cache
-from service.draining_server import DrainingServer
-from service.embedded_redis import EmbeddedRedis, EmbeddedRedisError
-from service.lifeline import Lifeline
-from service.logging import configure_logging
-from service.ray_cluster import RayCluster
-from service.ray_pool import RayPool
-from service.ray_serving import RayServing
-from service.run_folder import DataFolderInUseError, RunFolder
+from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
+from service.host.lifeline import Lifeline
+from service.host.logging import configure_logging
+from service.host.run_folder import DataFolderInUseError, RunFolder
+from service.http.draining_server import DrainingServer
+from service.ray.admission import Admission
+from service.ray.cluster import RayCluster
+from service.ray.pool import RayPool
+from service.ray.serving import RayServing
+from service.ray.worker_plan import WorkerPlan
 from service.settings import Settings
 from service.storage import open_storage
-from service.worker_plan import WorkerPlan
-from service.worker_settings import WorkerSettings
+from service.worker.settings import WorkerSettings
 
 _log = logging.getLogger(__name__)
 

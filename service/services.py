@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from starlette.requests import HTTPConnection
 
 from service.cache import Cache
+from service.host.redis_watch import watch_redis
+from service.jobs import WorkerPool
 from service.localizations import Localizations
-from service.map_registry import MapRegistry
+from service.maps.registration_supervisor import Registrations
+from service.maps.registry import MapRegistry
 from service.metrics import Metrics
-from service.pool import WorkerPool
-from service.redis_watch import watch_redis
-from service.registrations import Registrations
 from service.settings import Settings
 from service.storage import Storage
 

@@ -8,7 +8,7 @@ from pydantic import AliasChoices, Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.api_keys import ApiKeys
-from service.pool import PAPER_TIMEOUT_S
+from service.jobs import PAPER_TIMEOUT_S
 
 
 class Settings(BaseSettings):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError
-from core.point_cloud import Diagnostic
+from core.scan.point_cloud import Diagnostic
 
 # A little above 1, for colours that were interpolated or sharpened.
 _UNIT_RANGE_LIMIT = 1.01

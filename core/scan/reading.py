@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError
-from core.point_cloud import PointCloud
 from core.scan.color_range import ColorRange
-from core.scan.e57_reader import read_e57
+from core.scan.e57.reader import read_e57
 from core.scan.format_detection import detect_format
-from core.scan.las_reader import read_las
+from core.scan.las.reader import read_las
 from core.scan.options import METRES_PER_UNIT, ScanOptions
-from core.scan.pcd_reader import read_pcd
-from core.scan.ply_reader import read_ply
+from core.scan.pcd.reader import read_pcd
+from core.scan.ply.reader import read_ply
+from core.scan.point_cloud import PointCloud
 from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
-from core.scan.text_reader import read_text
+from core.scan.text.reader import read_text
 from core.scan.voxel_grouping import column_bounds
 from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 

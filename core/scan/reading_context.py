@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.point_cloud import Diagnostic
 from core.scan.options import ScanOptions
+from core.scan.point_cloud import Diagnostic
 
 CHUNK_ROWS = 1 << 20
 CUT_SHORT = "The export or the upload was probably cut short: export the scan again and upload it again."

@@ -8,10 +8,10 @@ import httpx
 import typer
 from rich.markup import escape
 
-from service.cli import bench, demo, evaluate, localize, maps, register, serve
+from service.cli import localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
-from service.client_errors import ApiProblemError, ClientError, MapFailedError, UnreachableError
+from service.client.errors import ApiProblemError, ClientError, MapFailedError, UnreachableError
 
 
 def _exit_with(code: int | None, **_: Any) -> None:
@@ -48,10 +48,10 @@ def _program(
 app.command()(serve.serve)
 app.command()(register.register)
 app.command()(localize.localize)
-app.command()(demo.demo)
-app.command()(bench.bench)
 app.add_typer(maps.app, name="maps")
-app.add_typer(evaluate.app, name="evaluate")
+# Commands of other packages, as the lab's: each entry point adds its own.
+for package in importlib.metadata.entry_points(group="panoloc.commands"):
+    package.load()(app)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 import typer
 
-from service.client import JsonObject
+from service.client.client import JsonObject
 
 
 def hints_object(

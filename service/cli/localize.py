@@ -15,9 +15,9 @@ from service.cli.hints import hints_object
 from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_waiting
 from service.cli.session import Session
-from service.client import JsonObject, PanolocClient
-from service.client_errors import ApiProblemError
-from service.pool import PAPER_TIMEOUT_S
+from service.client.client import JsonObject, PanolocClient
+from service.client.errors import ApiProblemError
+from service.jobs import PAPER_TIMEOUT_S
 
 ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
 Point = tuple[float, float, float]

@@ -14,8 +14,8 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 
-from service.client import JsonObject
-from service.upload_progress import UploadProgress
+from service.client.client import JsonObject
+from service.client.upload_progress import UploadProgress
 
 
 @contextmanager

@@ -10,8 +10,8 @@ from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_registration, show_upload
 from service.cli.session import Session
 from service.cli.tables import map_summary
-from service.client import JsonObject, PanolocClient
-from service.client_errors import UnreachableError
+from service.client.client import JsonObject, PanolocClient
+from service.client.errors import UnreachableError
 
 
 class Unit(StrEnum):

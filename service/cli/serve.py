@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.address import why_not_free
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
+from service.host.address import why_not_free
 
 # Variables that other commands, the scripts or the container image read.
 _OF_OTHER_COMMANDS = {

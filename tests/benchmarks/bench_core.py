@@ -15,10 +15,10 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from core.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device, run_core_part
-from core.benchmark.rooms import Rooms
-from core.benchmark.sizes import FULL, QUICK
-from core.machine import machine, versions
+from lab.benchmark.method.parts import CORE_PARTS, CoreBenchmark, chosen_device, run_core_part
+from lab.benchmark.rooms import Rooms
+from lab.benchmark.sizes import FULL, QUICK
+from lab.machine import machine, versions
 
 
 def main() -> None:

@@ -18,9 +18,9 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from core.benchmark.search_benchmark import SearchTiming, time_search
-from core.benchmark.sizes import FULL
-from core.machine import machine, versions
+from lab.benchmark.method.search_benchmark import SearchTiming, time_search
+from lab.benchmark.sizes import FULL
+from lab.machine import machine, versions
 
 
 def print_table(rows: Sequence[SearchTiming]) -> None:

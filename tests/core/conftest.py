@@ -3,11 +3,11 @@
 import pytest
 import torch
 
+from core.geometry.pose import Pose
+from core.index.map_builder import build_map_index
+from core.index.map_index import MapIndex
 from core.localizer import Localizer
-from core.map_builder import build_map_index
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.pose import Pose
+from core.panorama.panorama import Panorama
 from tests.core.painted_box import PaintedBox, rotation_of
 
 torch.set_num_threads(1)  # the tests share their machine, and results do not depend on the number of cores

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from core.candidate_points import points_seen_from_starts
-from core.map_index import MapIndex
-from core.projection import project
-from core.sphere_points import even_directions
+from core.geometry.projection import project
+from core.geometry.rotations import even_directions
+from core.index.map_index import MapIndex
+from core.refine.candidate_points import points_seen_from_starts
 
 COUNT, HEIGHT = 512, 64
 

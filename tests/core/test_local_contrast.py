@@ -5,11 +5,11 @@ import math
 import torch
 
 from core.config import SearchConfig
-from core.local_contrast import local_contrast, mixed_with_contrast
-from core.patch_histograms import described_histograms
-from core.projection import pixel_directions, project, sample_bilinear
-from core.rotations import rotation_from_vector
-from core.spherical_patches import PatchGrid
+from core.describe.patch_histograms import described_histograms
+from core.describe.spherical_patches import PatchGrid
+from core.geometry.projection import pixel_directions, project, sample_bilinear
+from core.geometry.rotations import rotation_from_vector
+from core.light.local_contrast import local_contrast, mixed_with_contrast
 
 HEIGHT, WIDTH = 64, 128
 

@@ -11,14 +11,14 @@ import torch
 
 from core.config import LocalizerConfig, PaperConfig
 from core.errors import DeadlineExceededError, OptionsError
+from core.geometry.pose import Pose, pose_error
+from core.index.map_builder import build_map_index
+from core.index.map_codec import decode_map_index, encode_map_index
+from core.index.map_index import IndexOptions, MapIndex
 from core.localizer import Localizer
-from core.map_builder import build_map_index
-from core.map_codec import decode_map_index, encode_map_index
-from core.map_index import IndexOptions, MapIndex
-from core.panorama import Panorama
-from core.point_cloud import PointCloud
-from core.pose import Pose, pose_error
+from core.panorama.panorama import Panorama
 from core.results import Hints, Localization
+from core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox, rotation_of
 
 

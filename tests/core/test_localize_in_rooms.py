@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.geometry.pose import Pose, pose_error
+from core.index.map_builder import build_map_index
+from core.index.map_index import IndexOptions, MapIndex
 from core.localizer import Localizer
-from core.map_builder import build_map_index
-from core.map_index import IndexOptions, MapIndex
 from core.pictures import draw_map_preview, draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
-from core.pose import Pose, pose_error
 from core.results import Hints, Localization
-from core.scene import (
+from lab.rooms import (
     Scene,
     SceneSpec,
     apply_look,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from core.map_builder import build_map_index
-from core.map_diagnostics import map_diagnostics
-from core.map_index import IndexOptions, MapIndex
-from core.point_cloud import Diagnostic, PointCloud
+from core.index.map_builder import build_map_index
+from core.index.map_diagnostics import map_diagnostics
+from core.index.map_index import IndexOptions, MapIndex
+from core.scan.point_cloud import Diagnostic, PointCloud
 from tests.core.painted_box import PaintedBox
 
 GRID = IndexOptions(starts_method="grid", spacing_m=1.0)

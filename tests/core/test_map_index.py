@@ -8,10 +8,10 @@ import torch
 
 from core.config import IndexConfig, SearchConfig
 from core.errors import CancelledError, OptionsError
-from core.map_builder import build_map_index, index_config_digest
-from core.map_codec import decode_map_index, encode_map_index
-from core.map_index import IndexOptions, MapIndex
-from core.point_cloud import PointCloud
+from core.index.map_builder import build_map_index, index_config_digest
+from core.index.map_codec import decode_map_index, encode_map_index
+from core.index.map_index import IndexOptions, MapIndex
+from core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 
 

@@ -5,11 +5,11 @@ import contextlib
 import pytest
 import torch
 
+from core.geometry.pose import pose_error
+from core.index.map_builder import build_map_index
+from core.index.map_index import IndexOptions, MapIndex
 from core.localizer import Localizer
-from core.map_builder import build_map_index
-from core.map_index import IndexOptions, MapIndex
-from core.panorama import Panorama
-from core.pose import pose_error
+from core.panorama.panorama import Panorama
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 from tests.core.painted_box import PaintedBox
 

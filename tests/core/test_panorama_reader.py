@@ -17,8 +17,8 @@ from core.errors import (
     PanoramaShapeError,
     PanoramaTooLargeError,
 )
-from core.panorama import Panorama
-from core.panorama_reader import read_panorama
+from core.panorama.panorama import Panorama
+from core.panorama.reader import read_panorama
 from tests.core.picture_files import (
     encoded,
     gpano_packet,

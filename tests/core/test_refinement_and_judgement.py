@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from core.candidate_points import Comparison, compare
-from core.color_equalization import label_codes
-from core.confidence import (
+from core.config import Rest
+from core.geometry.pose import Pose
+from core.geometry.projection import pixel_directions
+from core.geometry.rotations import rotation_angle, rotation_from_vector, uniform_rotations
+from core.index.map_index import MapIndex
+from core.judge.agreement import agreement
+from core.judge.confidence import (
     FEATURES,
     ConfidenceModel,
     RadiusModel,
@@ -16,19 +20,15 @@ from core.confidence import (
     formal_radii,
     load_confidence_model,
 )
-from core.config import Rest
-from core.gauss_newton import Pace, StepRules, next_length
-from core.hypotheses import Hypothesis, best_distinct, converged, promising
-from core.image_level import prepare_level
-from core.judge import agreement
-from core.light_fit import fit_gain_offset
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.panorama_pyramid import PanoramaPyramid
-from core.pose import Pose
-from core.projection import pixel_directions
-from core.refinement import CandidatePoints, refine
-from core.rotations import rotation_angle, rotation_from_vector, uniform_rotations
+from core.judge.hypotheses import Hypothesis, best_distinct, converged, promising
+from core.light.color_equalization import label_codes
+from core.light.light_fit import fit_gain_offset
+from core.panorama.image_level import prepare_level
+from core.panorama.panorama import Panorama
+from core.panorama.pyramid import PanoramaPyramid
+from core.refine.gauss_newton import Pace, StepRules, next_length
+from core.refine.refinement import CandidatePoints, refine
+from core.views.comparison import Comparison, compare
 
 HEIGHT = 128
 

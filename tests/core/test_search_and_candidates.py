@@ -8,17 +8,17 @@ import pytest
 import torch
 
 from core.config import SearchConfig, StartsConfig
+from core.describe.patch_descriptors import ViewDescriptors
 from core.errors import OptionsError
-from core.map_index import IndexOptions, MapIndex
-from core.panorama import Panorama
-from core.panorama_pyramid import PanoramaPyramid
-from core.patch_descriptors import ViewDescriptors
-from core.pose import Pose
-from core.pose_limits import PoseLimits
-from core.pose_scores import select_candidates
-from core.rotations import rotation_angle, uniform_rotations
-from core.search import describe_panorama, make_search_rotations, search_maps
-from core.starts import grid_starts, octree_starts
+from core.geometry.pose import Pose
+from core.geometry.rotations import rotation_angle, uniform_rotations
+from core.index.map_index import IndexOptions, MapIndex
+from core.index.starts import grid_starts, octree_starts
+from core.panorama.panorama import Panorama
+from core.panorama.pyramid import PanoramaPyramid
+from core.search.map_search import describe_panorama, make_search_rotations, search_maps
+from core.search.pose_limits import PoseLimits
+from core.search.pose_scores import select_candidates
 from tests.core.painted_box import PaintedBox
 
 
@@ -173,8 +173,8 @@ def test_the_first_pass_compares_starts_of_all_maps(box_index: MapIndex, box_pan
 
 def test_more_rotations_do_not_change_the_score_of_a_pose() -> None:
     # The tensor is the same; rotations only gather from it.
-    from core.pose_scores import score_poses
-    from core.spherical_patches import PatchGrid, rotation_table
+    from core.describe.spherical_patches import PatchGrid, rotation_table
+    from core.search.pose_scores import score_poses
 
     grid = PatchGrid(4, 8)
     tensor = torch.rand((5, 32, 32), generator=torch.Generator().manual_seed(0))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.config import StartsConfig
-from core.starts import octree_starts
+from core.index.starts import octree_starts
 
 
 @pytest.mark.parametrize("extent_m", [300.0, 1e7])

@@ -6,15 +6,15 @@ import inspect
 import numpy as np
 import torch
 
-import core.map_builder
-from core.map_builder import build_map_index
-from core.map_index import IndexOptions, MapIndex
-from core.panorama import Panorama
-from core.panorama_pyramid import PanoramaPyramid
-from core.projection import project, sample_bilinear
+import core.index.map_builder
+from core.describe.spherical_patches import PatchGrid
+from core.geometry.projection import project, sample_bilinear
+from core.index.map_builder import build_map_index
+from core.index.map_index import IndexOptions, MapIndex
+from core.panorama.panorama import Panorama
+from core.panorama.pyramid import PanoramaPyramid
+from core.paper.sampling_loss import SamplingProblem, sampling_loss
 from core.results import Hints
-from core.sampling_loss import SamplingProblem, sampling_loss
-from core.spherical_patches import PatchGrid
 from tests.core.painted_box import PaintedBox
 
 
@@ -49,7 +49,7 @@ def test_a_sample_between_the_last_and_the_first_column_is_the_mean_of_both() ->
 def test_a_point_drawn_at_a_pixel_centre_is_sampled_there() -> None:
     image = torch.rand((1, 16, 32), generator=torch.Generator().manual_seed(0))
     for row, column in ((0, 0), (7, 31), (15, 16)):
-        from core.projection import pixel_directions
+        from core.geometry.projection import pixel_directions
 
         u, v = project(pixel_directions(16, 32)[row, column].double(), 16, 32)
         assert abs(float(sample_bilinear(image.double(), u, v)) - float(image[0, row, column])) < 1e-5
@@ -89,7 +89,7 @@ def test_a_black_point_has_its_part_in_the_sampling_loss() -> None:
 
 
 def test_the_map_is_described_without_any_query() -> None:
-    assert "Panorama" not in inspect.getsource(core.map_builder)
+    assert "Panorama" not in inspect.getsource(core.index.map_builder)
 
 
 def test_a_scan_of_black_walls_is_described_like_one_of_any_other_colour() -> None:
@@ -106,7 +106,7 @@ def test_a_scan_of_black_walls_is_described_like_one_of_any_other_colour() -> No
 
 
 def test_hints_speak_of_the_camera_position_in_the_maps_own_frame(box_index: MapIndex) -> None:
-    from core.pose_limits import pose_limits
+    from core.search.pose_limits import pose_limits
 
     moved = dataclasses.replace(box_index, origin_offset=np.array([1000.0, 2000.0, 30.0]))
     limits = pose_limits(Hints(position_m=(1001.0, 2002.0, 31.0), radius_m=0.5), moved)

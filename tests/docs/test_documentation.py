@@ -46,7 +46,7 @@ def test_every_command_of_the_documentation_exists(page: Path, words: list[str])
     elif name.startswith(("scripts/", ".ci/")):
         assert os.access(ROOT / name, os.X_OK), f"{page.name}: {name}"
     for word in words[1:]:
-        if word.startswith(("docker/", "service/", "core/", "tests/", "scripts/")):
+        if word.startswith(("docker/", "service/", "core/", "lab/", "tests/", "scripts/")):
             assert (ROOT / word).exists(), f"{page.name}: {word}"
 
 
@@ -73,6 +73,6 @@ def test_the_page_on_the_command_line_names_every_exit_code() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_files_named_in_the_text_exist(page: Path) -> None:
-    named = re.findall(r"`((?:core|service|docker|scripts|tests)/[\w./-]*)`", page.read_text(encoding="utf-8"))
+    named = re.findall(r"`((?:core|lab|service|docker|scripts|tests)/[\w./-]*)`", page.read_text(encoding="utf-8"))
     missing = [name for name in named if not (ROOT / name).exists()]
     assert missing == []

@@ -9,15 +9,15 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.admission import Admission
-from service.embedded_redis import EmbeddedRedis
-from service.lifeline import Lifeline
-from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob
-from service.ray_cluster import RayCluster
-from service.ray_pool import RayPool
-from service.ray_serving import RayServing
-from service.worker_plan import WorkerPlan
-from service.worker_settings import WorkerSettings
+from service.host.embedded_redis import EmbeddedRedis
+from service.host.lifeline import Lifeline
+from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob
+from service.ray.admission import Admission
+from service.ray.cluster import RayCluster
+from service.ray.pool import RayPool
+from service.ray.serving import RayServing
+from service.ray.worker_plan import WorkerPlan
+from service.worker.settings import WorkerSettings
 
 Result = TypeVar("Result")
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx
 
-from service.process_tree import descendants, process_name
+from service.host.process_tree import descendants, process_name
 
 ROOT = Path(__file__).parents[2]
 

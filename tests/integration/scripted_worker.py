@@ -6,9 +6,9 @@ import signal
 import time
 from pathlib import Path
 
-from service.pool import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from service.worker_reply import WorkerFailure, WorkerReply
-from service.worker_settings import WorkerSettings
+from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from service.worker.reply import WorkerFailure, WorkerReply
+from service.worker.settings import WorkerSettings
 
 
 class ScriptedWorker:

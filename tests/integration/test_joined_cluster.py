@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import ray
 
-from service.process_tree import descendants
+from service.host.process_tree import descendants
 from tests.integration.pool_in_thread import PoolInThread, query, registration
 
 pytestmark = pytest.mark.integration

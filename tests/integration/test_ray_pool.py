@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from service.errors import DeadlineError, QueueFullError, ServiceError
-from service.pool import LocalizeOutcome
-from service.process_tree import descendants, process_name
+from service.host.process_tree import descendants, process_name
+from service.jobs import LocalizeOutcome
 from tests.integration.pool_in_thread import PoolInThread, query, registration
 from tests.integration.running_service import eventually
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from service.process_tree import process_name
+from service.host.process_tree import process_name
 from tests.integration.running_service import RunningService, eventually, is_running
 from tests.integration.small_room import OPTIONS, small_room
 

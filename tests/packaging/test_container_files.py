@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from service.jobs import PoolState
 from service.metrics import Metrics
-from service.pool import PoolState
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from core.errors import CoreError, IndexFormatError, PanoramaError
-from core.map_builder import build_map_index
-from core.map_codec import decode_map_index, encode_map_index
-from core.map_index import IndexOptions
-from core.panorama_reader import read_panorama
+from core.index.map_builder import build_map_index
+from core.index.map_codec import decode_map_index, encode_map_index
+from core.index.map_index import IndexOptions
+from core.panorama.reader import read_panorama
 from tests.core.painted_box import PaintedBox
 
 

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.pose_limits import pose_limits
 from core.results import Hints
+from core.search.pose_limits import pose_limits
 from tests.properties.strategies import Array, finite, rotations
 
 OFFSET = np.array([1_000_000.0, -2_000_000.0, 250.0])

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.pose import FRAMES, Frame, Pose, pose_error, quaternion_of
-from core.rotations import (
+from core.geometry.pose import FRAMES, Frame, Pose, pose_error, quaternion_of
+from core.geometry.rotations import (
     matrix_from_quaternion,
     rotation_angle,
     rotation_from_vector,

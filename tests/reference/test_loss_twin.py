@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from core import gauss_newton
-from core.image_level import prepare_level
-from core.projection import pixel_directions
-from core.rotations import rotation_from_vector, uniform_rotations
-from core.sampling_loss import SamplingProblem, sampling_loss
-from core.spherical_patches import PatchGrid
+from core.describe.spherical_patches import PatchGrid
+from core.geometry.projection import pixel_directions
+from core.geometry.rotations import rotation_from_vector, uniform_rotations
+from core.panorama.image_level import prepare_level
+from core.paper.sampling_loss import SamplingProblem, sampling_loss
+from core.refine import gauss_newton
 from tests.reference import loss_twin
 from tests.reference.spherical_twin import direction_of
 
@@ -99,7 +99,7 @@ def test_masked_points_have_no_part_in_the_sampling_loss(problem: tuple[Sampling
 
 
 def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProblem, np.ndarray]) -> None:
-    from core.sampling_loss import minimize_by_adam
+    from core.paper.sampling_loss import minimize_by_adam
 
     made, _ = problem
     single = SamplingProblem(

@@ -3,7 +3,14 @@
 import numpy as np
 import torch
 
-from core.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear, unproject, wrap_border
+from core.geometry.projection import (
+    pixel_directions,
+    pixel_solid_angles,
+    project,
+    sample_bilinear,
+    unproject,
+    wrap_border,
+)
 from tests.reference.spherical_twin import direction_of, image_position_of, pixel_at, pixel_solid_angle, sample
 
 

@@ -1,7 +1,7 @@
 import pytest
 
-from service.admission import Admission
 from service.errors import QueueFullError
+from service.ray.admission import Admission
 
 
 def test_as_many_are_admitted_as_run_and_wait() -> None:

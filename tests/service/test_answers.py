@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.pose import Frame, Pose
+from core.geometry.pose import Frame, Pose
 from core.results import Candidate, Localization, Status
-from service.answers import json_safe, localization_body, pose_body
-from service.pool import MapRef
+from service.jobs import MapRef
+from service.worker.answer_body import json_safe, localization_body, pose_body
 
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from service.cpu_share import num_sockets, num_usable_cpus
+from service.host.cpu_share import num_sockets, num_usable_cpus
 
 
 @pytest.mark.parametrize(("limit", "expected"), [("50000 100000", 1), ("100 100000", 1), ("100000 100000", 1)])

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import uvicorn
 
-from service.draining_server import DrainingServer
+from service.http.draining_server import DrainingServer
 
 
 class CountingPool:

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import redis
 
-from service.embedded_redis import EmbeddedRedis
-from service.lifeline import Lifeline
+from service.host.embedded_redis import EmbeddedRedis
+from service.host.lifeline import Lifeline
 
 
 def eventually(holds: Callable[[], bool], within_s: float = 5.0) -> bool:
@@ -91,8 +91,8 @@ def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
     program = textwrap.dedent("""
         import sys, time
         from pathlib import Path
-        from service.embedded_redis import EmbeddedRedis
-        from service.lifeline import Lifeline
+        from service.host.embedded_redis import EmbeddedRedis
+        from service.host.lifeline import Lifeline
         server = EmbeddedRedis(Path(sys.argv[1]), Lifeline())
         server.start()
         print(server.pid, flush=True)

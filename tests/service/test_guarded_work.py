@@ -2,8 +2,8 @@ import pytest
 
 from core.errors import CoreError, PanoramaShapeError
 from service import errors
-from service.guarded_work import error_of, guarded
-from service.worker_reply import WorkerFailure
+from service.worker.guarded_work import error_of, guarded
+from service.worker.reply import WorkerFailure
 
 
 def raise_(error: Exception) -> None:

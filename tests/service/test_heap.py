@@ -2,8 +2,8 @@ import os
 import subprocess
 import sys
 
-from service.heap import return_freed_memory
-from service.process_tree import proportional_bytes
+from service.host.heap import return_freed_memory
+from service.host.process_tree import proportional_bytes
 
 
 def test_what_was_freed_below_something_that_stays_goes_back_to_the_system() -> None:
@@ -19,8 +19,8 @@ def test_what_was_freed_below_something_that_stays_goes_back_to_the_system() -> 
 
 def test_what_was_freed_is_kept_until_it_is_asked_back() -> None:
     script = (
-        "import os; from service.heap import keep_freed_memory, return_freed_memory\n"
-        "from service.process_tree import proportional_bytes as size\n"
+        "import os; from service.host.heap import keep_freed_memory, return_freed_memory\n"
+        "from service.host.process_tree import proportional_bytes as size\n"
         "keep_freed_memory()\n"
         "block = bytearray(b'x' * 20_000_000); del block\n"  # would be mapped on its own, and unmapped
         "kept = size(os.getpid()); return_freed_memory(); print(kept - size(os.getpid()))"

@@ -1,5 +1,5 @@
 from core.results import Hints
-from service.job_options import hints_of, index_options_of, scan_options_of
+from service.worker.job_options import hints_of, index_options_of, scan_options_of
 
 BOX = {"min": [0, 0, 0], "max": [4, 5, 2.5]}
 

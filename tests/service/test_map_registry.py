@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
-from service.map_registry import MapRegistry, decode_cursor, encode_cursor
-from service.pool import MapRef
-from service.records import MapRecord, Revision, key_of, read_record
+from service.jobs import MapRef
+from service.maps.record import MapRecord, Revision, key_of, read_record
+from service.maps.registry import MapRegistry, decode_cursor, encode_cursor
 from service.storage import FolderStorage
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", {"unit": "m"})

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from service.process_tree import descendants, family_bytes, proportional_bytes
+from service.host.process_tree import descendants, family_bytes, proportional_bytes
 
 
 def test_grandchildren_are_found() -> None:

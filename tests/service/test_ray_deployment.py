@@ -3,7 +3,7 @@
 import threading
 from typing import Any
 
-from service.ray_deployment import LocalizationReplica
+from service.ray.deployment import LocalizationReplica
 
 
 class Plan:

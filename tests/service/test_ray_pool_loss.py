@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from service.admission import Admission
 from service.errors import NoWorkerError
-from service.pool import LocalizeJob, MapRef, RegisterJob
-from service.ray_pool import RayPool
+from service.jobs import LocalizeJob, MapRef, RegisterJob
+from service.ray.admission import Admission
+from service.ray.pool import RayPool
 
 # Ray Serve's own models, not ours.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")

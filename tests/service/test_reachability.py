@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from service.embedded_redis import EmbeddedRedis
-from service.lifeline import Lifeline
-from service.reachability import leave_token, missing_here
-from service.worker_settings import WorkerSettings
+from service.host.embedded_redis import EmbeddedRedis
+from service.host.lifeline import Lifeline
+from service.ray.reachability import leave_token, missing_here
+from service.worker.settings import WorkerSettings
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@ import time
 from typing import Any
 
 from service.errors import CacheDownError
-from service.pool import MapRef
-from service.registration_progress import RegistrationProgress
+from service.jobs import MapRef
+from service.worker.progress_report import RegistrationProgress
 
 MAP = MapRef("map_a", 1)
 

@@ -11,11 +11,11 @@ from pydantic import ValidationError
 
 from service.api_keys import ApiKeys
 from service.errors import InvalidOptionsError, MalformedRequestError
-from service.schemas import LocalizeOptions, MapOptions
-from service.schemas.localization import OPTIONS_EXAMPLE
-from service.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.http.schemas import LocalizeOptions, MapOptions
+from service.http.schemas.localization import OPTIONS_EXAMPLE
+from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.http.validation import parse_json
 from service.settings import Settings
-from service.validation import parse_json
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

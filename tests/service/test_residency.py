@@ -1,7 +1,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from service.residency import Residency
+from service.worker.residency import Residency
 
 
 @dataclass(frozen=True)

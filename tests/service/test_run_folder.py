@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from service.run_folder import DataFolderInUseError, RunFolder
+from service.host.run_folder import DataFolderInUseError, RunFolder
 
 
 def test_a_second_service_on_the_same_data_is_kept_out(tmp_path: Path) -> None:

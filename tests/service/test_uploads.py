@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.errors import DamagedScanError, MalformedRequestError, StorageFullError, UploadTooLargeError
-from service.scan_sniffing import check_scan_file, scan_extension
-from service.spool import PartRule, Spool
-from service.uploads import Form, read_form
+from service.http.scan_sniffing import check_scan_file, scan_extension
+from service.http.spool import PartRule, Spool
+from service.http.uploads import Form, read_form
 
 RULES = {"file": PartRule(10_000, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True), "tag": PartRule(repeatable=True)}
 SCAN = b"1 2 3 4 5 6\r\n--x\r\n" * 40

@@ -13,22 +13,22 @@ import pytest
 import redis
 import torch
 
-from core.map_index import MapIndex
-from core.panorama import Panorama
-from core.point_cloud import PointCloud
-from core.pose import Pose
+from core.geometry.pose import Pose
+from core.index.map_index import MapIndex
+from core.panorama.panorama import Panorama
 from core.results import Candidate, Localization
 from core.scan import encode_ply
+from core.scan.point_cloud import PointCloud
 from service.cache import WorkerCache
-from service.embedded_redis import EmbeddedRedis
-from service.lifeline import Lifeline
-from service.map_catalog import MapCatalog
-from service.pool import LocalizeJob, MapRef, RegisterJob
-from service.records import MapRecord, Revision, key_of, write_record
-from service.registration import Registrar
+from service.host.embedded_redis import EmbeddedRedis
+from service.host.lifeline import Lifeline
+from service.jobs import LocalizeJob, MapRef, RegisterJob
+from service.maps.record import MapRecord, Revision, key_of, write_record
 from service.storage import FolderStorage
-from service.worker import LocalizationWorker
-from service.worker_settings import WorkerSettings
+from service.worker.query_worker import LocalizationWorker
+from service.worker.registration import Registrar
+from service.worker.settings import WorkerSettings
+from service.worker.stored_scan import MapCatalog
 
 MAP = MapRef("map_box", 1)
 OPTIONS: dict[str, Any] = {"unit": "m", "up_axis": "z", "color_kind": "rgb",

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.errors import CoreError, ScanDamagedError
-from core.point_cloud import PointCloud
 from core.scan import ScanOptions, encode_ply, read_scan
+from core.scan.point_cloud import PointCloud
 
 OPTIONS = ScanOptions(max_points=500)
 RNG = np.random.default_rng(11)

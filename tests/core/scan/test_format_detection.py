@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from core.errors import ScanDamagedError, ScanFormatError
-from core.point_cloud import PointCloud
 from core.scan import ScanOptions, encode_ply, read_scan
+from core.scan.point_cloud import PointCloud
 
 ScanFile = Callable[[str, bytes | str], Path]
 

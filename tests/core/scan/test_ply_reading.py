@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.point_cloud import PointCloud
 from core.scan import ScanOptions, encode_ply, read_scan, write_ply
+from core.scan.point_cloud import PointCloud
 
 ScanFile = Callable[[str, bytes | str], Path]
 Compare = Callable[..., None]

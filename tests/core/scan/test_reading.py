@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from core.errors import CancelledError, OptionsError, ScanContentError
-from core.point_cloud import PointCloud
 from core.scan import ScanOptions, encode_ply, read_scan
+from core.scan.point_cloud import PointCloud
 
 ScanFile = Callable[[str, bytes | str], Path]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.point_cloud import PointCloud
 from core.scan import thin_cloud
+from core.scan.point_cloud import PointCloud
 
 
 @pytest.mark.parametrize("share", [0.4, 0.8, 0.97])

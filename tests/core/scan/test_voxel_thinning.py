@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from core.point_cloud import PointCloud
 from core.scan import thin_cloud
+from core.scan.point_cloud import PointCloud
 from core.scan.voxel_grouping import group_by_voxel
 from core.scan.voxel_thinning import VoxelThinner
 

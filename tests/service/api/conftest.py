@@ -9,8 +9,8 @@ import pytest
 import redis
 import structlog
 
-from service.embedded_redis import EmbeddedRedis
-from service.lifeline import Lifeline
+from service.host.embedded_redis import EmbeddedRedis
+from service.host.lifeline import Lifeline
 from tests.service.api.running_service import RunningService, running_service
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from service.cache import WorkerCache
 from service.errors import NoWorkerError
-from service.pool import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
-from service.schemas.localization import LOCALIZATION_EXAMPLE
-from service.schemas.maps import MAP_EXAMPLE
+from service.http.schemas.localization import LOCALIZATION_EXAMPLE
+from service.http.schemas.maps import MAP_EXAMPLE
+from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
 
 PNG = b"\x89PNG\r\n\x1a\n a picture"
 INDEX_DIGEST = "0123abcd"

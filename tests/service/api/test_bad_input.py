@@ -8,8 +8,8 @@ from unittest.mock import AsyncMock
 
 import pytest
 
-from service.embedded_redis import EmbeddedRedis
-from service.lingering import LingeringClose
+from service.host.embedded_redis import EmbeddedRedis
+from service.http.lingering import LingeringClose
 from tests.service.api.fake_pool import ply_of
 from tests.service.api.running_service import SCAN, RunningService, listening, png_of, running_service
 

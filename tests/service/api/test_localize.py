@@ -9,8 +9,8 @@ import pytest
 import redis
 
 from service.errors import DeadlineError, QueueFullError, WorkerError
-from service.pool import ARTIFACTS
-from service.schemas import Localization, PendingLocalization
+from service.http.schemas import Localization, PendingLocalization
+from service.jobs import ARTIFACTS
 from tests.service.api.fake_pool import PNG, no_worker
 from tests.service.api.running_service import SCAN, RunningService, png_of
 

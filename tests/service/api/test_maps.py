@@ -9,7 +9,7 @@ import pytest
 import redis
 
 from service.errors import CacheDownError, WorkerError
-from service.schemas import Map, MapPage
+from service.http.schemas import Map, MapPage
 from tests.service.api.fake_pool import PNG, no_worker
 from tests.service.api.running_service import SCAN, RunningService
 

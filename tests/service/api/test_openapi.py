@@ -18,7 +18,7 @@ from schemathesis.specs.openapi.checks import (
 
 from service.app import create_app
 from service.cache import WorkerCache
-from service.embedded_redis import EmbeddedRedis
+from service.host.embedded_redis import EmbeddedRedis
 from service.settings import Settings
 from tests.service.api.fake_pool import FakePool
 from tests.service.api.running_service import SCAN, listening

@@ -12,9 +12,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.embedded_redis import EmbeddedRedis
-from service.lifeline import Lifeline
-from service.schemas import Health
+from service.host.embedded_redis import EmbeddedRedis
+from service.host.lifeline import Lifeline
+from service.http.schemas import Health
 from tests.service.api.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio

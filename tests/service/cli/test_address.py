@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.address import why_not_free
 from service.cli.background_service import StartError, start_in_background
-from tests.service.cli.conftest import Panoloc
+from service.host.address import why_not_free
+from tests.service.cli.commands import Panoloc
 
 
 @pytest.fixture

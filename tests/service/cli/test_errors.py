@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from service.cli.exit_codes import ExitCode
-from tests.service.cli.conftest import Panoloc
+from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, problem
 
 

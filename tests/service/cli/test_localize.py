@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from service.pool import PAPER_TIMEOUT_S
+from service.jobs import PAPER_TIMEOUT_S
 from service.settings import Settings
-from tests.service.cli.conftest import Panoloc
+from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
 

@@ -1,6 +1,6 @@
 """`panoloc maps` against a fake service."""
 
-from tests.service.cli.conftest import Panoloc
+from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService
 
 

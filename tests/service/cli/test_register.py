@@ -5,7 +5,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.service.cli.conftest import Panoloc
+from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from service.cli import serve
 from service.settings import Settings
-from tests.service.cli.conftest import Panoloc
+from tests.service.cli.commands import Panoloc
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Where things are: poses, rotations, and the projection between the sphere and its equirectangular image."""

@@ -1,0 +1,74 @@
+"""Rotations spread uniformly over SO(3), directions spread evenly over the sphere, and small rotations for refinement.
+
+Paper: §3.3 (N_r rotations spread uniformly over SO(3)). The spread is a super-Fibonacci spiral (Alexa, CVPR 2022), which exists for any
+number of rotations and covers SO(3) more evenly than a grid of Euler angles.
+"""
+
+import math
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+# Roots used by the spiral: φ = √2 and ψ with ψ⁴ = ψ + 4 (Alexa 2022, §3).
+_PHI = math.sqrt(2.0)
+_PSI = 1.533751168755204288118041
+# The matrices of v -> e x v for the three axes e, one row each.
+_GENERATORS = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0),
+    (0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+)
+
+
+def uniform_rotations(count: int) -> Tensor:
+    """Return (count, 3, 3) float32 rotation matrices spread evenly over SO(3), the same for every call."""
+    s = torch.arange(count, dtype=torch.float64) + 0.5
+    t = s / count
+    r, big_r = t.sqrt(), (1 - t).sqrt()
+    alpha, beta = 2 * math.pi * s / _PHI, 2 * math.pi * s / _PSI
+    quaternions = torch.stack((r * alpha.sin(), r * alpha.cos(), big_r * beta.sin(), big_r * beta.cos()), dim=-1)
+    return matrix_from_quaternion(quaternions).float()
+
+
+def matrix_from_quaternion(quaternion: Tensor) -> Tensor:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) in the order x, y, z, w."""
+    x, y, z, w = quaternion.unbind(-1)
+    rows = (
+        torch.stack((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)), dim=-1),
+        torch.stack((2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)), dim=-1),
+        torch.stack((2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), dim=-1),
+    )
+    return torch.stack(rows, dim=-2)
+
+
+def rotation_from_vector(vector: Tensor) -> Tensor:
+    """Return rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (exponential map)."""
+    angle = vector.norm(dim=-1)[..., None, None]
+    cross = (vector @ _generators(vector.dtype, str(vector.device))).reshape(*vector.shape, 3)
+    # Rodrigues: 1 + sin a / a [v] + (1 - cos a) / a² [v]²; both quotients are smooth where the angle vanishes.
+    first, second = torch.sinc(angle / math.pi), torch.sinc(angle / (2 * math.pi)).square() / 2
+    result: Tensor = first * cross + second * (cross @ cross)
+    torch.diagonal(result, dim1=-2, dim2=-1).add_(1)
+    return result
+
+
+@lru_cache(maxsize=8)
+def _generators(dtype: torch.dtype, device: str) -> Tensor:
+    with torch.inference_mode(False):  # they outlive the query that asked for them first
+        return torch.tensor(_GENERATORS, dtype=dtype).to(device)
+
+
+def rotation_angle(first: Tensor, second: Tensor) -> Tensor:
+    """Return the angle (...) in radians between rotation matrices (..., 3, 3)."""
+    trace = (first * second).sum((-1, -2))
+    return torch.arccos(((trace - 1) / 2).clamp(-1, 1))
+
+
+def even_directions(count: int) -> Tensor:
+    """Return (count, 3) float32 unit vectors on a Fibonacci lattice, the same for every call."""
+    step = torch.arange(count, dtype=torch.float64) + 0.5
+    height = 1 - 2 * step / count
+    azimuth = math.pi * (1 + math.sqrt(5)) * step
+    radius = (1 - height * height).sqrt()
+    return torch.stack((radius * azimuth.cos(), radius * azimuth.sin(), height), dim=-1).float()

@@ -1,0 +1,157 @@
+"""Registration: from a point cloud to a map index. The order of the steps is written here.
+
+Paper: §3.1 to §3.3, the map side: starts, one synthetic view per start, patch histograms.
+"""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from core.config import IndexConfig
+from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
+from core.describe.patch_histograms import described_histograms
+from core.describe.spherical_patches import PatchGrid
+from core.geometry.projection import pixel_solid_angles
+from core.index.map_index import INDEX_VERSION, IndexOptions, MapIndex
+from core.index.starts import Starts, grid_starts, octree_starts
+from core.light.color_equalization import LabelCodes, equalize, label_codes
+from core.scan.point_cloud import PointCloud
+from core.scan.voxel_thinning import thin_to_spacing
+from core.views.render_cloud import RenderCloud, make_render_cloud, point_spacing
+from core.views.synthetic_view import render_views
+
+Progress = Callable[[str, float], None]
+
+
+def index_config_digest(options: IndexOptions, config: IndexConfig | None = None) -> str:
+    """Return 16 hex digits that change whenever an index built with these options would."""
+    text = f"{INDEX_VERSION} {(config or IndexConfig()).digest()} {options!r}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def build_map_index(
+    cloud: PointCloud,
+    options: IndexOptions | None = None,
+    *,
+    config: IndexConfig | None = None,
+    device: torch.device | str = "cpu",
+    progress: Progress | None = None,
+) -> MapIndex:
+    """Build the index of a cloud.
+
+    progress: called with the stage's name and its share done, 0..1; an exception raised there stops the work and passes through.
+    Raises OptionsError when the options leave no start.
+    """
+    options, config = options or IndexOptions(), config or IndexConfig()
+    report = progress or (lambda stage, share: None)
+    report("finding starts", 0.0)
+    cloud = _sort_along_curve(_thinned(cloud, options, config))
+    starts = _find_starts(cloud, options, config)
+    positions = torch.from_numpy(cloud.positions).to(device)
+    raw = torch.from_numpy(cloud.colors).to(device)
+    labels = label_codes(raw) if options.color_kind == "labels" else None
+    colors = raw.float() / 255 if labels is None else labels.recode(raw)[0]
+    spacing = point_spacing(positions)
+    views = _ViewCollector(config, labels)
+    centers = torch.from_numpy(starts.positions).float().to(device)
+    rendered, batch = make_render_cloud(positions, colors, spacing), config.render_batch
+    for first in range(0, len(centers), batch):
+        report("rendering starts", first / len(centers))
+        views.add(rendered, centers[first : first + batch])
+    keep = views.well_covered(config.starts.min_coverage_share)
+    report("describing views", 0.0)
+    descriptors = views.describe(keep)
+    report("describing views", 1.0)
+    return MapIndex(
+        positions=positions,
+        colors=raw,
+        origin_offset=cloud.origin_offset,
+        spacing=spacing,
+        starts=centers[keep],
+        leaf_sizes=torch.from_numpy(starts.leaf_sizes).float().to(device)[keep],
+        descriptors=descriptors,
+        sampled_shares=torch.cat(views.sampled_shares)[keep],
+        labels=labels,
+        num_points_read=cloud.num_points_read or len(cloud),
+        num_rotations=config.search.num_rotations,
+    )
+
+
+class _ViewCollector:
+    """Collects what is kept of each batch of synthetic views."""
+
+    def __init__(self, config: IndexConfig, labels: LabelCodes | None) -> None:
+        search = config.search
+        self.grid = PatchGrid(search.patch_rows, search.patch_columns)
+        self.height, self.width, self.bins = search.view_height, 2 * search.view_height, search.bins
+        self.descriptor_size, self.labels = search.descriptor_size, labels
+        self.histograms: list[Tensor] = []
+        self.coverage: list[Tensor] = []
+        self.sampled_shares: list[Tensor] = []
+
+    def add(self, cloud: RenderCloud, centers: Tensor) -> None:
+        """Render the views from `centers` (B, 3) and keep histograms and coverage."""
+        views = render_views(cloud, centers, self.height, self.width)
+        solid = pixel_solid_angles(self.height, self.width, centers.device).expand(-1, self.width)
+        weights = views.valid * solid
+        flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)
+        canonical = flat if self.labels is not None else equalize(flat, flat_weights)
+        histogram = described_histograms(
+            views.color, canonical, views.valid.float(), weights, self.grid, self.bins, self.labels is not None
+        )
+        self.histograms.append(histogram.half())
+        self.coverage.append(weights.sum((1, 2)) / solid.sum())
+        self.sampled_shares.append(((views.point >= 0) * solid).sum((1, 2)) / solid.sum())
+
+    def well_covered(self, share: float) -> Tensor:
+        """Return the numbers of the views that see enough to lie inside the scanned space."""
+        coverage = torch.cat(self.coverage)
+        return (coverage >= share * torch.quantile(coverage, 0.9)).nonzero()[:, 0]
+
+    def describe(self, keep: Tensor) -> ViewDescriptors:
+        """Return the descriptors of the kept views."""
+        solid = self.grid.solid_angles(keep.device)
+        histograms = torch.cat(self.histograms)[keep]
+        sample = histograms[:: max(1, len(histograms) // 160)].float()
+        basis = principal_basis(centered_roots(sample, solid)[0], self.descriptor_size)
+        values, weights = [], []
+        for part in torch.split(histograms, 64):
+            roots, weight = centered_roots(part.float(), solid)
+            values.append(roots @ basis)
+            weights.append(weight)
+        return ViewDescriptors(torch.cat(values), basis, torch.cat(weights))
+
+
+def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:
+    chosen = config.starts if options.spacing_m is None else replace(config.starts, spacing_m=options.spacing_m)
+    region = None
+    if options.region is not None:
+        low, high = (np.asarray(corner) - cloud.origin_offset for corner in options.region)
+        region = (low, high)
+    find = octree_starts if options.starts_method == "octree" else grid_starts
+    return find(cloud.positions, chosen, region)
+
+
+def _thinned(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> PointCloud:
+    lower, upper = cloud.bounds
+    spacing = min(config.finest_spacing_m, config.finest_spacing_share * float(np.linalg.norm(upper - lower)))
+    return thin_to_spacing(cloud, spacing, options.color_kind) if spacing > 0 else cloud
+
+
+def _sort_along_curve(cloud: PointCloud) -> PointCloud:
+    """Sort the points along a Morton curve: neighbours lie together in memory, and every k-th point is an even sample."""
+    lower, upper = cloud.bounds
+    scaled = (cloud.positions - lower) / max(float((upper - lower).max()), 1e-6) * 1023
+    code = np.zeros(len(cloud), dtype=np.int64)
+    cells = scaled.astype(np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    order = np.argsort(code, kind="stable")
+    return replace(
+        cloud, positions=np.ascontiguousarray(cloud.positions[order]), colors=np.ascontiguousarray(cloud.colors[order])
+    )

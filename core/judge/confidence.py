@@ -1,0 +1,104 @@
+"""Confidence: a calibrated probability that a pose is within 0.3 m and 10 degrees, and the radius of its error.
+
+The probability is a logistic function of what the judge measured and of the margin over the best other place; its coefficients were fitted
+by `scripts/fit_confidence.py` on poses with known truth (docs/confidence.md says on which, and how it held on others).
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+
+import torch
+
+from core.judge.hypotheses import Hypothesis
+
+FEATURES = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "log_coverage", "margin")
+
+
+# Beyond this the runner-up says nothing more; without one (all candidates in one place) the margin is neither sign.
+_MAX_MARGIN, _UNKNOWN_MARGIN = 0.5, 0.2
+
+
+@dataclass(frozen=True)
+class RadiusModel:
+    """How large errors are: `exp(log_factor − agreement_rate a) formal^formal_power`, with a the correlation inside patches."""
+
+    log_factor: float
+    formal_power: float
+    agreement_rate: float
+
+    def radius(self, formal: float, agreement: float) -> float:
+        """Return the 68 % radius, in the unit of the formal one."""
+        power = self.formal_power * math.log(max(formal, 1e-9))
+        return math.exp(self.log_factor + power - self.agreement_rate * agreement)
+
+
+@dataclass(frozen=True)
+class ConfidenceModel:
+    """Logistic coefficients by feature, the threshold for `localized`, and the error radii of position (m) and orientation (degrees)."""
+
+    intercept: float
+    coefficients: Mapping[str, float]
+    threshold: float
+    position_radius: RadiusModel
+    orientation_radius: RadiusModel
+
+    def probability(self, features: Mapping[str, float]) -> float:
+        """Return the probability, 0..1, for the features named in `FEATURES`."""
+        logit = self.intercept + sum(self.coefficients[name] * features[name] for name in FEATURES)
+        return 1 / (1 + math.exp(-max(-50.0, min(50.0, logit))))
+
+
+def load_confidence_model() -> ConfidenceModel:
+    """Read the fitted coefficients that ship with the package."""
+    data = json.loads(resources.files("core.judge").joinpath("confidence.json").read_text())
+    return ConfidenceModel(
+        data["intercept"],
+        data["coefficients"],
+        data["threshold"],
+        RadiusModel(**data["position_radius"]),
+        RadiusModel(**data["orientation_radius"]),
+    )
+
+
+def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, float]:
+    """Return the signs of confidence of a hypothesis; `best_elsewhere`: the judge's score of the best candidate at
+    another place, 0 where there is none."""
+    measures = hypothesis.measures
+    return {
+        "correlation": measures["correlation"],
+        "patch_correlation": measures["patch_correlation"],
+        "mutual_information": measures["mutual_information"],
+        "inlier_share": measures["inlier_share"],
+        "log_coverage": math.log(max(measures["coverage"], 1e-3)),
+        "margin": min(hypothesis.score - best_elsewhere, _MAX_MARGIN) if best_elsewhere > 0 else _UNKNOWN_MARGIN,
+    }
+
+
+def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:
+    """Return the radii of position (metres) and orientation (degrees) that the curvature of the loss alone would give; None without it.
+
+    They treat residuals as independent, which those of neighbouring pixels are not, nor those of what changed or stands in another light.
+    """
+    if hypothesis.hessian is None:
+        return None
+    hessian = hypothesis.hessian.double().cpu()
+    covariance = torch.linalg.pinv(hessian + 1e-9 * torch.eye(6, dtype=torch.float64)) * hypothesis.residual_scale**2
+    diagonal = torch.diagonal(covariance).clamp_min(0)
+    return math.sqrt(float(diagonal[3:].sum())), math.degrees(math.sqrt(float(diagonal[:3].sum())))
+
+
+def error_radii(
+    formal: tuple[float, float] | None, measures: Mapping[str, float], model: ConfidenceModel
+) -> tuple[float | None, float | None]:
+    """Return 68 % radii of position (metres) and orientation (degrees) from the formal ones and the judge's measures.
+
+    How both go together was fitted on poses with known truth. None where a method gives no curvature.
+    """
+    if formal is None:
+        return None, None
+    agreement = measures["patch_correlation"]
+    position = model.position_radius.radius(formal[0], agreement)
+    return position, min(model.orientation_radius.radius(formal[1], agreement), 180.0)

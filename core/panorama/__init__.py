@@ -1,0 +1,1 @@
+"""The photo: reading it, its resolutions, and what is sampled from it."""

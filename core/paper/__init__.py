@@ -1,0 +1,1 @@
+"""The method `paper`: CPO (ECCV 2022) with its own parameters."""

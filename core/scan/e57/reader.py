@@ -1,0 +1,136 @@
+"""Read E57 scans with pye57: several scans with their poses become one cloud."""
+
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import CoreError, ScanContentError, ScanDamagedError, ScanFormatError
+from core.scan.e57.scan_entry import E57Scan
+from core.scan.reading_context import CUT_SHORT, RawChunk, ReadingContext, no_color_error
+
+_HEADER = struct.Struct("<8sIIQQQQ")
+_PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020
+_MAX_XML_BYTES = 1 << 26
+
+
+def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
+    """Yield the points of all coloured scans of an E57 file in the file's frame.
+
+    Raises ScanDamagedError for a short file or a wrong checksum, ScanContentError without scans, points or colour.
+    """
+    _check_header(context)
+    try:
+        from pye57 import libe57
+    except ImportError as error:
+        raise ScanFormatError(
+            "E57 files cannot be read here: the package pye57 is not installed (there is none for this machine). "
+            "Convert the scan to PLY or LAZ."
+        ) from error
+    image_file = None
+    try:
+        image_file = libe57.ImageFile(str(context.path), "r")
+        yield from _iter_file(context, libe57, image_file)
+    except CoreError:
+        raise
+    except Exception as error:  # E57Exception, and what the bindings raise for nodes of an unexpected kind
+        raise ScanDamagedError(
+            f"The E57 file is damaged: {_first_line(error)}. Copy or export the scan again and upload it again."
+        ) from error
+    finally:
+        if image_file is not None:
+            image_file.close()
+
+
+def _check_header(context: ReadingContext) -> None:
+    with context.path.open("rb") as stream:
+        header = stream.read(_HEADER.size)
+    if len(header) < _HEADER.size:
+        raise ScanDamagedError(f"The E57 file has {len(header)} bytes; its header takes {_HEADER.size}. {CUT_SHORT}")
+    _, _, _, announced, xml_offset, xml_length, page_bytes = _HEADER.unpack(header)
+    if announced != context.size_bytes:
+        raise ScanDamagedError(
+            f"The E57 header announces {announced:,} bytes, but the file has {context.size_bytes:,}. {CUT_SHORT}"
+        )
+    if page_bytes != _PAGE_BYTES or xml_offset + xml_length > announced:
+        raise ScanDamagedError(
+            f"The E57 header is damaged: pages of {page_bytes:,} bytes (expected 1024), description at byte "
+            f"{xml_offset:,} with {xml_length:,} bytes. {CUT_SHORT}"
+        )
+    _check_description(context, xml_offset, xml_length)
+
+
+def _check_description(context: ReadingContext, xml_offset: int, xml_length: int) -> None:
+    """Refuse XML with entities: the parser would expand them without limit and open the files that they name."""
+    if xml_length > _MAX_XML_BYTES:
+        raise ScanContentError(
+            f"The E57 file describes itself in {xml_length:,} bytes of XML; at most {_MAX_XML_BYTES:,} are read."
+        )
+    first_page = xml_offset // _PAGE_BYTES * _PAGE_BYTES
+    num_pages = (xml_offset - first_page + xml_length) // _PAGE_CONTENT_BYTES + 1
+    with context.path.open("rb") as stream:
+        stream.seek(first_page)
+        pages = stream.read(num_pages * _PAGE_BYTES)
+    starts = range(0, len(pages), _PAGE_BYTES)
+    xml = b"".join(pages[start : start + _PAGE_CONTENT_BYTES] for start in starts)[xml_offset - first_page :]
+    if b"<!" in xml[:xml_length].replace(b"<![CDATA[", b"").replace(b"<!--", b""):
+        raise ScanDamagedError("The E57 file declares XML entities or a document type; E57 allows neither.")
+    if b"\x00" in xml[:xml_length]:
+        raise ScanDamagedError("The XML description of the E57 file is not UTF-8. Export the scan again.")
+
+
+def _iter_file(context: ReadingContext, libe57: Any, image_file: Any) -> Iterator[RawChunk]:
+    scans = _colored_scans(context, libe57, image_file)
+    total = sum(scan.num_points for scan in scans)
+    context.check_point_count(total)
+    dtype, factors = _color_scales(scans)
+    num_done = 0
+    for scan, factor in zip(scans, factors, strict=True):
+        for positions, colors in scan.iter_points(image_file):
+            num_done += len(positions)
+            yield RawChunk(positions, _scale_colors(colors, factor, dtype), num_done / total)
+
+
+def _colored_scans(context: ReadingContext, libe57: Any, image_file: Any) -> list[E57Scan]:
+    root = image_file.root()
+    nodes = root["data3D"] if root.isDefined("data3D") else ()
+    scans = [E57Scan(libe57, nodes[number]) for number in range(len(nodes))]
+    scans = [scan for scan in scans if scan.num_points]
+    if not scans:
+        raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
+    colored = [scan for scan in scans if scan.has_color]
+    if not colored:
+        raise no_color_error(", ".join(scans[0].field_names)[:200])
+    if len(colored) < len(scans):
+        context.note(
+            "scans_without_color",
+            f"{len(scans) - len(colored)} of {len(scans)} scans in the file have no colour and were left out.",
+            "warning",
+        )
+    if len(colored) > 1:
+        context.note("scans_merged", f"{len(colored)} scans were merged with their poses.")
+    return colored
+
+
+def _color_scales(scans: list[E57Scan]) -> tuple[np.dtype[Any], list[float]]:
+    """Return the type of the raw colours for all scans, and the factor for each."""
+    ranges = [scan.color_range() for scan in scans]
+    known = [top for top in ranges if top is not None]
+    if len(known) < len(ranges):  # nothing announced: the values decide
+        return np.dtype(np.float64), [1.0] * len(ranges)
+    if set(known) == {65535.0}:  # may still be 8-bit colour; see ColorRange
+        return np.dtype(np.uint16), [1.0] * len(ranges)
+    return np.dtype(np.uint8), [255.0 / top for top in known]
+
+
+def _scale_colors(colors: NDArray[np.float64], factor: float, dtype: np.dtype[Any]) -> NDArray[Any]:
+    if dtype.kind == "f":
+        return colors
+    scaled = np.rint(np.nan_to_num(colors) * factor)
+    return np.clip(scaled, 0, np.iinfo(dtype).max).astype(dtype)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or ["unknown error"])[0][:200]

@@ -1,0 +1,174 @@
+"""Turn a coloured PLY mesh into points: its vertices where they are dense, samples of its faces where they are not."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import ScanDamagedError
+from core.scan.options import METRES_PER_UNIT
+from core.scan.ply.body import PlyBody
+from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
+from core.scan.ply.header import PlyElement, PlyHeader
+from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
+
+# Above these counts the vertices of any room lie closer than its points are thinned to; the faces are not even read.
+MAX_VERTICES = 2_000_000
+MAX_FACES = 5_000_000
+# Vertices farther apart than this leave holes in synthetic views; samples are this close.
+SPARSE_SPACING_M = 0.02
+SAMPLE_SPACING_M = 0.01
+# Samples are thinned to even spacing afterwards; that needs more of them than remain.
+SAMPLES_PER_KEPT_POINT = 4
+_INDEX_NAMES = ("vertex_indices", "vertex_index")
+# Steps of the R2 low-discrepancy sequence (Roberts 2018): even without a random generator.
+_R2_STEPS = (0.7548776662466927, 0.5698402909980532)
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """positions: (V, 3). triangles: (T, 3) vertex numbers. Colours per vertex, (V, 3), or else per triangle, (T, 3)."""
+
+    positions: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    vertex_colors: NDArray[Any] | None
+    triangle_colors: NDArray[Any] | None
+
+
+def has_mesh(header: PlyHeader) -> bool:
+    """Tell whether the faces of the file may be needed besides its vertices."""
+    vertices, faces = header.element("vertex"), header.element("face")
+    if vertices is None or faces is None or _index_name(faces) is None:
+        return False
+    return vertices.count <= MAX_VERTICES and 0 < faces.count <= MAX_FACES
+
+
+def has_face_colors(header: PlyHeader) -> bool:
+    """Tell whether the faces can give the colours that the vertices lack."""
+    faces = header.element("face")
+    return has_mesh(header) and faces is not None and color_names(faces) is not None
+
+
+def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody) -> Iterator[RawChunk]:
+    """Yield points on the surface of a mesh; which ones is noted in the diagnostics."""
+    mesh = _load(header, body)
+    areas = _triangle_areas(mesh)
+    metres = METRES_PER_UNIT[context.options.unit]
+    spacing_m = float(np.sqrt(areas.sum() / len(mesh.positions))) * metres
+    is_dense = spacing_m <= SPARSE_SPACING_M or not areas.any()
+    if is_dense and mesh.vertex_colors is not None:
+        context.note("mesh_vertices_used", f"A mesh: its {len(mesh.positions):,} vertices are dense enough as points.")
+        for start in range(0, len(mesh.positions), CHUNK_ROWS):
+            part = slice(start, start + CHUNK_ROWS)
+            fraction = min(1.0, (start + CHUNK_ROWS) / len(mesh.positions))
+            yield RawChunk(mesh.positions[part], mesh.vertex_colors[part], fraction)
+        return
+    most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points, context.options.max_points_read)
+    num_samples = int(min(max(areas.sum() * (metres / SAMPLE_SPACING_M) ** 2, 1000), most))
+    context.note(
+        "mesh_sampled",
+        f"A mesh with {len(mesh.positions):,} vertices about {spacing_m:.3g} m apart and {len(mesh.triangles):,} "
+        f"triangles: {num_samples:,} points were sampled on its faces.",
+    )
+    yield from _iter_samples(mesh, areas, num_samples, is_label=context.options.color_kind == "labels")
+
+
+def _load(header: PlyHeader, body: PlyBody) -> _Mesh:
+    positions, colors, faces = np.empty((0, 3)), None, None
+    for element in header.elements:
+        if element.name == "vertex":
+            positions, colors = _load_vertices(element, body)
+        elif element.name == "face":
+            faces = _load_faces(element, body)
+        else:
+            body.skip(element)
+        if faces is not None and len(positions):
+            break
+    triangles, triangle_colors = faces or (np.empty((0, 3), np.int64), None)
+    outside = (triangles < 0) | (triangles >= len(positions))
+    if outside.any():
+        raise ScanDamagedError(
+            f"A face refers to vertex {triangles[outside][0]}, but there are {len(positions):,} vertices. "
+            "The mesh is damaged; export it again."
+        )
+    return _Mesh(positions, triangles, colors, triangle_colors)
+
+
+def _load_vertices(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
+    names = color_names(element)
+    rows = list(body.iter_scalar_rows(element, [*POSITION_NAMES, *(names or ())]))
+    positions = np.concatenate([stack_columns(part, POSITION_NAMES, np.float64) for part in rows])
+    colors = np.concatenate([convert_colors(part, element, names) for part in rows]) if names else None
+    return positions, colors
+
+
+def _load_faces(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.int64], NDArray[Any] | None]:
+    index_name, names = _index_name(element), color_names(element)
+    assert index_name is not None
+    triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
+    colors: list[NDArray[Any]] = []
+    for batches in body.iter_list_rows(element):
+        for batch in batches:
+            corners = batch.records[index_name]
+            if corners.dtype.kind == "f":
+                corners = np.nan_to_num(corners, nan=-1.0).clip(-1, MAX_VERTICES)
+            corners = corners.astype(np.int64)
+            for last in range(2, corners.shape[1]):  # a polygon becomes a fan
+                triangles.append(corners[:, [0, last - 1, last]])
+                if names:
+                    colors.append(convert_colors(batch.records, element, names))
+    return np.concatenate(triangles), np.concatenate(colors) if colors else None
+
+
+def _triangle_areas(mesh: _Mesh) -> NDArray[np.float64]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = [mesh.positions[mesh.triangles[:, corner]] for corner in range(3)]
+        areas = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1) / 2
+    return np.where(np.isfinite(areas), areas, 0.0)
+
+
+def _iter_samples(mesh: _Mesh, areas: NDArray[np.float64], num_samples: int, is_label: bool) -> Iterator[RawChunk]:
+    ends = np.cumsum(areas)
+    for start in range(0, num_samples, CHUNK_ROWS):
+        numbers = np.arange(start, min(start + CHUNK_ROWS, num_samples))
+        chosen = np.searchsorted(ends, (numbers + 0.5) * (ends[-1] / num_samples))
+        chosen = np.minimum(chosen, len(areas) - 1)
+        weights = _barycentric_weights(numbers)
+        corners = mesh.triangles[chosen]
+        positions = np.einsum("nk,nkd->nd", weights, mesh.positions[corners])
+        yield RawChunk(positions, _sample_colors(mesh, chosen, corners, weights, is_label), numbers[-1] / num_samples)
+
+
+def _barycentric_weights(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+    first, second = ((numbers * step) % 1.0 for step in _R2_STEPS)
+    folded = first + second > 1
+    first, second = np.where(folded, 1 - first, first), np.where(folded, 1 - second, second)
+    return np.stack([1 - first - second, first, second], axis=1)
+
+
+def _sample_colors(
+    mesh: _Mesh,
+    chosen: NDArray[np.int64],
+    corners: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    is_label: bool,
+) -> NDArray[Any]:
+    colors: NDArray[Any]
+    if mesh.vertex_colors is None:
+        assert mesh.triangle_colors is not None
+        colors = mesh.triangle_colors[chosen]
+    elif is_label:
+        nearest = np.argmax(weights, axis=1)
+        colors = mesh.vertex_colors[corners[np.arange(len(corners)), nearest]]
+    else:
+        colors = np.einsum("nk,nkd->nd", weights, mesh.vertex_colors[corners])
+        if mesh.vertex_colors.dtype.kind == "u":
+            colors = np.rint(colors).astype(mesh.vertex_colors.dtype)
+    return colors
+
+
+def _index_name(faces: PlyElement) -> str | None:
+    lists = {prop.name for prop in faces.properties if prop.count_dtype is not None}
+    return next((name for name in _INDEX_NAMES if name in lists), None)

@@ -1,0 +1,110 @@
+"""Hints as limits on poses: which starts and rotations are searched, and which refined poses are allowed."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from core.errors import OptionsError
+from core.index.map_index import MapIndex
+from core.results import Hints
+
+_DEFAULT_TILT_DEG = 15.0
+_DEFAULT_TOLERANCE_DEG = 45.0
+_SEARCH_MARGIN_DEG = 12.0  # half the spacing of the rotations, so that the nearest one is never cut off
+_SEARCH_MARGIN_M = 0.5  # likewise for starts
+
+
+@dataclass(frozen=True)
+class PoseLimits:
+    """Limits in the index's local frame; a limit that is None does not apply. Angles in radians."""
+
+    center: Tensor | None = None
+    radius_m: float = math.inf
+    lower: Tensor | None = None
+    upper: Tensor | None = None
+    max_tilt: float | None = None
+    heading: float | None = None
+    heading_tolerance: float = math.pi
+
+    def allows_position(self, positions: Tensor, margin_m: float = 0.0) -> Tensor:
+        """Return which positions (..., 3) lie within the limits, widened by a margin."""
+        allowed = torch.ones(positions.shape[:-1], dtype=torch.bool, device=positions.device)
+        if self.center is not None:
+            allowed &= (positions - self.center.to(positions)).norm(dim=-1) <= self.radius_m + margin_m
+        if self.lower is not None and self.upper is not None:
+            inside = (positions >= self.lower.to(positions) - margin_m) & (
+                positions <= self.upper.to(positions) + margin_m
+            )
+            allowed &= inside.all(-1)
+        return allowed
+
+    def allows_rotation(self, rotations: Tensor, margin_rad: float = 0.0) -> Tensor:
+        """Return which rotations (..., 3, 3) map_from_camera lie within the limits, widened by a margin.
+
+        The heading is the azimuth of the image centre; with the camera pointing almost straight up or down it says nothing.
+        """
+        allowed = torch.ones(rotations.shape[:-2], dtype=torch.bool, device=rotations.device)
+        if self.max_tilt is not None:
+            allowed &= rotations[..., 2, 2] >= math.cos(min(math.pi, self.max_tilt + margin_rad))
+        if self.heading is not None:
+            forward = rotations[..., :2, 0]
+            difference = torch.atan2(forward[..., 1], forward[..., 0]) - self.heading
+            wrapped = torch.atan2(difference.sin(), difference.cos()).abs()
+            allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
+        return allowed
+
+    def searched_starts(self, starts: Tensor) -> Tensor:
+        """Return which starts (T, 3) are searched; the nearest one always is, when any limit lies near it."""
+        return self.allows_position(starts, _SEARCH_MARGIN_M)
+
+    def searched_rotations(self, rotations: Tensor) -> Tensor:
+        """Return which rotations (R, 3, 3) are searched."""
+        return self.allows_rotation(rotations, math.radians(_SEARCH_MARGIN_DEG))
+
+
+def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
+    """Translate hints into the local frame of a map. Raises OptionsError for values out of range."""
+    if hints is None:
+        return PoseLimits()
+    offset = torch.from_numpy(index.origin_offset)
+
+    def local(point: tuple[float, float, float]) -> Tensor:
+        """Return a point of the scan's own frame, metres, as (3,) float32 relative to the map's origin."""
+        # Subtracted before the cast: survey coordinates do not fit into float32.
+        return (torch.tensor(point, dtype=torch.float64) - offset).float()
+
+    _check(hints)
+    tilt = hints.max_tilt_deg if hints.max_tilt_deg is not None else (_DEFAULT_TILT_DEG if hints.upright else None)
+    tolerance = hints.heading_tolerance_deg if hints.heading_tolerance_deg is not None else _DEFAULT_TOLERANCE_DEG
+    return PoseLimits(
+        center=None if hints.position_m is None else local(hints.position_m),
+        radius_m=hints.radius_m if hints.radius_m is not None else 5.0,
+        lower=None if hints.region is None else local(hints.region[0]),
+        upper=None if hints.region is None else local(hints.region[1]),
+        max_tilt=None if tilt is None else math.radians(tilt),
+        heading=None if hints.heading_deg is None else math.radians(hints.heading_deg),
+        heading_tolerance=math.radians(tolerance),
+    )
+
+
+def _check(hints: Hints) -> None:
+    corners = hints.region or ()
+    numbers = [*(hints.position_m or ()), *(value for corner in corners for value in corner)]
+    if not all(math.isfinite(value) for value in (*numbers, hints.heading_deg or 0.0)):
+        raise OptionsError(f"hints: expected finite numbers, got {hints}")
+    if hints.radius_m is not None and hints.position_m is None:
+        raise OptionsError(
+            "hints.radius_m: expected together with hints.position_m; give the position or leave out the radius"
+        )
+    if hints.radius_m is not None and not 0 < hints.radius_m < math.inf:
+        raise OptionsError(f"hints.radius_m: expected a positive number of metres, got {hints.radius_m}")
+    if hints.max_tilt_deg is not None and not 0 <= hints.max_tilt_deg <= 180:
+        raise OptionsError(f"hints.max_tilt_deg: expected 0 to 180, got {hints.max_tilt_deg}")
+    if hints.heading_tolerance_deg is not None and not 0 < hints.heading_tolerance_deg <= 180:
+        raise OptionsError(
+            f"hints.heading_tolerance_deg: expected more than 0 up to 180, got {hints.heading_tolerance_deg}"
+        )
+    if hints.region is not None and not all(low < high for low, high in zip(*hints.region, strict=True)):
+        raise OptionsError(f"hints.region: expected min below max on every axis, got {hints.region}")

@@ -1,0 +1,68 @@
+"""Scores of all poses, and the candidates chosen from them.
+
+Paper: §3.1 (a rotated view takes the histograms of the nearest patches), §3.3, Eq. 4 (candidate selection).
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from core.geometry.distinct_poses import first_distinct
+
+# Poses looked at for each candidate wanted; the second only where too few of the first differ.
+_POOLS = (16, 100)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Poses chosen for refinement: start numbers (K,), rotation numbers (K,), scores (K,), best first."""
+
+    starts: Tensor
+    rotations: Tensor
+    scores: Tensor
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
+def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
+    """Return w (T, R): for each start and rotation the weighted sum over query patches of I[t, i, π_r(i)].
+
+    tensor: I (T, P, P), query patch first. table: π (R, P) from `core.describe.spherical_patches.rotation_table`. weights: (P,).
+    """
+    num_views, num_patches, _ = tensor.shape
+    rows = tensor.permute(1, 2, 0).reshape(-1, num_views)
+    index = table + torch.arange(num_patches, device=table.device) * num_patches
+    scores = torch.nn.functional.embedding_bag(
+        index, rows, mode="sum", per_sample_weights=weights.expand(len(table), -1).contiguous()
+    )
+    return scores.T
+
+
+def select_candidates(
+    scores: Tensor,
+    positions: Tensor,
+    rotations: Tensor,
+    count: int,
+    distinct_angle_deg: float,
+    distinct_distance_m: float,
+) -> Candidates:
+    """Choose the best poses that differ from each other by more than one of the two distances.
+
+    scores: (T, R), −inf where excluded; positions: (T, 3) metres; rotations: (R, 3, 3).
+    """
+    flat_scores = scores.flatten()
+    for per_candidate in _POOLS:
+        top = flat_scores.topk(min(len(flat_scores), max(per_candidate * count, 256)))
+        keep_finite = top.values > -math.inf
+        values, flat = top.values[keep_finite], top.indices[keep_finite]
+        start, rotation = flat // scores.shape[1], flat % scores.shape[1]
+        chosen = first_distinct(
+            rotations[rotation], positions[start], distinct_distance_m, distinct_angle_deg, count=count
+        )
+        if len(chosen) == count:
+            break
+    pick = torch.tensor(chosen, dtype=torch.long, device=scores.device)
+    return Candidates(start[pick], rotation[pick], values[pick])

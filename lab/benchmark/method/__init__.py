@@ -1,0 +1,1 @@
+"""Measures what the algorithm costs, without a service."""

@@ -1,0 +1,70 @@
+"""Painted rooms ready to be searched: scanned, thinned as a registration does, and indexed with about as many starts as asked for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+
+from core.config import IndexConfig, StartsConfig
+from core.index.map_builder import build_map_index
+from core.index.map_index import IndexOptions, MapIndex
+from core.index.starts import octree_starts
+from core.scan import ScanOptions, thin_cloud
+from core.scan.point_cloud import PointCloud
+from lab.benchmark.painted_room import PaintedRoom
+
+_SAMPLE_POINTS = 50_000
+_SPACING_STEPS = 8
+_LEAST_SPACING_M, _GREATEST_SPACING_M = 0.05, 50.0
+
+
+@dataclass(frozen=True)
+class IndexedRoom:
+    """A room and the index of its scan."""
+
+    room: PaintedRoom
+    index: MapIndex
+
+
+class Rooms:
+    """Makes rooms when they are first asked for, and keeps them for the parts of one run that share them.
+
+    say: hears what is being made.
+    """
+
+    def __init__(self, device: torch.device, say: Callable[[str], None] = lambda text: None) -> None:
+        self._device, self._say = device, say
+        self._made: dict[tuple[int, int, int, bool], IndexedRoom] = {}
+
+    def indexed(self, seed: int, points: int, starts: int, thinned: bool = True) -> IndexedRoom:
+        """Return a room whose scan has `points` points and whose index has about `starts` starts.
+
+        thinned: to as many points as a registration keeps unless told otherwise; else all remain.
+        """
+        key = (seed, points, starts, thinned)
+        if key not in self._made:
+            self._say(f"making a room: {points:,} points, about {starts} starts")
+            room = PaintedRoom(seed)
+            cloud = room.scan(points)
+            if thinned:
+                cloud = thin_cloud(cloud, ScanOptions().max_points)
+            options = IndexOptions(spacing_m=spacing_for(cloud, starts))
+            # More starts than a registration allows are made for the sweeps alone.
+            most = replace(StartsConfig(), max_starts=max(StartsConfig().max_starts, 2 * starts))
+            index = build_map_index(cloud, options, config=IndexConfig(starts=most), device=self._device)
+            self._made[key] = IndexedRoom(room, index)
+        return self._made[key]
+
+
+def spacing_for(cloud: PointCloud, starts: int) -> float:
+    """Return the spacing of starts, metres, that puts about `starts` of them into the free space of a cloud."""
+    sample = cloud.positions[:: max(1, len(cloud) // _SAMPLE_POINTS)]
+    spacing, best, least_off = StartsConfig().spacing_m, StartsConfig().spacing_m, float("inf")
+    for _ in range(_SPACING_STEPS):
+        found = len(octree_starts(sample, StartsConfig(spacing_m=spacing, max_starts=100 * starts)))
+        off = abs(found - starts) / starts
+        if off < least_off:
+            best, least_off = spacing, off
+        # Starts fill a volume, so their number goes with the cube of the spacing.
+        spacing = min(max(spacing * (found / starts) ** (1 / 3), _LEAST_SPACING_M), _GREATEST_SPACING_M)
+    return best

@@ -1,0 +1,116 @@
+"""`panoloc demo`: the whole way once, on a made-up room whose poses are known exactly."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from service.cli.answer_files import AnswerFolder
+from service.cli.background_service import BackgroundService, start_in_background, wait_until_ready
+from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from service.cli.localize import ARTIFACTS
+from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
+from service.cli.progress import show_waiting
+from service.cli.register import upload_and_wait
+from service.cli.session import Session
+from service.cli.tables import map_summary
+from service.client.client import JsonObject, PanolocClient
+
+if TYPE_CHECKING:
+    from lab.commands.demo_scene import DemoQuery
+
+LOCALIZE_TIMEOUT_S = 120.0
+
+
+def demo(
+    ctx: typer.Context,
+    folder: Annotated[
+        Path, typer.Option(file_okay=False, help="Where the scan, the panoramas and the answers go.")
+    ] = Path("panoloc-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Another number makes another room.")] = 4,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> int:
+    """Make a furnished room, register its scan, localize two panoramas, and compare with the known poses.
+
+    Uses the service at --url; where none runs on this machine, one is started and left running.
+    """
+    session: Session = ctx.obj
+    session.json_output = json
+    # The generator needs numpy and a ray caster, which client commands must not load.
+    from lab.commands.demo_scene import make_demo_scene
+
+    with session.client(url) as client:
+        service = None if client.is_live() else start_in_background(url, folder / "service.log")
+        if service is not None:
+            session.messages.print(f"No service at {url}: starting one (log: {escape(str(service.log_file))}).")
+        with _stopped_on_failure(service):
+            with show_waiting(session.messages, "making a room") as say:
+                scene = make_demo_scene(folder, seed, say)
+            session.messages.print(f"Made a room in {escape(str(folder))}: {', '.join(scene.file_names)}")
+            with show_waiting(session.messages, "waiting for the service") as say:
+                wait_until_ready(client, service, say)
+            place = upload_and_wait(
+                session, client, scene.scan, {"name": f"demo room {seed}", "tags": ["demo"]}, wait=True
+            )
+            if not json:
+                session.results.print(map_summary(place))
+            run = DemoRun(session, client, place, AnswerFolder(folder / "answers"))
+            codes = [run.localize(query) for query in scene.queries]
+    _say_what_remains(session, url, service, place["id"])
+    return worst_of(codes)
+
+
+@dataclass(frozen=True)
+class DemoRun:
+    """What both queries of the demo have in common."""
+
+    session: Session
+    client: PanolocClient
+    place: JsonObject
+    folder: AnswerFolder
+
+    def localize(self, query: "DemoQuery") -> ExitCode:
+        """Localize one panorama, save its pictures, and show the pose beside the known one."""
+        with show_waiting(self.session.messages, f"localizing {query.panorama.name}"):
+            options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S}
+            answer = self.client.localize(query.panorama, [self.place["id"]], options=options)
+        saved = self.folder.save(query.panorama, answer, self.client)
+        position_m, orientation_deg = query.error_of(answer)
+        if self.session.json_output:
+            error = {"position_m": position_m, "orientation_deg": orientation_deg}
+            self.session.print_json({"panorama": str(query.panorama), "error_to_truth": error, **answer})
+            return exit_code_of(answer["status"])
+        show = self.session.results.print
+        show(f"\n[bold]{escape(str(query.panorama))}[/]: {query.description}")
+        self.session.show_answer(answer, self.client)
+        if position_m is not None and orientation_deg is not None:
+            show(f"[bold]off by {position_m * 100:.1f} cm and {orientation_deg:.2f} degrees[/] from the known pose")
+        self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
+        return exit_code_of(answer["status"])
+
+
+@contextmanager
+def _stopped_on_failure(service: BackgroundService | None) -> Iterator[None]:
+    """Leave a service of ours running only when the demo went through."""
+    try:
+        yield
+    except BaseException:
+        if service is not None:
+            service.stop()
+        raise
+
+
+def _say_what_remains(session: Session, url: str, service: BackgroundService | None, map_id: str) -> None:
+    show = session.messages.print
+    show(
+        f"\nThe service runs at {url} (try {url}/docs). Localize another panorama in this room, or register your scan:"
+    )
+    show(f"  panoloc localize PANORAMA --map {map_id} --out answers", markup=False)
+    show("  panoloc register SCAN", markup=False)
+    if service is not None:
+        show(f"Stop it with: kill {service.process_id}")

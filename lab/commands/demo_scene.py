@@ -1,0 +1,98 @@
+"""The made-up room of `panoloc demo`: its files, and the poses that are known by construction."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from core.geometry.pose import Pose, pose_error
+from core.scan import write_ply
+from lab.rooms import SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
+from service.client.client import JsonObject
+
+ROOM_AREA_M2 = 24.0
+ROOM_FAMILY = "nordic"
+NUM_SCAN_POINTS = 400_000
+PANORAMA_WIDTH = 1536
+JPEG_QUALITY = 92
+CHANGED_FRACTION = 0.6
+
+
+@dataclass(frozen=True)
+class DemoQuery:
+    """A panorama with the pose that it was taken from."""
+
+    panorama: Path
+    description: str
+    pose: Pose
+
+    def error_of(self, answer: JsonObject) -> tuple[float | None, float | None]:
+        """Return (metres, degrees) between the answer's pose and the known one; (None, None) without a pose."""
+        if answer.get("pose") is None:
+            return None, None
+        matrix = np.asarray(answer["pose"]["map_from_camera"]["matrix"], np.float64)
+        error = pose_error(Pose(matrix[:3, :3], matrix[:3, 3]), self.pose)
+        return error.position_m, error.orientation_deg
+
+
+@dataclass(frozen=True)
+class DemoScene:
+    """The files of a made-up room."""
+
+    scan: Path
+    queries: tuple[DemoQuery, ...]
+
+    @property
+    def file_names(self) -> list[str]:
+        """Return the names of the scan and the panoramas."""
+        return [self.scan.name, *(query.panorama.name for query in self.queries)]
+
+
+def make_demo_scene(folder: Path, seed: int, say: Callable[[str], None]) -> DemoScene:
+    """Build a room, scan it, photograph it as scanned and after changes; write all of it with `truth.json`.
+
+    The same seed makes the same files. `say` hears what is being made.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    say("building a room")
+    room = build_scene(SceneSpec(kind="room", seed=seed, family=ROOM_FAMILY, area_m2=ROOM_AREA_M2))
+    say("scanning it")
+    scan = folder / "scan.ply"
+    write_ply(scan, scan_scene(room, num_points=NUM_SCAN_POINTS, seed=seed))
+    say("moving furniture")
+    changed = change_scene(room, CHANGED_FRACTION, seed=seed)
+    rng = np.random.default_rng(seed)
+    shots = (
+        ("as-scanned", "the room as it was scanned", room),
+        ("changed", f"{CHANGED_FRACTION:.0%} of the furniture moved, gone or replaced", changed),
+    )
+    queries = []
+    for name, description, scene in shots:
+        say(f"taking a panorama, {name}")
+        pose = sample_pose(scene, rng, "tilted")
+        file = folder / f"{name}.jpg"
+        Image.fromarray(take_panorama(scene, pose, PANORAMA_WIDTH).color).save(file, quality=JPEG_QUALITY)
+        queries.append(DemoQuery(file, description, pose))
+    _write_truth(folder / "truth.json", scan, queries)
+    return DemoScene(scan, tuple(queries))
+
+
+def _write_truth(file: Path, scan: Path, queries: list[DemoQuery]) -> None:
+    truth = {
+        "name": "demo",
+        "convention": "x_map = rotation @ x_camera + position_m; camera: x forward (image centre), y left, z up",
+        "scans": [scan.name],
+        "queries": [
+            {
+                "image": query.panorama.name,
+                "position_m": query.pose.position.tolist(),
+                "rotation": query.pose.rotation.tolist(),
+                "tags": [query.panorama.stem],
+            }
+            for query in queries
+        ],
+    }
+    file.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,238 @@
+"""Fits the confidence on rows with known truth, and says how it holds on groups of rows that it was not fitted on."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from core.judge.confidence import FEATURES, RadiusModel, features_of
+from core.judge.hypotheses import Hypothesis
+from lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
+from lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+# A little above 0.68: on places of a kind that was not fitted on, radii hold less often than on those that were.
+_RADIUS_LEVEL = 0.78
+_LEAST_ERROR = 1e-5  # metres or degrees: nobody knows a pose better
+_TELLING_SPREAD = 0.05  # of a sign, below which rows cannot tell what it is worth
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How probabilities held on the rows of groups that the fit had not seen.
+
+    threshold: the smallest from 0.5 up at which wrong answers stay within what was allowed; the shares below hold at it. wrong_answers:
+    of all rows, called localized though far off or of another map. answered_right: of the rows with a right pose, called localized.
+    """
+
+    groups: tuple[str, ...]
+    num_rows: int
+    num_right: int
+    calibration_error: float | None
+    area_under_roc: float | None
+    threshold: float
+    wrong_answers: float
+    answered_right: float | None
+    radius_holds_position: float | None
+    radius_holds_orientation: float | None
+
+
+@dataclass(frozen=True)
+class ConfidenceFit:
+    """The fit to all rows, as `core.judge.confidence` reads it, and how it holds on held-out groups."""
+
+    document: dict[str, Any]
+    held_out: HeldOut
+
+
+def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wrong: float = 0.005) -> ConfidenceFit:
+    """Fit a logistic regression of `right` (0.3 m, 10 degrees; never for another map) on `core.judge.confidence.FEATURES`.
+
+    regularization: L2, in rows, on standardised features. max_wrong: share of wrong answers allowed at the threshold. Every group is
+    predicted by a fit to the other groups; a single group is split into five parts by panorama's scan.
+    Raises RowsError when rows have no measures, or are all right or all wrong.
+    """
+    latest = {
+        (row.scan, row.query, row.method): row for row in rows
+    }  # of the same call with two configurations, the later
+    usable = [row for row in latest.values() if row.search.get("measures") and row.search.get("score") is not None]
+    if not usable:
+        raise RowsError(
+            "rows: expected rows whose search has measures and score, found none; run `panoloc evaluate` again"
+        )
+    features = np.array([features_of_row(row) for row in usable])
+    right = np.array([row.within(RIGHT) for row in usable])
+    if right.all() or not right.any():
+        which = "right" if right.all() else "wrong"
+        raise RowsError(
+            f"rows: expected right and wrong poses, all {len(usable)} are {which}; add harder or easier cases"
+        )
+    names = _fold_names(usable)
+    predicted, radii = _predict_held_out(usable, features, right, names, regularization)
+    threshold = _threshold(predicted, usable, max_wrong)
+    held_out = _held_out(usable, right, predicted, radii, threshold, names)
+    intercept, coefficients = fit_growing_logistic(features, right, regularization)
+    position, orientation = radius_models(usable)
+    document = {
+        "intercept": intercept,
+        "coefficients": dict(zip(FEATURES, coefficients.tolist(), strict=True)),
+        "threshold": threshold,
+        "position_radius": asdict(position),
+        "orientation_radius": asdict(orientation),
+        "fitted_on": {"groups": sorted({row.group for row in usable}), "rows": len(usable), "right": int(right.sum())},
+    }
+    return ConfidenceFit(document, held_out)
+
+
+def features_of_row(row: Row) -> list[float]:
+    """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
+    search = row.search
+    judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, score=search["score"], measures=search["measures"])
+    values = features_of(judged, search.get("runner_up_score") or 0.0)
+    return [float(values[name]) for name in FEATURES]
+
+
+def fit_growing_logistic(features: Floats, right: Flags, regularization: float) -> tuple[float, Floats]:
+    """Return intercept and coefficients (F,) as `fit_logistic` does, none of them negative.
+
+    Every feature is a sign of agreement; a negative weight would let an answer that agrees better be trusted less, which only a
+    coincidence of the fitted rows can ask for. Features with a negative weight are left out, the worst first.
+    """
+    kept = np.arange(features.shape[1])
+    while True:
+        intercept, coefficients = fit_logistic(features[:, kept], right, regularization)
+        if len(kept) == 0 or coefficients.min() >= 0:
+            break
+        kept = np.delete(kept, int((coefficients * features[:, kept].std(0)).argmin()))
+    full = np.zeros(features.shape[1])
+    full[kept] = coefficients
+    return intercept, full
+
+
+def fit_logistic(features: Floats, right: Flags, regularization: float, iterations: int = 100) -> tuple[float, Floats]:
+    """Return intercept and coefficients (F,) of features (N, F) as given, by Newton steps on the penalised likelihood.
+
+    Features are standardised for the penalty `½ regularization ‖w‖²`, which leaves the intercept free.
+    """
+    mean, deviation = features.mean(0), np.maximum(features.std(0), 1e-9)
+    design = np.column_stack((np.ones(len(features)), (features - mean) / deviation))
+    penalty = np.diag([1e-9, *[regularization] * features.shape[1]])
+    weights = np.zeros(design.shape[1])
+    for _ in range(iterations):
+        probability = _sigmoid(design @ weights)
+        gradient = design.T @ (probability - right) + penalty @ weights
+        curvature = (design * (probability * (1 - probability))[:, None]).T @ design + penalty
+        step = np.linalg.solve(curvature, gradient)
+        weights -= step * min(
+            1.0, 5.0 / max(float(np.abs(step).max()), 1e-12)
+        )  # far from the optimum a full step overshoots
+        if np.abs(step).max() < 1e-9:
+            break
+    coefficients = weights[1:] / deviation
+    return float(weights[0] - coefficients @ mean), coefficients
+
+
+def radius_models(rows: Sequence[Row]) -> tuple[RadiusModel, RadiusModel]:
+    """Return the radii of position and orientation that hold 68 % of the right poses; the formal radii themselves without any."""
+    return _radius_model(rows, "position_error_m", "formal_position_m"), _radius_model(
+        rows, "orientation_error_deg", "formal_orientation_deg"
+    )
+
+
+def _radius_model(rows: Sequence[Row], error: str, formal: str) -> RadiusModel:
+    """Fit the power of the formal radius and the rate of agreement to the logarithm of errors, then shift them to hold 68 %.
+
+    One that would be negative, or that the rows cannot tell, is left out.
+    """
+    right = [row for row in rows if row.within(RIGHT) and getattr(row, formal)]
+    if not right:
+        return RadiusModel(0.0, 1.0, 0.0)
+    errors = np.log(np.maximum([getattr(row, error) for row in right], _LEAST_ERROR))
+    signs = np.array([[math.log(getattr(row, formal)), -_agreement_of(row)] for row in right])
+    kept = [column for column in range(2) if signs[:, column].std() > _TELLING_SPREAD]
+    powers = np.zeros(2)
+    while kept:
+        centered = signs[:, kept] - signs[:, kept].mean(0)
+        # A penalty of one row keeps few rows from asking for wild powers.
+        solved = np.linalg.solve(centered.T @ centered + np.eye(len(kept)), centered.T @ (errors - errors.mean()))
+        if solved.min() >= 0:
+            powers[kept] = solved
+            break
+        kept.remove(kept[int(solved.argmin())])
+    shift = float(np.quantile(errors - signs @ powers, _RADIUS_LEVEL))
+    return RadiusModel(shift, float(powers[0]), float(powers[1]))
+
+
+def _agreement_of(row: Row) -> float:
+    return float((row.search.get("measures") or {}).get("patch_correlation", 0.0))
+
+
+def _fold_names(rows: Sequence[Row]) -> list[str]:
+    """Return for each row the part that it is held out with: its group, or one of five parts of a single group."""
+    groups = [row.group for row in rows]
+    if len(set(groups)) > 1:
+        return groups
+    owners = [row.query.rpartition("/")[0] for row in rows]
+    number = {owner: k for k, owner in enumerate(sorted(set(owners)))}
+    return [f"{row.group}, part {number[owner] % 5 + 1}" for row, owner in zip(rows, owners, strict=True)]
+
+
+def _predict_held_out(
+    rows: Sequence[Row], features: Floats, right: Flags, names: Sequence[str], regularization: float
+) -> tuple[Floats, Floats]:
+    """Return probabilities (N,) and radii (N, 2), metres and degrees, each from a fit to the other groups."""
+    predicted, radii = np.full(len(rows), right.mean()), np.full((len(rows), 2), np.nan)
+    for name in sorted(set(names)):
+        out = np.array([one == name for one in names])
+        rest = ~out
+        if right[rest].any() and not right[rest].all():
+            intercept, coefficients = fit_growing_logistic(features[rest], right[rest], regularization)
+            predicted[out] = _sigmoid(intercept + features[out] @ coefficients)
+        models = radius_models([row for row, kept in zip(rows, rest, strict=True) if kept])
+        for number in out.nonzero()[0].tolist():
+            row = rows[number]
+            for axis, formal in enumerate((row.formal_position_m, row.formal_orientation_deg)):
+                if formal is not None:
+                    radii[number, axis] = models[axis].radius(formal, _agreement_of(row))
+    return predicted, radii
+
+
+def _threshold(predicted: Floats, rows: Sequence[Row], max_wrong: float) -> float:
+    far_off = np.array([not row.within(WRONG) for row in rows])
+    for step in range(50, 100):
+        if float(np.mean((predicted >= step / 100) & far_off)) <= max_wrong:
+            return step / 100
+    return 0.99
+
+
+def _held_out(
+    rows: Sequence[Row], right: Flags, predicted: Floats, radii: Floats, threshold: float, names: Sequence[str]
+) -> HeldOut:
+    called = predicted >= threshold
+    far_off = np.array([not row.within(WRONG) for row in rows])
+    holds: list[list[bool]] = [[], []]
+    for row, good, limits in zip(rows, right, radii, strict=True):
+        for axis, error in enumerate((row.position_error_m, row.orientation_error_deg)):
+            if good and error is not None and np.isfinite(limits[axis]):
+                holds[axis].append(error <= limits[axis])
+    return HeldOut(
+        groups=tuple(sorted(set(names))),
+        num_rows=len(rows),
+        num_right=int(right.sum()),
+        calibration_error=expected_calibration_error(predicted, right),
+        area_under_roc=area_under_roc(predicted, right),
+        threshold=threshold,
+        wrong_answers=float(np.mean(called & far_off)),
+        answered_right=float(np.mean(called[right])) if right.any() else None,
+        radius_holds_position=float(np.mean(holds[0])) if holds[0] else None,
+        radius_holds_orientation=float(np.mean(holds[1])) if holds[1] else None,
+    )
+
+
+def _sigmoid(logit: Floats) -> Floats:
+    return np.asarray(1 / (1 + np.exp(-np.clip(logit, -50, 50))))

@@ -1,0 +1,75 @@
+"""Panoramas whose poses are known, grouped by the scan that they belong to: what every source of cases yields."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import CoreError
+from core.geometry.pose import Pose, PoseError, pose_error
+from core.index.map_index import IndexOptions
+from core.panorama.panorama import Panorama
+from core.scan.point_cloud import PointCloud
+
+
+class SourceError(CoreError):
+    """Cases are not where they were expected, or not in the expected form. The message names the file and the form."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownQuery:
+    """One panorama with its truth.
+
+    poses: map_from_camera in the scan's own frame; more than one where a place exists twice and each is as right as the others.
+    changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the cloud, no longer there; None
+    where nobody knows. tags describe the query.
+    """
+
+    panorama: Panorama
+    poses: tuple[Pose, ...]
+    changed_pixels: NDArray[np.bool_] | None = None
+    changed_points: NDArray[np.bool_] | None = None
+    tags: tuple[str, ...] = ()
+
+    def error_of(self, found: Pose) -> PoseError:
+        """Return the error against the nearest of the right poses."""
+        return min((pose_error(found, known) for known in self.poses), key=lambda error: error.position_m)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedScan:
+    """A scan in memory: its cloud, how to build its map, and a function that loads one of its queries by name."""
+
+    cloud: PointCloud
+    options: IndexOptions
+    query: Callable[[str], KnownQuery]
+
+
+@dataclass(frozen=True, eq=False)
+class ScanCases:
+    """A scan and the names of its panoramas; nothing is read before `load` is called.
+
+    group: the suite, folder or split whose tables its rows belong to. place: scans with the same place show the same rooms, so that a
+    panorama of one is no stranger to the other. facts go into every row as they are (JSON-safe), such as the scene family.
+    """
+
+    name: str
+    group: str
+    query_names: tuple[str, ...]
+    load: Callable[[], LoadedScan]
+    place: str
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+def limited(scans: Sequence[ScanCases], limit: int | None) -> list[ScanCases]:
+    """Return the scans with at most `limit` queries per group, the first ones; None for all."""
+    if limit is None:
+        return list(scans)
+    kept: list[ScanCases] = []
+    for scan in scans:
+        names = scan.query_names[: max(0, limit - sum(len(one.query_names) for one in kept if one.group == scan.group))]
+        if names:
+            kept.append(ScanCases(scan.name, scan.group, names, scan.load, scan.place, scan.facts))
+    return kept

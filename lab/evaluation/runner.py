@@ -1,0 +1,191 @@
+"""Runs methods on cases and writes one row per answer; what a file of rows already holds is not run again."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import torch
+
+from core.errors import CoreError
+from core.index.map_builder import build_map_index
+from core.index.map_index import MapIndex
+from core.localizer import Localizer
+from core.results import Localization
+from lab.evaluation.change_metrics import change_metrics
+from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
+from lab.evaluation.methods import ComparedMethod
+from lab.evaluation.paper_change_maps import PaperChangeMaps, paper_change_maps
+from lab.evaluation.rows import Row, RowsFile
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run goes.
+
+    device: "cpu", "cuda", None to choose. num_strangers: to how many other maps each panorama is sent as well (0: none).
+    change_maps: measure the maps of what changed where that is known, ours and the paper's (several seconds per case).
+    timeout_s: of one answer, None for no limit.
+    """
+
+    device: str | None = None
+    num_strangers: int = 0
+    change_maps: bool = False
+    timeout_s: float | None = None
+
+
+@dataclass(frozen=True)
+class _Call:
+    """One answer to be got: the panorama `query` of scan number `owner`, searched in the map of scan number `searched`."""
+
+    owner: int
+    query: str
+    searched: int
+    method: ComparedMethod
+
+
+@dataclass
+class _Ready:
+    """A scan in memory with its map."""
+
+    scan: LoadedScan
+    index: MapIndex
+    registration_s: float
+    queries: dict[str, KnownQuery] = field(default_factory=dict)  # only the last one of each: they are large
+    paper_maps: dict[str, PaperChangeMaps] = field(default_factory=dict)
+
+    def query(self, name: str) -> KnownQuery:
+        """Return a query of the scan, read when it is not the one that was asked for last."""
+        if name not in self.queries:
+            self.queries = {name: self.scan.query(name)}
+        return self.queries[name]
+
+    def paper_maps_of(self, name: str) -> PaperChangeMaps | None:
+        """Return the paper's maps of a query in its own scan, the same for every method; None for labels, which have none."""
+        if self.index.labels is not None:
+            return None
+        if name not in self.paper_maps:
+            self.paper_maps = {name: paper_change_maps(self.query(name).panorama, self.index)}
+        return self.paper_maps[name]
+
+
+class Evaluation:
+    """A run: its calls are known from the beginning, so that progress and what is left can be told."""
+
+    def __init__(
+        self, scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], file: RowsFile, options: RunOptions
+    ) -> None:
+        self._scans, self._file, self._options = scans, file, options
+        self._calls = list(_calls(scans, methods, options.num_strangers))
+        self._localizers: dict[str, Localizer] = {}
+        self._ready: dict[int, _Ready] = {}
+
+    @property
+    def num_calls(self) -> int:
+        """Return how many answers the whole run has."""
+        return len(self._calls)
+
+    def rows(self, say: Callable[[str], None] = lambda text: None) -> Iterator[tuple[Row, bool]]:
+        """Yield every row with whether it is new (False: found in the file); new ones are written first.
+
+        say: hears what is being done. A call that raises a CoreError gives a row that names it.
+        """
+        known = {row.key: row for row in self._file.rows()}
+        for call in self._calls:
+            scan, owner = self._scans[call.searched], self._scans[call.owner]
+            found = known.get((scan.name, f"{owner.name}/{call.query}", call.method.name, call.method.digest))
+            if found is not None and not self._lacks_change(found):
+                yield found, False
+                continue
+            say(f"{call.method.name}: {owner.name}/{call.query} in {scan.name}")
+            row = self._answer(call)
+            self._file.append(row)
+            yield row, True
+
+    def _lacks_change(self, row: Row) -> bool:
+        return self._options.change_maps and not row.cross and not row.facts.get("change_maps")
+
+    def _answer(self, call: _Call) -> Row:
+        """Make one call and compare its answer with the truth."""
+        scan, owner = self._scans[call.searched], self._scans[call.owner]
+        cross = call.owner != call.searched
+        searched = self._prepared(call.searched, {call.owner, call.searched})
+        query = self._prepared(call.owner, {call.owner, call.searched}).query(call.query)
+        localizer = self._localizer(call.method)
+        facts = {**scan.facts, "tags": list(query.tags), "registration_s": round(searched.registration_s, 3)}
+        facts["num_points"], facts["num_starts"] = searched.index.num_points, searched.index.num_starts
+        facts["spacing_m"] = searched.index.spacing
+        facts["change_maps"] = self._options.change_maps and not cross
+        began = time.perf_counter()
+        answer, error = None, None
+        try:
+            answer = localizer.localize(
+                query.panorama, [searched.index], method=call.method.method, timeout_s=self._options.timeout_s
+            )
+        except CoreError as raised:
+            error = f"{type(raised).__name__}: {raised}"
+        seconds = time.perf_counter() - began
+        known = (scan.group, scan.name, f"{owner.name}/{call.query}", call.method.name, call.method.digest, cross)
+        if answer is None:
+            return Row(*known, "error", seconds, facts=facts, error=error)
+        change: dict[str, float] = {}
+        if facts["change_maps"] and query.changed_pixels is not None:
+            paper = searched.paper_maps_of(call.query)
+            change = change_metrics(query, searched.scan.cloud, searched.index, answer, paper)
+        return _row_of(known, seconds, answer, query, change, facts)
+
+    def _localizer(self, method: ComparedMethod) -> Localizer:
+        if method.digest not in self._localizers:
+            self._localizers[method.digest] = Localizer(method.config, self._options.device)
+        return self._localizers[method.digest]
+
+    def _prepared(self, number: int, needed: set[int]) -> _Ready:
+        """Load a scan and build its map, keeping no more maps than the strangers of the next panorama need."""
+        if number not in self._ready:
+            for other in list(self._ready):
+                if len(self._ready) > self._options.num_strangers and other not in needed:
+                    del self._ready[other]
+            loaded = self._scans[number].load()
+            device = self._options.device or ("cuda" if torch.cuda.is_available() else "cpu")
+            began = time.perf_counter()
+            index = build_map_index(loaded.cloud, loaded.options, device=device)
+            self._ready[number] = _Ready(loaded, index, time.perf_counter() - began)
+        return self._ready[number]
+
+
+def _calls(scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], num_strangers: int) -> Iterator[_Call]:
+    """Yield the calls scan by scan: all queries in their own map, then in the maps of the next scans of other places."""
+    for owner, scan in enumerate(scans):
+        following = [*range(owner + 1, len(scans)), *range(owner)]
+        strangers = [number for number in following if scans[number].place != scan.place][:num_strangers]
+        for searched in (owner, *strangers):
+            yield from (_Call(owner, query, searched, method) for query in scan.query_names for method in methods)
+
+
+def _row_of(
+    known: tuple[str, str, str, str, str, bool],
+    seconds: float,
+    answer: Localization,
+    query: KnownQuery,
+    change: dict[str, float],
+    facts: dict[str, object],
+) -> Row:
+    formal = answer.search.get("formal_radii")
+    error = None if answer.best is None or known[-1] else query.error_of(answer.best.pose)
+    return Row(
+        *known,
+        status=answer.status,
+        seconds=seconds,
+        confidence=None if answer.best is None else answer.best.confidence,
+        position_error_m=None if error is None else error.position_m,
+        orientation_error_deg=None if error is None else error.orientation_deg,
+        accuracy_position_m=answer.accuracy_position_m,
+        accuracy_orientation_deg=answer.accuracy_orientation_deg,
+        formal_position_m=None if formal is None else formal[0],
+        formal_orientation_deg=None if formal is None else formal[1],
+        panorama_changed_fraction=answer.panorama_changed_fraction,
+        map_changed_fraction=answer.map_changed_fraction,
+        timings_s={name: round(value, 5) for name, value in answer.timings_s.items()},
+        search=answer.search,
+        change=change,
+        facts=facts,
+    )

@@ -1,0 +1,72 @@
+"""Procedural scenes with exact poses, for the demo, the tests and the benchmarks.
+
+`build_scene` makes a scene from a specification; `scan_scene` and `take_panorama` measure it; `change_scene` rearranges
+it; `apply_look` changes light and camera; `suite_cases` yields the cases of the evaluation suites; `write_case` and
+`write_case_folder` put them on disk.
+"""
+
+from lab.rooms.capture.camera_look import (
+    DIM,
+    GAMMA_3,
+    LIGHT_CHANGES,
+    PHOTO,
+    WHITE_BALANCE,
+    CameraLook,
+    apply_look,
+    random_look,
+)
+from lab.rooms.capture.change_truth import changed_pixels, changed_points
+from lab.rooms.capture.free_space import RotationKind, random_rotation, sample_pose
+from lab.rooms.capture.intruders import add_person, show_hand
+from lab.rooms.capture.scanning import Scan, scan_scene, scan_with_truth
+from lab.rooms.capture.spherical_camera import View, take_panorama, take_view
+from lab.rooms.case_folder import Query, write_case, write_case_folder
+from lab.rooms.cases import Case, Suite, make_case
+from lab.rooms.materials.labels import LABEL_COLORS
+from lab.rooms.scenes.changes import change_scene
+from lab.rooms.scenes.generator import FAMILIES, SceneKind, SceneSpec, build_scene
+from lab.rooms.scenes.relighting import day, night, relit
+from lab.rooms.scenes.scene import Scene
+from lab.rooms.suites import suite_cases, suite_names
+
+__all__ = [
+    "DIM",
+    "FAMILIES",
+    "GAMMA_3",
+    "LABEL_COLORS",
+    "LIGHT_CHANGES",
+    "PHOTO",
+    "WHITE_BALANCE",
+    "CameraLook",
+    "Case",
+    "Query",
+    "RotationKind",
+    "Scan",
+    "Scene",
+    "SceneKind",
+    "SceneSpec",
+    "Suite",
+    "View",
+    "add_person",
+    "apply_look",
+    "build_scene",
+    "change_scene",
+    "changed_pixels",
+    "changed_points",
+    "day",
+    "make_case",
+    "night",
+    "random_look",
+    "random_rotation",
+    "relit",
+    "sample_pose",
+    "scan_scene",
+    "scan_with_truth",
+    "show_hand",
+    "suite_cases",
+    "suite_names",
+    "take_panorama",
+    "take_view",
+    "write_case",
+    "write_case_folder",
+]

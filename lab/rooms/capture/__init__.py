@@ -1,0 +1,1 @@
+"""What instruments see of a scene: panoramas, scans, and the truth about changes."""

@@ -1,0 +1,75 @@
+"""Cases on disk: a scan, panoramas and a truth.json with their poses, as other tools read them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from core.geometry.pose import Pose
+from core.panorama.panorama import Panorama
+from core.scan import write_ply
+from core.scan.point_cloud import PointCloud
+from lab.rooms.cases import Case
+
+_CONVENTION = "x_map = rotation @ x_camera + position_m; camera: x forward (image centre), y left, z up"
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """A panorama with its pose; name becomes the file's name without ending; tags describe it."""
+
+    name: str
+    panorama: Panorama
+    pose: Pose
+    tags: tuple[str, ...] = ()
+
+
+def write_case_folder(
+    folder: Path,
+    name: str,
+    cloud: PointCloud,
+    queries: Sequence[Query],
+    *,
+    source: str = "procedural scene",
+    color_kind: str = "rgb",
+) -> Path:
+    """Write scan.ply, one image per query (JPEG, or PNG for labels) and truth.json; return the path of truth.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_ply(folder / "scan.ply", cloud)
+    entries: list[dict[str, Any]] = []
+    for query in queries:
+        ending = "png" if color_kind == "labels" else "jpg"
+        Image.fromarray(query.panorama.color).save(folder / f"{query.name}.{ending}", quality=92)
+        entries.append(
+            {
+                "image": f"{query.name}.{ending}",
+                "position_m": query.pose.position.tolist(),
+                "rotation": query.pose.rotation.tolist(),
+                "tags": list(query.tags),
+            }
+        )
+    truth = {
+        "name": name,
+        "source": source,
+        "licence": "Apache-2.0",
+        "convention": _CONVENTION,
+        "color_kind": color_kind,
+        "scans": ["scan.ply"],
+        "queries": entries,
+    }
+    path = folder / "truth.json"
+    path.write_text(json.dumps(truth, indent=1) + "\n")
+    return path
+
+
+def write_case(case: Case, folder: Path) -> Path:
+    """Write a case of a suite and its change truth (changed_pixels.png, changed_points.npy); return truth.json."""
+    query = Query(case.name, case.panorama, case.pose, ("procedural", case.color_kind))
+    path = write_case_folder(folder, case.name, case.cloud, [query], color_kind=case.color_kind)
+    Image.fromarray(case.changed_pixels.astype(np.uint8) * np.uint8(255)).save(folder / "changed_pixels.png")
+    np.save(folder / "changed_points.npy", case.changed_points)
+    return path

@@ -1,0 +1,1 @@
+"""Textures, patterns and styles that made-up rooms are painted with."""

@@ -1,0 +1,1 @@
+"""Whole scenes: rooms, flats, streets and twins, their light, and how they change."""

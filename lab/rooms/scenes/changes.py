@@ -1,0 +1,76 @@
+"""What happens to a scene between the scan and the photo: things move, vanish and appear, carpets go."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lab.rooms.objects.furnishing import Furnisher
+from lab.rooms.objects.objects import Item, SceneObject
+from lab.rooms.objects.solids import moved
+from lab.rooms.scenes.scene import Scene, unique_objects
+from lab.rooms.scenes.street_scene import StreetDresser
+
+# Of the changed things, these shares move and vanish; the rest is replaced by something else.
+_MOVED, _REMOVED = 0.4, 0.35
+_ADDED = 0.6
+
+
+def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs: bool = True) -> Scene:
+    """Return the scene with about `fraction` of its movable things changed, new ones added, doors swung and all rugs gone.
+
+    The building, its lamps and the exposure stay; light is baked again, so shadows follow the furniture.
+    """
+    rng = np.random.default_rng((seed, 3))
+    kept: list[SceneObject] = []
+    moving: list[tuple[int, Item]] = []
+    num_changed = 0
+    for thing in scene.objects:
+        if thing.hinge and rng.random() < fraction:
+            kept.append(_swung(thing, rng.uniform(0.3, 0.9)))
+        elif thing.item is None or not thing.movable:
+            kept.append(thing)
+        elif remove_rugs and thing.item.anchor == "floor":
+            num_changed += 1
+        elif rng.random() >= fraction:
+            kept.append(thing)
+        else:
+            num_changed += 1
+            if rng.random() < _MOVED / (_MOVED + _REMOVED):
+                moving.append((thing.room, thing.item))
+    num_new = round(num_changed * _ADDED)
+    added = _add(scene, kept, moving, num_new, rng)
+    return replace(scene, objects=unique_objects((*kept, *added)), exposed_like=scene)
+
+
+def _swung(leaf: SceneObject, angle: float) -> SceneObject:
+    """Return a door leaf partly closed, by `angle` radians."""
+    assert leaf.hinge is not None
+    hinge = np.array([*leaf.hinge, 0.0])
+    pieces = []
+    for piece in leaf.pieces:
+        at_origin = moved(piece.parts, 0.0, -hinge)
+        pieces.append(replace(piece, parts=tuple(moved(at_origin, angle, hinge))))
+    return replace(leaf, key=f"{leaf.key}~{angle:.3f}", pieces=tuple(pieces))
+
+
+def _add(
+    scene: Scene,
+    kept: Sequence[SceneObject],
+    moving: Sequence[tuple[int, Item]],
+    num_new: int,
+    rng: np.random.Generator,
+) -> list[SceneObject]:
+    added: list[SceneObject] = []
+    areas = np.array([room.size_m[0] * room.size_m[1] for room in scene.rooms])
+    new_per_room = rng.multinomial(num_new, areas / areas.sum())
+    for number, room in enumerate(scene.rooms):
+        here = [thing for thing in kept if thing.room == number]
+        furnisher = StreetDresser(rng, here) if scene.outdoor else Furnisher(rng, scene.style, room, number, here)
+        for where, item in moving:
+            if where == number:
+                furnisher.add_again(item)
+        for _ in range(new_per_room[number]):
+            furnisher.add_something()
+        added += furnisher.objects
+    return added

@@ -1,0 +1,65 @@
+"""Named evaluation suites: recipes from which cases with known poses are made, one per seed."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from core.errors import OptionsError
+from lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
+from lab.rooms.cases import Case, Region, Suite, make_case
+from lab.rooms.scenes.generator import FAMILIES
+from lab.rooms.scenes.relighting import day, night
+
+_STREET_REGION: Region = ((-25.0, -5.0, 0.0), (25.0, 5.0, 5.0))
+
+SUITES: dict[str, Suite] = {
+    "rooms": Suite("furnished rooms as scanned"),
+    "changed": Suite(
+        "60 % of the furniture moved, gone or new, carpets gone, a hand and perhaps a person in view", change=0.6
+    ),
+    "camera": Suite("60 % changed, another camera: exposure, balance, tone curve", change=0.6, look=random_look),
+    "flats": Suite("flats of 4 to 6 rooms as scanned", kind="flat", num_points=500_000),
+    "flats_changed": Suite("flats with 60 % changed", kind="flat", change=0.6, num_points=500_000),
+    "bare": Suite("nearly empty rooms with few textures", kind="bare"),
+    "dim": Suite("rooms at 67 % of the intensity", look=as_photo(DIM)),
+    "gamma": Suite("rooms with gamma 3", look=as_photo(GAMMA_3)),
+    "white_balance": Suite("rooms with white balance diag(1, 0.5, 0.5)", look=as_photo(WHITE_BALANCE)),
+    "night": Suite("rooms scanned by daylight, photographed at night by lamps", scan_light=day, light=night),
+    "partial": Suite(
+        "rooms, only a band of 45 degrees above and below the camera's horizon visible", max_elevation_deg=45.0
+    ),
+    "sparse": Suite("rooms scanned from one station only, 60,000 points", num_stations=1, num_points=60_000),
+    "survey": Suite("rooms turned about the vertical, in survey coordinates of millions of metres", survey_frame=True),
+    "twins": Suite("two equal rooms in one map: a second pose is as right as the first", kind="twins"),
+    "labels": Suite("rooms as semantic labels", color_kind="labels"),
+    "labels_changed": Suite("rooms as semantic labels, 60 % changed", change=0.6, color_kind="labels"),
+    "street": Suite("a street as semantic labels", kind="street", color_kind="labels", region=_STREET_REGION),
+    "street_colors": Suite("a street in colors", kind="street", region=_STREET_REGION),
+}
+
+
+def suite_names() -> tuple[str, ...]:
+    """Return the names of all suites."""
+    return tuple(SUITES)
+
+
+def suite_cases(
+    name: str,
+    seeds: Sequence[int],
+    *,
+    families: Sequence[str] | None = None,
+    width: int = 1024,
+    num_points: int | None = None,
+) -> Iterator[Case]:
+    """Yield one case per seed, made when asked for.
+
+    families: style families to draw from, None for all; holding some out tests generalization. width: of the panorama.
+    num_points: of the scan, None for what the suite says.
+    Raises OptionsError for an unknown suite or family.
+    """
+    if name not in SUITES:
+        raise OptionsError(f"suite: expected one of {', '.join(SUITES)}, got {name!r}")
+    unknown = set(families or ()) - set(FAMILIES)
+    if unknown:
+        raise OptionsError(f"families: expected some of {', '.join(FAMILIES)}, got {', '.join(sorted(unknown))}")
+    suite = SUITES[name] if num_points is None else replace(SUITES[name], num_points=num_points)
+    return (make_case(name, suite, seed, families, width) for seed in seeds)

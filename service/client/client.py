@@ -1,0 +1,238 @@
+"""A client of the HTTP API that needs neither torch nor the algorithm.
+
+    with PanolocClient("http://127.0.0.1:8000") as client:
+        place = client.wait_for_map(client.register_map(Path("office.ply"))["id"])
+        answer = client.localize(Path("photo.jpg"), map_ids=[place["id"]])
+
+Uploads are streamed from disk. All methods raise the classes of `service.client.errors`.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NoReturn, Self
+from urllib.parse import urlsplit
+
+import httpx
+
+from service.client.errors import (
+    ApiProblemError,
+    InvalidUrlError,
+    MapFailedError,
+    UnexpectedReplyError,
+    UnreachableError,
+    WaitTimeoutError,
+)
+from service.client.upload_progress import ProgressFile, UploadProgress
+
+JsonObject = dict[str, Any]
+
+CONNECT_TIMEOUT_S = 5.0
+READ_TIMEOUT_S = 60.0
+# Storing a large scan durably happens after its last byte was sent.
+UPLOAD_READ_TIMEOUT_S = 600.0
+# The service answers 504 by itself at the deadline; the client waits a little longer to hear it.
+DEADLINE_MARGIN_S = 30.0
+POLL_FIRST_S, POLL_LONGEST_S = 0.1, 2.0
+
+
+class PanolocClient:
+    """Calls one running service.
+
+    url: where it listens, without a trailing path. api_key: sent as a bearer token when given.
+    transport: replaces the network, for tests. Raises InvalidUrlError.
+    """
+
+    def __init__(self, url: str, api_key: str | None = None, transport: httpx.BaseTransport | None = None) -> None:
+        self.url = url.rstrip("/")
+        if urlsplit(self.url).scheme not in ("http", "https") or not urlsplit(self.url).hostname:
+            raise InvalidUrlError(
+                f"Expected a URL such as http://127.0.0.1:8000, got {url!r}; set --url or PANOLOC_URL."
+            )
+        headers = {"Accept": "application/json"} | ({"Authorization": f"Bearer {api_key}"} if api_key else {})
+        # A proxy from the environment must never see calls to this very machine.
+        direct = {f"all://{host}": None for host in ("127.0.0.1", "localhost", "[::1]")}
+        timeout = httpx.Timeout(READ_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
+        self._http = httpx.Client(headers=headers, timeout=timeout, transport=transport, mounts=direct)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._http.close()
+
+    def is_live(self) -> bool:
+        """Tell whether the service's process answers; raises nothing when it does not."""
+        try:
+            return self._http.get(f"{self.url}/health/live", timeout=CONNECT_TIMEOUT_S).status_code == 200
+        except httpx.HTTPError:
+            return False
+
+    def readiness(self) -> tuple[bool, JsonObject]:
+        """Return whether requests are served, and the service's own account of what is missing."""
+        reply = self._send("GET", "/health/ready")
+        if reply.status_code not in (200, 503):
+            _raise_problem(reply)
+        return reply.status_code == 200, _json_object(reply)
+
+    def register_map(
+        self, scan: Path, options: JsonObject | None = None, progress: UploadProgress | None = None
+    ) -> JsonObject:
+        """Upload a scan and return the new map; it becomes usable once its status is `ready`."""
+        with ExitStack() as stack:
+            upload = ProgressFile(stack.enter_context(scan.open("rb")), progress)
+            reply = self._send(
+                "POST",
+                "/maps",
+                files={"file": (_sendable(scan.name), upload, "application/octet-stream")},
+                data={"options": json.dumps(options)} if options else {},
+                timeout=httpx.Timeout(UPLOAD_READ_TIMEOUT_S, connect=CONNECT_TIMEOUT_S),
+            )
+        return _json_object(_checked(reply))
+
+    def get_map(self, map_id: str) -> JsonObject:
+        """Return one map with its status, stage and progress."""
+        return _json_object(_checked(self._send("GET", f"/maps/{map_id}")))
+
+    def list_maps(self, tag: str | None = None) -> Iterator[JsonObject]:
+        """Yield all maps, page after page; with `tag`, those that bear it."""
+        query: JsonObject = {"tag": tag} if tag else {}
+        while True:
+            page = _json_object(_checked(self._send("GET", "/maps", params=query)))
+            yield from page.get("items", [])
+            if not page.get("next_cursor"):
+                return
+            query = {**query, "cursor": page["next_cursor"]}
+
+    def delete_map(self, map_id: str) -> None:
+        """Delete a map with its scan and its index."""
+        _checked(self._send("DELETE", f"/maps/{map_id}"))
+
+    def wait_for_map(
+        self, map_id: str, on_update: Callable[[JsonObject], None] | None = None, timeout_s: float = 3600.0
+    ) -> JsonObject:
+        """Poll until the map is ready and return it.
+
+        Raises MapFailedError when it fails and WaitTimeoutError after `timeout_s`. A service that is short of its
+        cache or workers for a while (503) is waited for.
+        """
+        give_up, pause = time.monotonic() + timeout_s, POLL_FIRST_S
+        while True:
+            try:
+                place = self.get_map(map_id)
+            except ApiProblemError as problem:
+                if problem.status != 503 or time.monotonic() > give_up:
+                    raise
+                time.sleep(min(problem.retry_after_s or POLL_LONGEST_S, 10.0))
+                continue
+            if on_update is not None:
+                on_update(place)
+            if place["status"] == "ready":
+                return place
+            if place["status"] == "failed":
+                raise MapFailedError(map_id, _failure_text(place.get("error")))
+            if time.monotonic() > give_up:
+                raise WaitTimeoutError(
+                    f"Map {map_id} was still {place['status']} after {timeout_s:g} s; ask again later."
+                )
+            time.sleep(pause)
+            pause = min(pause * 1.5, POLL_LONGEST_S)
+
+    def localize(
+        self,
+        panorama: Path,
+        map_ids: Sequence[str] = (),
+        tag: str | None = None,
+        mask: Path | None = None,
+        options: Mapping[str, Any] | None = None,
+        progress: UploadProgress | None = None,
+    ) -> JsonObject:
+        """Send a panorama and return the answer; `status` says whether a pose was found.
+
+        Either `map_ids` or `tag` names the maps. options: the `options` of `POST /localize`.
+        """
+        deadline_s = float((options or {}).get("timeout_s") or READ_TIMEOUT_S)
+        fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
+        fields |= {"tag": tag} if tag else {}
+        fields |= {"options": json.dumps(options)} if options else {}
+        with ExitStack() as stack:
+            image = ProgressFile(stack.enter_context(panorama.open("rb")), progress)
+            files: JsonObject = {"image": (_sendable(panorama.name), image, _image_type(panorama))}
+            if mask is not None:
+                files["mask"] = (_sendable(mask.name), stack.enter_context(mask.open("rb")), _image_type(mask))
+            limits = httpx.Timeout(deadline_s + DEADLINE_MARGIN_S, connect=CONNECT_TIMEOUT_S)
+            reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)
+        return _json_object(_checked(reply))
+
+    def fetch(self, path: str) -> bytes:
+        """Return the body behind a path of the service, such as the link of a score map."""
+        return _checked(self._send("GET", path)).content
+
+    def link(self, path: str) -> str:
+        """Return the full address of a path that the service named."""
+        return path if "://" in path else f"{self.url}{path}"
+
+    def _send(self, method: str, path: str, **request: Any) -> httpx.Response:
+        try:
+            return self._http.request(method, self.link(path), **request)
+        except (httpx.ConnectError, httpx.ConnectTimeout) as error:
+            raise UnreachableError(self.url, _reason(error)) from error
+        except httpx.TimeoutException as error:
+            raise WaitTimeoutError(
+                f"{self.url} took the connection but did not answer {method} {path} in time; see its log, or try again."
+            ) from error
+        except httpx.HTTPError as error:
+            raise UnreachableError(self.url, f"the connection broke: {_reason(error)}") from error
+
+
+def _checked(reply: httpx.Response) -> httpx.Response:
+    if not reply.is_success:
+        _raise_problem(reply)
+    return reply
+
+
+def _raise_problem(reply: httpx.Response) -> NoReturn:
+    try:
+        problem = reply.json()
+    except ValueError:
+        problem = None
+    if not isinstance(problem, dict) or not {"detail", "title"} & problem.keys():
+        raise UnexpectedReplyError(
+            f"Expected an answer of panoloc from {reply.url}, got HTTP {reply.status_code} "
+            f"({reply.headers.get('content-type', 'no content type')}); check --url and any proxy in between."
+        )
+    retry_after = reply.headers.get("retry-after", "")
+    raise ApiProblemError(reply.status_code, problem, float(retry_after) if retry_after.isdigit() else None)
+
+
+def _json_object(reply: httpx.Response) -> JsonObject:
+    try:
+        body = reply.json()
+    except ValueError:
+        body = None
+    if not isinstance(body, dict):
+        raise UnexpectedReplyError(f"Expected a JSON object from {reply.url}, got something else; is it panoloc?")
+    return body
+
+
+def _reason(error: httpx.HTTPError) -> str:
+    return str(error) or type(error).__name__
+
+
+def _failure_text(error: object) -> str:
+    if isinstance(error, dict):
+        return str(error.get("detail") or error.get("message") or error.get("title") or error)
+    return str(error or "the service gave no reason; see its log.")
+
+
+def _image_type(path: Path) -> str:
+    types = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png", ".webp": "image/webp"}
+    return types.get(path.suffix.lower(), "application/octet-stream")
+
+
+def _sendable(name: str) -> str:
+    """Return a file name as UTF-8 can carry it; bytes that are none become question marks."""
+    return name.encode("utf-8", "replace").decode()

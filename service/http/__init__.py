@@ -1,0 +1,1 @@
+"""The HTTP side: routes, schemas, uploads, and what stands around every request."""

@@ -1,0 +1,85 @@
+"""The OpenAPI document: what FastAPI derives, and the parts of uploads, which are read by hand."""
+
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
+
+from service.http.schemas import LocalizeOptions, MapOptions, MapPatch, ProblemDocument, ScanOptions
+
+_REF = "#/components/schemas/{model}"
+# Known to the document although no route of FastAPI's kind names them.
+_MODELS: tuple[type[BaseModel], ...] = (ProblemDocument, MapOptions, ScanOptions, MapPatch, LocalizeOptions)
+
+
+def binary_part(description: str) -> dict[str, Any]:
+    """Return the schema of an uploaded file."""
+    return {"type": "string", "format": "binary", "description": description}
+
+
+def json_part(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the schema of a part that holds JSON."""
+    return {"$ref": _REF.format(model=model.__name__)}
+
+
+def multipart(
+    parts: dict[str, Any], required: list[str], examples: dict[str, Any] | None = None, **constraint: Any
+) -> dict[str, Any]:
+    """Return the `openapi_extra` of a route that reads a multipart form. constraint: such as `oneOf`."""
+    schema = {"type": "object", "properties": parts, "required": required, "additionalProperties": False, **constraint}
+    encoding = {"options": {"contentType": "application/json"}} if "options" in parts else {}
+    media: dict[str, Any] = {"schema": schema, "encoding": encoding}
+    if examples:
+        media["examples"] = examples
+    return {"requestBody": {"required": True, "content": {"multipart/form-data": media}}}
+
+
+def json_body(model: type[BaseModel], example: Any) -> dict[str, Any]:
+    """Return the `openapi_extra` of a route that reads JSON by hand."""
+    content = {"application/json": {"schema": json_part(model), "example": example}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+def picture_response(description: str) -> dict[str, Any]:
+    """Return the OpenAPI response of a PNG."""
+    return {"description": description, "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}
+
+
+def install_openapi(app: FastAPI) -> None:
+    """Let the application describe itself completely; the document is made once, when it is first asked for."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = get_openapi(
+                title=app.title,
+                version=app.version,
+                description=app.description,
+                routes=app.routes,
+                tags=app.openapi_tags,
+            )
+            _add_models(document)
+            _remove_default_errors(document)
+            app.openapi_schema = document
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _add_models(document: dict[str, Any]) -> None:
+    _, schema = models_json_schema([(model, "validation") for model in _MODELS], ref_template=_REF)
+    known = document.setdefault("components", {}).setdefault("schemas", {})
+    for name, definition in schema["$defs"].items():
+        known.setdefault(name, definition)
+
+
+def _remove_default_errors(document: dict[str, Any]) -> None:
+    """Remove FastAPI's own form of 422, which this service never sends."""
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            answer = operation.get("responses", {}).get("422", {})
+            if "HTTPValidationError" in str(answer):
+                del operation["responses"]["422"]
+    for name in ("HTTPValidationError", "ValidationError"):
+        document["components"]["schemas"].pop(name, None)

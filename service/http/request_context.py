@@ -1,0 +1,76 @@
+"""Around every request: its id, a log line, metrics, and a problem document for what nobody expected."""
+
+import re
+import time
+from contextvars import ContextVar
+
+import structlog
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.http.problem_response import problem_response
+from service.identity import new_id
+from service.metrics import Metrics
+
+_log = structlog.get_logger("service.requests")
+_ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._~:+/=-]{1,128}")
+_HEADER = "X-Request-ID"
+_UNMATCHED = "unmatched"
+
+_current: ContextVar[str] = ContextVar("request_id", default="none")
+
+
+def current_request_id() -> str:
+    """Return the id of the request that is being answered."""
+    return _current.get()
+
+
+class RequestContext:
+    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(_HEADER, "")
+        request_id = given if _ACCEPTABLE_ID.fullmatch(given) else new_id("req")
+        _current.set(request_id)
+        structlog.contextvars.clear_contextvars()
+        structlog.contextvars.bind_contextvars(request_id=request_id)
+        began, status = time.monotonic(), 0
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[_HEADER] = request_id
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        except Exception as error:
+            _log.exception("a request met an unexpected fault")
+            if status:
+                raise
+            await problem_response(error, request_id)(scope, receive, send_with_id)
+        finally:
+            self._note(scope, status, time.monotonic() - began)
+
+    def _note(self, scope: Scope, status: int, duration_s: float) -> None:
+        route = getattr(scope.get("route"), "path", _UNMATCHED)
+        self._metrics.note_request(scope["method"], route, status, duration_s)
+        quiet = route.startswith(("/health", "/metrics")) and status < 500
+        _log.log(
+            10 if quiet else 20,
+            "request",
+            method=scope["method"],
+            route=route,
+            path=scope["path"],
+            status=status,
+            duration_s=round(duration_s, 4),
+        )

@@ -1,0 +1,9 @@
+"""The paths of the HTTP API, one module per group."""
+
+from fastapi import APIRouter
+
+from service.http.routes import health, home, localizations, localize, map_files, maps, metrics, new_scans
+
+ROUTERS: tuple[APIRouter, ...] = tuple(
+    module.router for module in (maps, new_scans, map_files, localize, localizations, health, metrics, home)
+)

@@ -1,0 +1,99 @@
+"""Whether the process lives, whether it serves, and details for people."""
+
+import time
+from importlib.metadata import PackageNotFoundError, version
+
+from fastapi import APIRouter, Request
+from starlette.responses import JSONResponse, Response
+
+from service.errors import CacheDownError
+from service.http.schemas import Health, Liveness
+from service.problems import error_responses
+from service.services import Services, services_of
+
+router = APIRouter(tags=["operations"])
+
+_RETRY_AFTER_S = 2
+
+
+@router.get(
+    "/health/live",
+    summary="Does the process run?",
+    response_model=None,
+    responses={200: {"model": Liveness}, **error_responses()},
+)
+async def live() -> Response:
+    """Answer as long as the process runs."""
+    return JSONResponse({"status": "live"})
+
+
+@router.get(
+    "/health/ready",
+    summary="Are requests served?",
+    response_model=None,
+    responses={
+        200: {"model": Health},
+        503: {
+            "model": Health,
+            "description": "Not yet; `waiting_for` says what is missing.",
+            "headers": {"Retry-After": {"required": True, "schema": {"type": "integer"}}},
+        },
+        **error_responses(),
+    },
+)
+async def ready(request: Request) -> Response:
+    """Answer 200 when Redis answers, a worker is up and start-up is over."""
+    details = await _details(services_of(request))
+    if details["status"] == "ready":
+        return JSONResponse(details)
+    return JSONResponse(details, 503, {"Retry-After": str(_RETRY_AFTER_S)})
+
+
+@router.get(
+    "/health",
+    summary="Details for people",
+    response_model=None,
+    responses={200: {"model": Health}, **error_responses()},
+)
+async def health(request: Request) -> Response:
+    """Return the same details as readiness, always with 200."""
+    return JSONResponse(await _details(services_of(request)))
+
+
+async def _details(services: Services) -> dict[str, object]:
+    pool = services.pool.state()
+    redis_is_up = await _redis_is_up(services)
+    waiting_for = [] if services.started else ["the end of the start-up"]
+    waiting_for += [] if redis_is_up else ["Redis"]
+    waiting_for += [] if pool.ready else [pool.waiting_for or "workers"]
+    return {
+        "status": "not_ready" if waiting_for else "ready",
+        "waiting_for": waiting_for,
+        "version": service_version(),
+        "uptime_s": round(time.monotonic() - services.began, 1),
+        "redis": "up" if redis_is_up else "down",
+        "workers": {
+            "ready": pool.ready,
+            "waiting_for": pool.waiting_for,
+            "num_workers": pool.num_workers,
+            "queue_depth": pool.queue_depth,
+            "resident_bytes": pool.resident_bytes,
+        },
+        "maps": dict(services.registry.num_by_status()),
+    }
+
+
+def service_version() -> str:
+    """Return the version that is installed."""
+    try:
+        return version("panoloc")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+async def _redis_is_up(services: Services) -> bool:
+    try:
+        await services.cache.check()
+    except CacheDownError:
+        return False
+    return True

@@ -1,0 +1,72 @@
+"""Fetch answers and their pictures, as long as they live."""
+
+from typing import Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from service.http.access import require
+from service.http.openapi import picture_response
+from service.http.schemas import Localization, PendingLocalization
+from service.http.schemas.localization import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
+from service.localizations import picture_path
+from service.problems import error_responses
+from service.services import services_of
+
+router = APIRouter(tags=["localization"], dependencies=[Depends(require("read"))])
+
+_ERRORS = error_responses(401, 403, 404, 503)
+_EITHER: dict[str, Any] = {
+    "description": "The answer; or, while `status` is `queued`, `running` or `failed`, the state of the query.",
+    "model": Localization | PendingLocalization,
+    "content": {
+        "application/json": {
+            "examples": {
+                "done": {"value": LOCALIZATION_EXAMPLE},
+                "running": {"value": PENDING_EXAMPLE},
+            }
+        }
+    },
+}
+
+
+@router.get(
+    "/localizations/{localization_id}",
+    summary="Fetch an answer",
+    response_model=None,
+    responses={200: _EITHER, **_ERRORS},
+)
+async def get_localization(request: Request, localization_id: str) -> Response:
+    """Return the answer to a query, or how far it is."""
+    found = await services_of(request).localizations.get(localization_id)
+    waiting = found["status"] in ("queued", "running")
+    return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
+
+
+def _offer_picture(name: str, summary: str, description: str) -> None:
+    """Add the path of one picture; `name`: as queries ask for it, see `service.jobs.ARTIFACTS`."""
+
+    async def get_picture(request: Request, localization_id: str) -> Response:
+        data = await services_of(request).localizations.picture(localization_id, name)
+        return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600, immutable"})
+
+    router.add_api_route(
+        picture_path("{localization_id}", name),
+        get_picture,
+        name=f"get_{name}",
+        summary=summary,
+        description=description,
+        response_class=Response,
+        responses={200: picture_response("The picture."), **_ERRORS},
+    )
+
+
+_offer_picture("score_map_2d", "The panorama tinted by its score map", "Return where the panorama fits the scan.")
+_offer_picture(
+    "score_map_3d", "The scan at the found pose, tinted by its score map", "Return where the scan fits the panorama."
+)
+_offer_picture(
+    "overlay",
+    "The panorama above the scan at the found pose",
+    "Return a picture in which a person sees whether the pose is right.",
+)

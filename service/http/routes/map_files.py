@@ -1,0 +1,125 @@
+"""What viewers show of a map: its picture from above, its points, its starts."""
+
+import asyncio
+import json
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query, Request
+from starlette.responses import JSONResponse, Response
+
+from service.errors import StoredFileMissingError
+from service.http.access import require
+from service.http.openapi import picture_response
+from service.http.schemas import MapStarts
+from service.jobs import MAX_SAMPLE_POINTS, MapRef
+from service.maps.point_sample import PlySample
+from service.maps.record import key_of
+from service.maps.selection import serving_ref
+from service.problems import error_responses
+from service.services import services_of
+
+router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
+
+_PLY_TYPE = "application/ply"
+_ERRORS = error_responses(401, 403, 404, 409)
+_STARTS_EXAMPLE = {
+    "map_id": "map_2xk7q0v9m3d1c8fa",
+    "revision": 1,
+    "num_starts": 1,
+    "starts": [{"position_m": [1.2, 0.3, 1.5], "leaf_size_m": 0.5}],
+}
+_POINTS_RESPONSE: dict[str, Any] = {
+    "description": "Coloured points in the map's own frame, metres.",
+    "content": {
+        _PLY_TYPE: {"schema": {"type": "string", "format": "binary"}},
+        "application/json": {
+            "example": {"num_points": 1, "positions_m": [[1.2, 0.3, 1.5]], "colors": [[200, 180, 160]]},
+            "schema": {
+                "type": "object",
+                "required": ["num_points", "positions_m", "colors"],
+                "properties": {
+                    "num_points": {"type": "integer"},
+                    "positions_m": {"type": "array", "items": {"type": "array", "items": {"type": "number"}}},
+                    "colors": {"type": "array", "items": {"type": "array", "items": {"type": "integer"}}},
+                },
+            },
+        },
+    },
+}
+
+
+@router.get(
+    "/maps/{map_id}/preview.png",
+    summary="The scan from above, with the starts",
+    response_class=Response,
+    responses={200: picture_response("The picture."), **_ERRORS},
+)
+async def get_preview(request: Request, map_id: str) -> Response:
+    """Return a picture of the revision that answers queries."""
+    data, ref = await _file(request, map_id, "preview.png")
+    return Response(data, media_type="image/png", headers=_caching(ref))
+
+
+@router.get(
+    "/maps/{map_id}/points",
+    summary="A thinned coloured cloud",
+    response_class=Response,
+    responses={200: _POINTS_RESPONSE, **error_responses(401, 403, 404, 409, 422)},
+)
+async def get_points(
+    request: Request,
+    map_id: str,
+    max_points: Annotated[int, Query(ge=1, le=MAX_SAMPLE_POINTS, description="Points at most.")] = 100_000,
+    format: Annotated[
+        Literal["ply", "json"] | None,
+        Query(description="Wins over `Accept`, where `application/ply` is the default and `application/json` known."),
+    ] = None,
+) -> Response:
+    """Return a fair sample of the map's points as binary PLY, or as JSON when asked for."""
+    data, ref = await _file(request, map_id, "points.ply")
+    sample = PlySample.parse(data, key_of(ref, "points.ply")).first(max_points)
+    wants_json = format == "json" or (format is None and _prefers_json(request.headers.get("accept", "")))
+    headers = {**_caching(ref), "Vary": "Accept"}
+    if wants_json:
+        text = await asyncio.to_thread(json.dumps, sample.to_json())
+        return Response(text, media_type="application/json", headers=headers)
+    headers["Content-Disposition"] = f'attachment; filename="{map_id}.ply"'
+    return Response(sample.to_ply(), media_type=_PLY_TYPE, headers=headers)
+
+
+@router.get(
+    "/maps/{map_id}/starts",
+    summary="The starts of the search",
+    response_model=None,
+    responses={200: {"model": MapStarts, "content": {"application/json": {"example": _STARTS_EXAMPLE}}}, **_ERRORS},
+)
+async def get_starts(request: Request, map_id: str) -> Response:
+    """Return the camera positions that a search in this map tries."""
+    data, ref = await _file(request, map_id, "starts.json")
+    starts = json.loads(data)
+    body = {"map_id": ref.id, "revision": ref.revision, "num_starts": len(starts), "starts": starts}
+    return JSONResponse(body, headers=_caching(ref))
+
+
+async def _file(request: Request, map_id: str, name: str) -> tuple[bytes, MapRef]:
+    services = services_of(request)
+    ref = serving_ref(services.registry.get(map_id))
+    while True:
+        try:
+            return await asyncio.to_thread(services.storage.read, key_of(ref, name)), ref
+        except StoredFileMissingError:
+            # The revision may have been replaced, or the map deleted, since the request came.
+            former, ref = ref, serving_ref(services.registry.get(map_id))
+            if ref == former:
+                raise
+
+
+def _prefers_json(accept: str) -> bool:
+    """Tell whether JSON is named and PLY is not; quality values are not weighed."""
+    kinds = {part.partition(";")[0].strip().lower() for part in accept.split(",")}
+    return "application/json" in kinds and _PLY_TYPE not in kinds
+
+
+def _caching(ref: MapRef) -> dict[str, str]:
+    # The file behind a revision never changes, but a new revision may serve any moment.
+    return {"ETag": f'"{ref.id}-{ref.revision}"', "Cache-Control": "private, no-cache"}

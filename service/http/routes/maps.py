@@ -1,0 +1,119 @@
+"""List, show, change and delete maps."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated, Any
+
+import structlog
+from fastapi import APIRouter, Depends, Query, Request
+from starlette.responses import JSONResponse, Response
+
+from service.errors import CacheDownError
+from service.http.access import require
+from service.http.openapi import json_body
+from service.http.schemas import Map, MapPage, MapPatch
+from service.http.schemas.maps import MAP_EXAMPLE
+from service.http.uploads import read_body
+from service.http.validation import parse_json
+from service.maps.document import map_document
+from service.maps.record import MapRecord
+from service.problems import error_responses
+from service.services import Services, services_of
+
+router = APIRouter(tags=["maps"])
+_log = structlog.get_logger(__name__)
+
+
+@router.get(
+    "/maps",
+    summary="List maps",
+    dependencies=[Depends(require("read"))],
+    response_model=None,
+    responses={
+        200: {
+            "model": MapPage,
+            "content": {"application/json": {"example": {"items": [MAP_EXAMPLE], "next_cursor": None}}},
+        },
+        **error_responses(401, 403, 422),
+    },
+)
+async def list_maps(
+    request: Request,
+    tag: Annotated[str | None, Query(description="Only maps that bear this tag.", max_length=64)] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Maps on a page.")] = 50,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=512)] = None,
+) -> Response:
+    """Return maps, oldest first, page by page."""
+    services = services_of(request)
+    records, next_cursor = services.registry.page(tag, limit, cursor)
+    return JSONResponse({"items": await documents(services, records), "next_cursor": next_cursor})
+
+
+@router.get(
+    "/maps/{map_id}",
+    summary="Show a map and the progress of its registration",
+    dependencies=[Depends(require("read"))],
+    response_model=None,
+    responses={
+        200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
+        **error_responses(401, 403, 404),
+    },
+)
+async def get_map(request: Request, map_id: str) -> Response:
+    """Return one map."""
+    services = services_of(request)
+    return JSONResponse((await documents(services, [services.registry.get(map_id)]))[0])
+
+
+@router.patch(
+    "/maps/{map_id}",
+    summary="Change name, tags or georeference",
+    dependencies=[Depends(require("write"))],
+    response_model=None,
+    responses={
+        200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
+        **error_responses(400, 401, 403, 404, 413, 422),
+    },
+    openapi_extra=json_body(MapPatch, {"name": "4th floor", "tags": ["building 7"]}),
+)
+async def patch_map(request: Request, map_id: str) -> Response:
+    """Change the fields that are given; the others stay as they are."""
+    services = services_of(request)
+    services.registry.get(map_id)
+    changes = parse_json(MapPatch, await read_body(request.stream()), "body").changes()
+    record = await services.registry.change(map_id, lambda record: replace(record, **changes))
+    return JSONResponse((await documents(services, [record]))[0])
+
+
+@router.delete(
+    "/maps/{map_id}",
+    summary="Delete a map with its scan, index and answers",
+    dependencies=[Depends(require("write"))],
+    status_code=204,
+    response_model=None,
+    responses={204: {"description": "Nothing of it is left."}, **error_responses(401, 403, 404, 503)},
+)
+async def delete_map(request: Request, map_id: str) -> Response:
+    """Delete a map; a registration under way ends. There is no way back."""
+    services = services_of(request)
+    services.registry.get(map_id)
+    # Without Redis its entries would stay: then nothing is deleted, and the caller tries again.
+    await services.cache.check()
+    await services.registry.remove(map_id)
+    # Not before: from now on no registration of it begins.
+    await services.registrations.cancel(map_id)
+    await asyncio.shield(services.cache.forget_map(map_id))
+    return Response(status_code=204)
+
+
+async def documents(services: Services, records: Sequence[MapRecord]) -> list[dict[str, Any]]:
+    """Return maps as JSON; without Redis their progress is not known, but everything else is."""
+    waiting = [record.newest_ref for record in records if record.newest.status == "queued"]
+    try:
+        progress = await services.cache.get_progress(waiting)
+    except CacheDownError as error:
+        _log.warning("progress is not known", error=str(error))
+        unknown = {"status": "queued", "stage": "unknown while Redis does not answer", "progress": 0.0}
+        progress = dict.fromkeys(waiting, unknown)
+    return [map_document(record, progress.get(record.newest_ref)) for record in records]

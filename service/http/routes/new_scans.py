@@ -1,0 +1,169 @@
+"""Upload a scan: as a new map, or as a new revision of one."""
+
+import asyncio
+from dataclasses import replace
+from typing import Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from service.errors import InvalidOptionsError
+from service.http.access import require
+from service.http.openapi import binary_part, json_part, multipart
+from service.http.request_context import current_request_id
+from service.http.scan_sniffing import check_scan_file, scan_extension
+from service.http.schemas import Map, MapOptions, ScanOptions
+from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
+from service.http.spool import PartRule, SpooledScan, disk_error
+from service.http.uploads import Form, read_form
+from service.http.validation import parse_json
+from service.identity import new_id, now
+from service.jobs import MapRef
+from service.maps.document import map_document
+from service.maps.record import MapRecord, Revision
+from service.problems import error_responses
+from service.services import Services, services_of
+
+router = APIRouter(tags=["maps"])
+
+_RETRY_AFTER_S = 1
+_LONGEST_NAME = 200
+_SCAN_PART = binary_part("The scan: PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS, with colours.")
+_ACCEPTED: dict[int | str, dict[str, Any]] = {
+    202: {
+        "model": Map,
+        "description": "The scan is stored; poll the map until it is ready.",
+        "headers": {
+            "Location": {"description": "Path of the map", "required": True, "schema": {"type": "string"}},
+            "Retry-After": {
+                "description": "Seconds until a look is worth it",
+                "required": True,
+                "schema": {"type": "integer"},
+            },
+        },
+        "content": {"application/json": {"example": QUEUED_MAP_EXAMPLE}},
+    }
+}
+
+
+@router.post(
+    "/maps",
+    summary="Register a scan",
+    dependencies=[Depends(require("write"))],
+    status_code=202,
+    response_model=None,
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 409, 413, 415, 422, 503)},
+    openapi_extra=multipart(
+        {"file": _SCAN_PART, "options": json_part(MapOptions)},
+        ["file"],
+        {"a floor": {"value": {"file": "(the bytes of office.ply)", "options": MAP_OPTIONS_EXAMPLE}}},
+    ),
+)
+async def post_map(request: Request) -> Response:
+    """Store a scan durably, then build a map from it in the background."""
+    services = services_of(request)
+    services.registry.check_room()
+    with await _read(request, services) as form:
+        options = parse_json(MapOptions, form.single("options"), "options")
+        scan = await _checked_scan(form, services)
+        ref = MapRef(new_id("map"), 1)
+        try:
+            revision = await _store(services, ref, scan, options.scan_options())
+            record = MapRecord(
+                id=ref.id,
+                name=options.name or scan.name[:_LONGEST_NAME] or ref.id,
+                created_at=(created_at := now()),
+                updated_at=created_at,
+                newest=revision,
+                tags=options.tags,
+                georeference=None if options.georeference is None else options.georeference.model_dump(mode="json"),
+            )
+            await services.registry.add(record)
+        except BaseException:
+            await services.registry.remove_revision(ref)
+            raise
+    return _accepted(services, record)
+
+
+@router.put(
+    "/maps/{map_id}/scan",
+    summary="Replace a map's scan by a newer one",
+    dependencies=[Depends(require("write"))],
+    status_code=202,
+    response_model=None,
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 413, 415, 422, 503)},
+    openapi_extra=multipart({"file": _SCAN_PART, "options": json_part(ScanOptions)}, ["file"]),
+)
+async def put_scan(request: Request, map_id: str) -> Response:
+    """Store a new revision under the same id. The old one answers queries until the new one is ready.
+
+    Options that are left out are as they were for the revision before.
+    """
+    services = services_of(request)
+    services.registry.get(map_id)
+    with await _read(request, services) as form:
+        given = parse_json(ScanOptions, form.single("options"), "options")
+        scan = await _checked_scan(form, services)
+        ref = services.registry.next_revision(map_id)
+        options = {**services.registry.get(map_id).newest.options, **_given(given)}
+        try:
+            revision = await _store(services, ref, scan, options)
+            replaced, record = await _replace(services, map_id, revision)
+        except BaseException:
+            await services.registry.remove_revision(ref)
+            raise
+    await services.registrations.cancel(map_id, keep=record.newest_ref)
+    reply = _accepted(services, services.registry.get(map_id))
+    for each in (replaced, ref):
+        await services.registrations.forget(each)
+    return reply
+
+
+async def _replace(services: Services, map_id: str, revision: Revision) -> tuple[MapRef, MapRecord]:
+    """Make a revision the newest of its map, unless a newer one came meanwhile; return the one before, and the map."""
+    replaced: list[MapRef] = []
+
+    def update(record: MapRecord) -> MapRecord:
+        replaced.append(record.newest_ref)
+        return replace(record, newest=revision) if revision.number > record.newest.number else record
+
+    record = await services.registry.change(map_id, update)
+    return replaced[0], record
+
+
+def _given(options: ScanOptions) -> dict[str, Any]:
+    return options.model_dump(mode="json", include=options.model_fields_set)
+
+
+async def _read(request: Request, services: Services) -> Form:
+    rules = {
+        "file": PartRule(services.settings.max_upload_bytes, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True),
+        "options": PartRule(),
+    }
+    folder = await asyncio.to_thread(services.storage.spool_folder)
+    return await read_form(request.stream(), request.headers, rules, folder)
+
+
+async def _checked_scan(form: Form, services: Services) -> SpooledScan:
+    if form.scan is None:
+        message = "expected the scan in a part of this name, got none; send -F file=@scan.ply"
+        raise InvalidOptionsError(f"file: {message}", [{"field": "file", "message": message}])
+    await asyncio.to_thread(check_scan_file, form.scan.path, services.settings.max_points)
+    return form.scan
+
+
+async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: dict[str, Any]) -> Revision:
+    try:
+        key = await services.registry.adopt_scan(ref, f"scan{scan_extension(scan.name)}", scan.path, scan.sha256)
+    except OSError as error:
+        raise disk_error(error) from error
+    services.metrics.note_upload(scan.num_bytes)
+    return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options)
+
+
+def _accepted(services: Services, record: MapRecord) -> Response:
+    if record.newest.status == "queued":
+        services.registrations.begin(record.newest_ref, current_request_id())
+    headers = {"Location": f"/maps/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
+    return JSONResponse(map_document(record, None), 202, headers)

@@ -1,0 +1,32 @@
+"""The HTTP contract as pydantic models: what may come in, and what goes out.
+
+Requests are validated with them; answers come from the worker as they are, and tests hold them against the models.
+"""
+
+from service.http.schemas.geometry import Box, Model, Vector
+from service.http.schemas.health import Health, Liveness
+from service.http.schemas.localization import Hints, Localization, LocalizeOptions, PendingLocalization
+from service.http.schemas.map_options import Georeference, MapOptions, MapPatch, ScanOptions, StartsOptions
+from service.http.schemas.maps import Map, MapPage, MapStarts
+from service.http.schemas.problem import ProblemDocument
+
+__all__ = [
+    "Box",
+    "Georeference",
+    "Health",
+    "Hints",
+    "Liveness",
+    "Localization",
+    "LocalizeOptions",
+    "Map",
+    "MapOptions",
+    "MapPage",
+    "MapPatch",
+    "MapStarts",
+    "Model",
+    "PendingLocalization",
+    "ProblemDocument",
+    "ScanOptions",
+    "StartsOptions",
+    "Vector",
+]

@@ -1,0 +1,35 @@
+"""What the service tells about itself."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from service.http.schemas.geometry import Answer
+
+
+class Liveness(Answer):
+    """The process runs."""
+
+    status: Literal["live"] = "live"
+
+
+class PoolHealth(Answer):
+    """The workers."""
+
+    ready: bool
+    waiting_for: str | None
+    num_workers: int
+    queue_depth: int = Field(description="Queries that wait for a worker.")
+    resident_bytes: int = Field(description="Map indexes in the workers' memory.")
+
+
+class Health(Answer):
+    """The whole service."""
+
+    status: Literal["ready", "not_ready"]
+    waiting_for: list[str] = Field(description="What is missing; empty when ready.", examples=[["workers"]])
+    version: str
+    uptime_s: float
+    redis: Literal["up", "down"]
+    workers: PoolHealth
+    maps: dict[str, int] = Field(description="Maps by status.", examples=[{"ready": 3, "queued": 1}])

@@ -1,0 +1,185 @@
+"""Queries and their answers."""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from service.http.schemas.geometry import Answer, Box, Model, Vector
+from service.http.schemas.problem import ProblemDocument
+
+Frame = Literal["ros", "opencv", "webxr", "unity"]
+Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
+
+
+class Hints(Model):
+    """What the caller knows beforehand. Every hint narrows the search and is never exceeded by the answer."""
+
+    position_m: Vector | None = Field(None, description="Where the camera is, in the map's own frame.")
+    radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        None, description="How far from `position_m` at most; 5 when left out."
+    )
+    region: Box | None = Field(None, description="Where the camera is, in the map's own frame.")
+    upright: bool | None = Field(None, description="The camera is level within `max_tilt_deg`.")
+    max_tilt_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(
+        None, description="15 when only `upright` is given."
+    )
+    heading_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
+        None, description="Yaw of the image centre, counter-clockwise about z from +x."
+    )
+    heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(None, description="45 when left out.")
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        if self.radius_m is not None and self.position_m is None:
+            raise ValueError("radius_m: expected together with position_m; give the position or leave out the radius")
+        if self.heading_tolerance_deg is not None and self.heading_deg is None:
+            raise ValueError(
+                "heading_tolerance_deg: expected together with heading_deg; give the heading or leave out the tolerance"
+            )
+        return self
+
+
+class LocalizeOptions(Model):
+    """The part `options` of `POST /localize`."""
+
+    frame: Frame = Field("ros", description="Axes of the answer; see docs/api.md.")
+    method: Literal["fast", "paper"] = Field("fast", description="`paper`: the recipe of the paper, slower.")
+    hints: Hints | None = None
+    artifacts: list[Artifact] = Field(default_factory=list, max_length=3, description="Pictures to draw.")
+    top_k: int = Field(
+        1,
+        ge=1,
+        le=20,
+        description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",
+    )
+    timeout_s: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="Seconds for the answer, then 504; null: the service's setting, and more for `paper`."
+    )
+
+
+class Position(Answer):
+    """Metres, in the map's own frame."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(Answer):
+    """A unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class MapFromCamera(Answer):
+    """x_map = rotation · x_camera + position."""
+
+    position_m: Position
+    quaternion: Quaternion
+    matrix: list[list[float]] = Field(description="4 x 4, row by row.", min_length=4, max_length=4)
+
+
+class PoseAnswer(Answer):
+    """Where the camera is and how it is turned."""
+
+    frame: Frame
+    map_from_camera: MapFromCamera
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+
+class Accuracy(Answer):
+    """Radius within which the pose lies with probability `level`."""
+
+    position_m: float | None
+    orientation_deg: float | None
+    level: float
+
+
+class Alternative(Answer):
+    """Another pose that was found."""
+
+    pose: PoseAnswer
+    confidence: float
+    map_id: str = Field(description="The map that the pose lies in.")
+
+
+class Change(Answer):
+    """How much differs between scan and panorama."""
+
+    panorama_changed_fraction: float | None
+    map_changed_fraction: float | None
+
+
+class Localization(Answer):
+    """The answer to a query. A panorama that fits no pose is `not_localized` with `pose: null`, not an error."""
+
+    id: str
+    status: Literal["localized", "ambiguous", "not_localized"]
+    map_id: str | None
+    map_revision: int | None
+    pose: PoseAnswer | None
+    geopose: dict[str, Any] | None
+    confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
+    accuracy: Accuracy | None
+    alternatives: list[Alternative]
+    change: Change
+    artifacts: dict[str, str] = Field(description="Paths of the pictures that were asked for.")
+    timings_s: dict[str, float] = Field(description="Seconds per stage; `queue` and `total` as the caller sees them.")
+    search: dict[str, Any]
+    warnings: list[str]
+
+
+class PendingLocalization(Answer):
+    """A query with `Prefer: respond-async` whose answer is not there yet, or never will be."""
+
+    id: str
+    status: Literal["queued", "running", "failed"]
+    created_at: datetime
+    error: ProblemDocument | None = Field(description="Why it failed; null otherwise.")
+
+
+OPTIONS_EXAMPLE = {
+    "frame": "ros",
+    "hints": {"position_m": [2.0, 1.0, 1.5], "radius_m": 5, "upright": True, "heading_deg": 90},
+    "artifacts": ["score_map_2d", "score_map_3d", "overlay"],
+    "timeout_s": 30,
+}
+_POSE_EXAMPLE = {
+    "frame": "ros",
+    "map_from_camera": {
+        "position_m": {"x": 1.2, "y": 0.3, "z": 1.5},
+        "quaternion": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        "matrix": [[1.0, 0.0, 0.0, 1.2], [0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 1.5], [0.0, 0.0, 0.0, 1.0]],
+    },
+    "yaw_deg": 0.0,
+    "pitch_deg": 0.0,
+    "roll_deg": 0.0,
+}
+LOCALIZATION_EXAMPLE = {
+    "id": "loc_5m2k8w0x7r4t9c1e",
+    "status": "localized",
+    "map_id": "map_2xk7q0v9m3d1c8fa",
+    "map_revision": 1,
+    "pose": _POSE_EXAMPLE,
+    "geopose": None,
+    "confidence": 0.93,
+    "accuracy": {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68},
+    "alternatives": [],
+    "change": {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.11},
+    "artifacts": {"overlay": "/localizations/loc_5m2k8w0x7r4t9c1e/overlay.png"},
+    "timings_s": {"queue": 0.002, "decode": 0.03, "search": 0.06, "refine": 0.4, "total": 0.51},
+    "search": {"num_starts": 412, "num_rotations": 2304, "color_model": "equalized", "sampling_loss": 0.11},
+    "warnings": [],
+}
+PENDING_EXAMPLE = {
+    "id": "loc_5m2k8w0x7r4t9c1e",
+    "status": "running",
+    "created_at": "2026-11-21T12:00:00.000000Z",
+    "error": None,
+}

@@ -1,0 +1,115 @@
+"""Maps as the service tells of them."""
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import Field
+
+from service.http.schemas.geometry import Answer, Box, Vector
+from service.http.schemas.problem import ProblemDocument
+
+MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]
+
+
+class MapStats(Answer):
+    """Figures of a finished registration."""
+
+    num_points: int = Field(description="Points in the scan.")
+    num_points_used: int = Field(description="Points that remain after thinning.")
+    bounds: Box
+    origin_offset: Vector
+    num_starts: int
+    index_bytes: int
+    seconds: dict[str, float] = Field(description="Duration of each stage.")
+
+
+class Diagnostic(Answer):
+    """Something worth knowing about a scan."""
+
+    code: str
+    severity: Literal["info", "warning", "error"]
+    message: str
+
+
+class Map(Answer):
+    """A registered scan.
+
+    With a new scan on its way (`PUT /maps/{id}/scan`), `revision`, `status`, `stage`, `progress` and `error` speak of
+    the new revision, while `serving_revision` answers queries; `stats` and `diagnostics` are those of the latter.
+    """
+
+    id: str
+    name: str
+    tags: list[str]
+    revision: int = Field(ge=1, description="The newest revision of the scan.")
+    serving_revision: int | None = Field(
+        description="The revision that answers queries; null before the first is ready."
+    )
+    status: MapStatus
+    stage: str | None = Field(description="What the registration is at, for people.")
+    progress: float = Field(ge=0, le=1)
+    error: ProblemDocument | None
+    created_at: datetime
+    updated_at: datetime
+    stats: MapStats | None
+    diagnostics: list[Diagnostic]
+    georeference: dict[str, Any] | None
+
+
+class MapPage(Answer):
+    """A page of maps, oldest first."""
+
+    items: list[Map]
+    next_cursor: str | None = Field(description="Send it as `cursor` for the next page; null on the last one.")
+
+
+class Start(Answer):
+    """A camera position that the search tries."""
+
+    position_m: Vector
+    leaf_size_m: float = Field(description="Edge length of the octree leaf, or of the grid cell, around it.")
+
+
+class MapStarts(Answer):
+    """All starts of a map, in its own frame."""
+
+    map_id: str
+    revision: int
+    num_starts: int
+    starts: list[Start]
+
+
+MAP_EXAMPLE = {
+    "id": "map_2xk7q0v9m3d1c8fa",
+    "name": "3rd floor",
+    "tags": ["building 7"],
+    "revision": 1,
+    "serving_revision": 1,
+    "status": "ready",
+    "stage": None,
+    "progress": 1.0,
+    "error": None,
+    "created_at": "2026-11-21T12:00:00.000000Z",
+    "updated_at": "2026-11-21T12:00:02.400000Z",
+    "stats": {
+        "num_points": 1_000_000,
+        "num_points_used": 250_000,
+        "bounds": {"min": [0.0, 0.0, 0.0], "max": [12.4, 8.1, 2.6]},
+        "origin_offset": [0.0, 0.0, 0.0],
+        "num_starts": 412,
+        "index_bytes": 1_830_000,
+        "seconds": {"read": 0.5, "starts": 0.2, "render": 1.1},
+    },
+    "diagnostics": [
+        {"code": "thinned", "severity": "info", "message": "1,000,000 points were thinned to 250,000."},
+    ],
+    "georeference": None,
+}
+QUEUED_MAP_EXAMPLE = {
+    **MAP_EXAMPLE,
+    "serving_revision": None,
+    "status": "queued",
+    "progress": 0.0,
+    "stats": None,
+    "diagnostics": [],
+}

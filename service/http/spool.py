@@ -1,0 +1,101 @@
+"""A scan on its way into the storage: a file in the spool folder, hashed and looked at while it is written."""
+
+import errno
+import hashlib
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from service.errors import StorageFullError, UploadTooLargeError
+from service.http.scan_sniffing import HEAD_BYTES, check_scan_head
+
+MAX_FIELD_BYTES = 64 * 1024
+
+
+@dataclass(frozen=True)
+class PartRule:
+    """What a part of a form may be. setting: the name of its limit; spooled: goes to a file; repeatable: may come again."""
+
+    max_bytes: int = MAX_FIELD_BYTES
+    setting: str | None = None
+    spooled: bool = False
+    repeatable: bool = False
+
+
+@dataclass
+class SpooledScan:
+    """A scan on its way into the storage. name: at the client; sha256: hexadecimal."""
+
+    name: str
+    path: Path
+    num_bytes: int
+    sha256: str
+
+
+class Spool:
+    """Collects a scan in a file; bytes wait in memory until `write_out`, which may run in another thread."""
+
+    def __init__(self, folder: Path, name: str, rule: PartRule, part: str) -> None:
+        self._name, self._rule, self._part = name, rule, part
+        self._path = folder / uuid.uuid4().hex
+        self._file: BinaryIO = self._path.open("wb")
+        self._digest = hashlib.sha256()
+        self._waiting = bytearray()
+        self._num_bytes = 0
+        self._head_checked = False
+
+    @property
+    def num_waiting(self) -> int:
+        """Return how many bytes wait for `write_out`."""
+        return len(self._waiting)
+
+    def add(self, data: bytes) -> None:
+        """Take more bytes. Raises UploadTooLargeError, and what `check_scan_head` raises as soon as the head is there."""
+        self._num_bytes += len(data)
+        if self._num_bytes > self._rule.max_bytes:
+            raise too_large(self._part, self._rule)
+        self._waiting += data
+        if not self._head_checked and self._num_bytes >= HEAD_BYTES:
+            self._check_head()
+
+    def write_out(self) -> None:
+        """Write and hash what waits. Raises StorageFullError."""
+        try:
+            self._digest.update(self._waiting)
+            self._file.write(self._waiting)
+            self._waiting.clear()
+        except OSError as error:
+            raise disk_error(error) from error
+
+    def finish(self) -> SpooledScan:
+        """Close the file and say what is in it."""
+        if not self._head_checked:
+            self._check_head()
+        self.write_out()
+        self._file.close()
+        return SpooledScan(self._name, self._path, self._num_bytes, self._digest.hexdigest())
+
+    def discard(self) -> None:
+        """Remove the file."""
+        self._file.close()
+        self._path.unlink(missing_ok=True)
+
+    def _check_head(self) -> None:
+        check_scan_head(bytes(self._waiting[:HEAD_BYTES]), self._name)
+        self._head_checked = True
+
+
+def disk_error(error: OSError) -> Exception:
+    """Return StorageFullError for a full disk, the error itself otherwise."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return StorageFullError("expected room for the upload, but the disk is full; ask the operator for space", 60)
+    return error
+
+
+def too_large(name: str, rule: PartRule, got: str = "more") -> UploadTooLargeError:
+    """Return the error for a part that is larger than its rule allows."""
+    limit = f" ({rule.setting})" if rule.setting else ""
+    return UploadTooLargeError(
+        f"{name}: expected at most {rule.max_bytes:,} bytes{limit}, got {got}; send a smaller file"
+    )

@@ -1,0 +1,201 @@
+"""Reads multipart uploads while they stream in: a limit that is passed ends the request at once, unread.
+
+Scans go to a file in the storage's spool folder, hashed on the way; images and fields stay in memory.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+
+from service.errors import InvalidOptionsError, MalformedRequestError, UploadTooLargeError
+from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large
+
+if TYPE_CHECKING:
+    from python_multipart.multipart import MultipartCallbacks
+
+_MAX_PARTS = 128
+# What surrounds the parts: boundaries and headers.
+_ENVELOPE_BYTES = 64 * 1024
+_WRITE_BYTES = 2**20
+
+
+@dataclass
+class Form:
+    """The parts of an upload by name. Leaving its `with` block removes the scan's file unless it was taken over."""
+
+    fields: dict[str, list[bytes]] = field(default_factory=dict)
+    scan: SpooledScan | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if self.scan is not None:
+            self.scan.path.unlink(missing_ok=True)
+
+    def single(self, name: str) -> bytes | None:
+        """Return the part of this name, None without one."""
+        return next(iter(self.fields.get(name, [])), None)
+
+    def texts(self, name: str) -> list[str]:
+        """Return all parts of this name as text. Raises InvalidOptionsError when one is not UTF-8."""
+        try:
+            return [value.decode() for value in self.fields.get(name, [])]
+        except UnicodeDecodeError as error:
+            raise _field_error(name, "expected UTF-8 text") from error
+
+
+async def read_form(
+    chunks: AsyncIterator[bytes], headers: Mapping[str, str], rules: Mapping[str, PartRule], spool_folder: Path
+) -> Form:
+    """Read a multipart body part by part.
+
+    Raises MalformedRequestError, UploadTooLargeError, InvalidOptionsError (a part that no rule names), StorageFullError,
+    and what `check_scan_head` raises as soon as the head of a scan is there.
+    """
+    _check_length(headers, rules)
+    reader = _FormReader(_boundary(headers), rules, spool_folder)
+    try:
+        async for chunk in chunks:
+            await reader.feed(chunk)
+        return reader.finish()
+    except BaseException:
+        reader.discard()
+        raise
+
+
+async def read_body(chunks: AsyncIterator[bytes], max_bytes: int = MAX_FIELD_BYTES) -> bytes:
+    """Return a small body whole. Raises UploadTooLargeError."""
+    data = bytearray()
+    async for chunk in chunks:
+        data += chunk
+        if len(data) > max_bytes:
+            raise UploadTooLargeError(f"expected a body of at most {max_bytes:,} bytes, got more; send less")
+    return bytes(data)
+
+
+class _FormReader:
+    def __init__(self, boundary: bytes, rules: Mapping[str, PartRule], spool_folder: Path) -> None:
+        self._rules = rules
+        self._spool_folder = spool_folder
+        self._form = Form()
+        self._headers: list[tuple[bytes, bytes]] = []
+        self._header_name = b""
+        self._header_value = b""
+        self._num_parts = 0
+        self._seen: set[str] = set()
+        self._name = ""
+        self._rule = PartRule()
+        self._value = bytearray()
+        self._spool: Spool | None = None
+        self._ended = False
+        self._parser = MultipartParser(boundary, self._callbacks())
+
+    async def feed(self, chunk: bytes) -> None:
+        """Take the next bytes of the body. Raises as `read_form` does."""
+        try:
+            self._parser.write(chunk)
+        except FormParserError as error:
+            raise MalformedRequestError(f"expected a multipart body, but {error}; send multipart/form-data") from error
+        if self._spool is not None and self._spool.num_waiting >= _WRITE_BYTES:
+            await asyncio.to_thread(self._spool.write_out)
+
+    def finish(self) -> Form:
+        """Return the parts once the body is over. Raises MalformedRequestError when it ended early."""
+        if not self._ended:
+            raise MalformedRequestError(
+                "expected a multipart body that ends with its boundary, got one that ends earlier; send it again, whole"
+            )
+        return self._form
+
+    def discard(self) -> None:
+        """Remove what has been written of a scan."""
+        if self._spool is not None:
+            self._spool.discard()
+
+    def _callbacks(self) -> "MultipartCallbacks":
+        return {
+            "on_part_begin": self._begin_part,
+            "on_header_field": self._on_header_field,
+            "on_header_value": self._on_header_value,
+            "on_header_end": self._end_header,
+            "on_headers_finished": self._end_headers,
+            "on_part_data": self._on_data,
+            "on_part_end": self._end_part,
+            "on_end": self._end,
+        }
+
+    def _begin_part(self) -> None:
+        self._headers = []
+        self._num_parts += 1
+        if self._num_parts > _MAX_PARTS:
+            raise UploadTooLargeError(f"expected at most {_MAX_PARTS} parts, got more; send fewer")
+
+    def _on_header_field(self, data: bytes, start: int, end: int) -> None:
+        self._header_name += data[start:end]
+
+    def _on_header_value(self, data: bytes, start: int, end: int) -> None:
+        self._header_value += data[start:end]
+
+    def _end_header(self) -> None:
+        self._headers.append((self._header_name.lower(), self._header_value))
+        self._header_name = self._header_value = b""
+
+    def _end_headers(self) -> None:
+        _, options = parse_options_header(dict(self._headers).get(b"content-disposition"))
+        self._name = options.get(b"name", b"").decode("utf-8", "replace")
+        rule = self._rules.get(self._name)
+        if rule is None:
+            raise _field_error(self._name, f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}")
+        if self._name in self._seen and not rule.repeatable:
+            raise _field_error(self._name, "expected one part of this name, got several")
+        self._seen.add(self._name)
+        self._rule, self._value = rule, bytearray()
+        if rule.spooled:
+            file_name = options.get(b"filename", b"").decode("utf-8", "replace")
+            self._spool = Spool(self._spool_folder, file_name, rule, self._name)
+
+    def _on_data(self, data: bytes, start: int, end: int) -> None:
+        if self._rule.spooled and self._spool is not None:
+            self._spool.add(data[start:end])
+            return
+        self._value += data[start:end]
+        if len(self._value) > self._rule.max_bytes:
+            raise too_large(self._name, self._rule)
+
+    def _end_part(self) -> None:
+        if self._rule.spooled and self._spool is not None:
+            self._form.scan = self._spool.finish()
+        else:
+            self._form.fields.setdefault(self._name, []).append(bytes(self._value))
+
+    def _end(self) -> None:
+        self._ended = True
+
+
+def _boundary(headers: Mapping[str, str]) -> bytes:
+    kind, options = parse_options_header(headers.get("content-type"))
+    if kind != b"multipart/form-data" or not options.get(b"boundary"):
+        raise MalformedRequestError(
+            f"expected multipart/form-data with a boundary, got {headers.get('content-type', 'no content type')[:80]!r}"
+        )
+    return options[b"boundary"]
+
+
+def _check_length(headers: Mapping[str, str], rules: Mapping[str, PartRule]) -> None:
+    """Refuse by the declared length what would be refused later, before a byte is read."""
+    declared = headers.get("content-length", "")
+    largest = max(rules.items(), key=lambda item: item[1].max_bytes)
+    allowed = sum(rule.max_bytes for rule in rules.values()) + _ENVELOPE_BYTES
+    if declared.isdigit() and int(declared) > allowed:
+        raise too_large(*largest, f"a request of {int(declared):,}")
+
+
+def _field_error(name: str, message: str) -> InvalidOptionsError:
+    return InvalidOptionsError(f"{name[:80]}: {message}", [{"field": name[:80], "message": message}])

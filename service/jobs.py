@@ -1,0 +1,134 @@
+"""The seam between the HTTP process and the workers: jobs, outcomes, and what a pool can do.
+
+Imports neither Ray nor torch, so that routes and tests can use it. A pool is given to `service.app.create_app`, which
+calls `start` when the application starts and `stop` when it ends.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
+"""The pictures that a query may ask for; keys of `LocalizeOutcome.artifacts`."""
+
+PAPER_TIMEOUT_S = 600.0
+"""Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
+
+
+@dataclass(frozen=True)
+class MapRef:
+    """One revision of one map. Revisions count from 1; the bytes behind a revision never change."""
+
+    id: str
+    revision: int
+
+
+@dataclass(frozen=True)
+class LocalizeJob:
+    """One query.
+
+    panorama, mask: the files as they were uploaded (JPEG, PNG or WebP), not decoded. maps: at least one, all ready.
+    options: `service.http.schemas.LocalizeOptions` as a JSON-safe dict in which every field is present (None where unset).
+    deadline_unix_s: after it nobody waits for the answer any more.
+    """
+
+    localization_id: str
+    request_id: str
+    panorama: bytes
+    mask: bytes | None
+    maps: tuple[MapRef, ...]
+    options: dict[str, Any]
+    deadline_unix_s: float
+
+
+@dataclass(frozen=True)
+class LocalizeOutcome:
+    """The answer to one query.
+
+    body: the 200 body of `POST /localize` without `id`, `artifacts` and `timings_s.queue`/`total`, which the HTTP
+    process adds. artifacts: PNG bytes by name, those of `options["artifacts"]` that could be drawn.
+    """
+
+    body: dict[str, Any]
+    artifacts: dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class RegisterJob:
+    """One revision of a scan that becomes a map.
+
+    scan_key: of the scan in storage (`service.storage`), a suffix of which is the file's extension when it had one.
+    scan_name: the file's name at the client. options: `service.http.schemas.ScanOptions` as a JSON-safe dict (`unit`,
+    `up_axis`, `color_kind`, `starts`), every field present. The worker reports what it is at through
+    `service.cache.WorkerCache.report_progress`.
+    """
+
+    map: MapRef
+    scan_key: str
+    scan_name: str
+    options: dict[str, Any]
+    request_id: str
+
+
+@dataclass(frozen=True)
+class RegisterOutcome:
+    """What a registration made besides the index, which the worker itself puts into Redis.
+
+    stats and diagnostics: as in the map of the HTTP contract. preview_png: the scan from above with the starts.
+    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame, in an
+    order in which every prefix is a fair sample (shuffled), so that fewer points are a shorter file; empty when there
+    is none. starts: one `{"position_m": [x, y, z], "leaf_size_m": s}` per start, metres, in the map's own frame.
+    """
+
+    stats: dict[str, Any]
+    diagnostics: list[dict[str, Any]]
+    preview_png: bytes
+    points_ply: bytes = b""
+    starts: list[dict[str, Any]] = field(default_factory=list)
+
+
+MAX_SAMPLE_POINTS = 200_000
+"""How many points `RegisterOutcome.points_ply` may hold: enough for a viewer, 3 MB."""
+
+
+@dataclass(frozen=True)
+class PoolState:
+    """What readiness and metrics tell about the pool.
+
+    waiting_for: what is missing, in words that follow "waiting for", None when ready. resident_bytes: of map indexes
+    in the memory of all workers. index_loads: how often an index was "resident", came from "redis" or was "missing",
+    since the start. num_retries: queries that were given to another worker because theirs was lost.
+    """
+
+    ready: bool
+    waiting_for: str | None
+    num_workers: int = 0
+    queue_depth: int = 0
+    resident_bytes: int = 0
+    index_loads: dict[str, int] = field(default_factory=dict)
+    num_retries: int = 0
+
+
+class WorkerPool(Protocol):
+    """Computes localizations and map indexes somewhere else. Used from one event loop."""
+
+    async def start(self) -> None:
+        """Begin to bring workers up and return at once; `state` tells when they are."""
+
+    async def stop(self, drain_s: float) -> None:
+        """Take nothing more, wait up to `drain_s` for what is under way, then end the workers."""
+
+    async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
+        """Answer one query; cancelling the call drops it.
+
+        Raises QueueFullError, NoWorkerError, DeadlineError, CacheDownError, or WorkerError for an exception of `core`.
+        """
+
+    async def register(self, job: RegisterJob) -> RegisterOutcome:
+        """Build the index of one revision and put it into Redis; cancelling the call ends the work.
+
+        Calls wait for each other inside the pool. Raises NoWorkerError and CacheDownError (tried again later), or
+        WorkerError for an exception of `core` (the map has failed).
+        """
+
+    def state(self) -> PoolState:
+        """Return the pool's state now; never blocks."""

@@ -1,0 +1,119 @@
+"""What is known of a map: written by the HTTP process alone, read by workers that rebuild an index.
+
+A record lives in storage under `maps/{id}/map.json` and bears its own digest, because it is replaced in one step.
+"""
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self
+
+from service.errors import StoredFileDamagedError
+from service.jobs import MapRef
+from service.storage import Storage
+
+RevisionStatus = Literal["queued", "ready", "failed"]
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Revision:
+    """One uploaded scan of a map and what became of it.
+
+    number: from 1. scan_key: in storage. scan_sha256: hexadecimal. options: of the scan, as in `RegisterJob`.
+    stats, diagnostics: as in the HTTP contract, once ready. error: a problem document, once failed.
+    """
+
+    number: int
+    scan_key: str
+    scan_name: str
+    scan_bytes: int
+    scan_sha256: str
+    options: dict[str, Any]
+    status: RevisionStatus = "queued"
+    stats: dict[str, Any] | None = None
+    diagnostics: list[dict[str, Any]] = field(default_factory=list)
+    error: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class MapRecord:
+    """One map. Times are RFC 3339 in UTC.
+
+    newest: the revision uploaded last. serving: the one that answers queries: `newest` itself once that is ready, an
+    older one until then, None before the first is ready.
+    """
+
+    id: str
+    name: str
+    created_at: str
+    updated_at: str
+    newest: Revision
+    serving: Revision | None = None
+    tags: list[str] = field(default_factory=list)
+    georeference: dict[str, Any] | None = None
+
+    @property
+    def newest_ref(self) -> MapRef:
+        """Return the reference of the newest revision."""
+        return MapRef(self.id, self.newest.number)
+
+    @property
+    def serving_ref(self) -> MapRef | None:
+        """Return the reference of the revision that answers queries."""
+        return None if self.serving is None else MapRef(self.id, self.serving.number)
+
+    def revision(self, number: int) -> Revision | None:
+        """Return a revision by its number, None when its scan is not kept."""
+        return next((each for each in (self.newest, self.serving) if each and each.number == number), None)
+
+    def to_json(self) -> bytes:
+        """Return the record as stored."""
+        record = dataclasses.asdict(self)
+        return json.dumps({"format": _FORMAT, "sha256": _digest(record), "record": record}, indent=1).encode()
+
+    @classmethod
+    def from_json(cls, data: bytes, key: str) -> Self:
+        """Read what `to_json` wrote; key: for the message of StoredFileDamagedError."""
+        try:
+            document = json.loads(data)
+            record = document["record"]
+            if document["sha256"] != _digest(record):
+                raise ValueError("its digest differs")
+            newest, serving = Revision(**record.pop("newest")), record.pop("serving")
+            return cls(newest=newest, serving=None if serving is None else Revision(**serving), **record)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise StoredFileDamagedError(
+                f"{key}: expected a map record as the service wrote it, but {error}; restore the file from a backup"
+            ) from error
+
+
+def folder_of(map_id: str) -> str:
+    """Return the prefix below which everything of a map is stored."""
+    return f"maps/{map_id}"
+
+
+def key_of(ref: MapRef, name: str) -> str:
+    """Return the key of a file of one revision: `scan.ply`, `preview.png`, `points.ply`, `starts.json`."""
+    return f"maps/{ref.id}/{ref.revision}/{name}"
+
+
+def read_record(storage: Storage, map_id: str) -> MapRecord:
+    """Return the record of a map. Raises StoredFileMissingError and StoredFileDamagedError."""
+    key = _record_key(map_id)
+    return MapRecord.from_json(storage.read(key), key)
+
+
+def write_record(storage: Storage, record: MapRecord) -> None:
+    """Store a record over its predecessor."""
+    storage.replace(_record_key(record.id), record.to_json())
+
+
+def _record_key(map_id: str) -> str:
+    return f"maps/{map_id}/map.json"
+
+
+def _digest(record: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()

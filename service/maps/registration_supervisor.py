@@ -1,0 +1,181 @@
+"""Brings every uploaded scan to `ready` or `failed`: after an upload, and again after a restart.
+
+One task per revision waits for the pool. A newer scan or the end of the map cancels it.
+"""
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from typing import Any
+
+import structlog
+
+from service.cache import Cache
+from service.errors import CacheDownError, MapNotFoundError, NoWorkerError, ServiceError, TryAgainError
+from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
+from service.maps.record import MapRecord, Revision
+from service.maps.registry import MapRegistry
+from service.metrics import Metrics
+from service.problems import problem_document
+
+_log = structlog.get_logger(__name__)
+
+_MAX_ATTEMPTS = 5
+_POLL_S = 0.1
+_LONGEST_PAUSE_S = 30.0
+
+
+class Registrations:
+    """Used from one event loop."""
+
+    def __init__(self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics) -> None:
+        self._registry = registry
+        self._pool = pool
+        self._cache = cache
+        self._metrics = metrics
+        self._running: dict[MapRef, asyncio.Task[None]] = {}
+
+    def resume(self) -> None:
+        """Begin again with every scan that has not come to an end."""
+        for record in self._registry.all():
+            if record.newest.status == "queued":
+                self.begin(record.newest_ref, request_id=f"resume-{record.id}")
+
+    def begin(self, ref: MapRef, request_id: str) -> None:
+        """Register a revision whose record and scan are stored; does nothing when that is under way."""
+        if ref in self._running:
+            return
+        task = asyncio.create_task(self._run(ref, request_id), name=f"register {ref.id}")
+        self._running[ref] = task
+        task.add_done_callback(lambda ended: self._note_end(ref, ended))
+
+    async def cancel(self, map_id: str, keep: MapRef | None = None) -> None:
+        """End the registrations of a map, save that of `keep`, and wait until they have ended."""
+        found = [task for ref, task in self._running.items() if ref.id == map_id and ref != keep]
+        await _end(found)
+
+    async def forget(self, ref: MapRef) -> None:
+        """Remove a revision that its map names no more. A query that still holds it is sent to the new one."""
+        if self._registry.holds(ref):
+            return
+        await self._registry.remove_revision(ref)
+        try:
+            await self._cache.forget_revision(ref)
+        except CacheDownError as error:
+            _log.warning("an old revision stays in Redis until its lifetime ends", error=str(error))
+
+    async def stop(self) -> None:
+        """End all registrations; their scans are taken up again at the next start."""
+        await _end(list(self._running.values()))
+
+    def _note_end(self, ref: MapRef, task: asyncio.Task[None]) -> None:
+        del self._running[ref]
+        if task.cancelled():
+            self._metrics.note_registration("cancelled")
+
+    async def _run(self, ref: MapRef, request_id: str) -> None:
+        structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
+        began = time.monotonic()
+        try:
+            result = await self._result_of(ref, request_id)
+        except MapNotFoundError:
+            # Replaced or deleted: whoever did that is about to end this, but the work was faster.
+            self._metrics.note_registration("cancelled")
+            return
+        duration_s = time.monotonic() - began
+        self._metrics.note_registration(result, duration_s)
+        _log.info("registration ended", result=result, duration_s=round(duration_s, 3))
+
+    async def _result_of(self, ref: MapRef, request_id: str) -> str:
+        """Return "ready" or "failed", whichever the map is now. Raises MapNotFoundError when nobody wants it any more."""
+        try:
+            outcome = await self._outcome_of(ref, request_id)
+            await _to_the_end(self._finish(ref, outcome))
+            return "ready"
+        except MapNotFoundError:
+            raise
+        except Exception as error:
+            if not isinstance(error, ServiceError):
+                _log.exception("a registration met an unexpected fault")
+            await self._fail(ref, problem_document(error, request_id))
+            return "failed"
+
+    async def _outcome_of(self, ref: MapRef, request_id: str) -> RegisterOutcome:
+        """Let a worker do it; what is only a matter of time is tried again, a few times."""
+        attempt = 1
+        while True:
+            await self._wait_until_possible()
+            try:
+                return await self._pool.register(_job(self._registry.get(ref.id).newest, ref, request_id))
+            except TryAgainError as error:
+                if attempt == _MAX_ATTEMPTS:
+                    raise
+                _log.warning("a registration is tried again", attempt=attempt, error=str(error))
+                await asyncio.sleep(min(error.retry_after_s * attempt, _LONGEST_PAUSE_S))
+            attempt += 1
+
+    async def _wait_until_possible(self) -> None:
+        while True:
+            try:
+                if self._pool.state().ready:
+                    await self._cache.check()
+                    return
+            except CacheDownError:
+                await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_POLL_S)
+
+    async def _finish(self, ref: MapRef, outcome: RegisterOutcome) -> None:
+        files = {
+            "preview.png": outcome.preview_png,
+            "points.ply": outcome.points_ply,
+            "starts.json": json.dumps(outcome.starts).encode(),
+        }
+        await self._registry.put_files(ref, files)
+        former = self._registry.get(ref.id).serving_ref
+
+        def ready(record: MapRecord) -> MapRecord:
+            newest = replace(
+                record.newest, status="ready", stats=outcome.stats, diagnostics=outcome.diagnostics, error=None
+            )
+            return replace(record, newest=newest, serving=newest)
+
+        await self._change_if_newest(ref, ready)
+        if former is not None:
+            await self.forget(former)
+
+    async def _fail(self, ref: MapRef, error: dict[str, Any]) -> None:
+        await self._change_if_newest(
+            ref, lambda record: replace(record, newest=replace(record.newest, status="failed", error=error))
+        )
+
+    async def _change_if_newest(self, ref: MapRef, update: Callable[[MapRecord], MapRecord]) -> None:
+        """Change a map unless a newer scan of it has come meanwhile."""
+        await self._registry.change(ref.id, lambda record: update(record) if record.newest_ref == ref else record)
+
+
+async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:
+    """Wait for work that must not stop half-way; cancellations, of which several may come, take effect after it."""
+    task = asyncio.create_task(work)
+    cancelled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        raise cancelled from task.exception()
+    task.result()
+
+
+async def _end(tasks: list[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _job(revision: Revision, ref: MapRef, request_id: str) -> RegisterJob:
+    if revision.number != ref.revision:
+        raise NoWorkerError(f"revision {ref.revision} was replaced by revision {revision.number}")
+    return RegisterJob(ref, revision.scan_key, revision.scan_name, revision.options, request_id)

@@ -1,0 +1,76 @@
+"""Which maps a query is about: named by their ids, or by a tag."""
+
+from dataclasses import dataclass
+
+from service.errors import InvalidOptionsError, MapFailedError, MapNotFoundError, MapNotReadyError
+from service.jobs import MapRef
+from service.maps.record import MapRecord
+from service.maps.registry import MapRegistry
+
+_MAX_MAPS = 64
+_RETRY_AFTER_S = 2
+
+
+@dataclass(frozen=True)
+class ChosenMaps:
+    """Maps that can answer. warnings: what the caller should know about those that cannot."""
+
+    refs: tuple[MapRef, ...]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MapChoice:
+    """Either ids or a tag; see `from_form`."""
+
+    map_ids: tuple[str, ...]
+    tag: str | None
+
+    @classmethod
+    def from_form(cls, map_ids: list[str], tags: list[str]) -> "MapChoice":
+        """Check what a form says. Raises InvalidOptionsError."""
+        if bool(map_ids) == bool(tags):
+            got = "both" if tags else "neither"
+            raise _invalid("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
+        if len(set(map_ids)) > _MAX_MAPS:
+            raise _invalid("map_id", f"expected at most {_MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
+        return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None)
+
+    def resolve(self, registry: MapRegistry) -> ChosenMaps:
+        """Return the revisions that answer now.
+
+        Every map that is named has to be ready; of a tag's maps those that are. Raises MapNotFoundError,
+        MapNotReadyError and MapFailedError.
+        """
+        if self.tag is None:
+            return ChosenMaps(tuple(serving_ref(registry.get(map_id)) for map_id in self.map_ids))
+        tagged = registry.with_tag(self.tag)
+        if not tagged:
+            raise MapNotFoundError(
+                f"expected a tag that some map bears, got {self.tag[:80]!r}; GET /maps and `panoloc maps` list the maps"
+            )
+        serving = [ref for record in tagged if (ref := record.serving_ref) is not None]
+        if not serving:
+            return ChosenMaps((serving_ref(tagged[0]),))
+        if len(serving) > _MAX_MAPS:
+            raise _invalid("tag", f"expected at most {_MAX_MAPS} maps, got {len(serving)} with this tag; name the maps")
+        left_out = [record.id for record in tagged if record.serving is None]
+        return ChosenMaps(tuple(serving), tuple(f"{map_id} bears the tag but is not ready" for map_id in left_out))
+
+
+def serving_ref(record: MapRecord) -> MapRef:
+    """Return the revision that answers now. Raises MapNotReadyError and MapFailedError."""
+    ref = record.serving_ref
+    if ref is not None:
+        return ref
+    if record.newest.status == "failed":
+        reason = (record.newest.error or {}).get("detail", "see its error")
+        raise MapFailedError(f"expected a map that is ready, but {record.id} failed: {reason}")
+    raise MapNotReadyError(
+        f"expected a map that is ready, but {record.id} is still being built; poll GET /maps/{record.id}",
+        _RETRY_AFTER_S,
+    )
+
+
+def _invalid(name: str, message: str) -> InvalidOptionsError:
+    return InvalidOptionsError(f"{name}: {message}", [{"field": name, "message": message}])

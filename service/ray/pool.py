@@ -1,0 +1,275 @@
+"""The worker pool on Ray Serve, called through its handle from our own process.
+
+Serve does not repeat a request whose replica died; this pool does, because a localization changes nothing.
+"""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from service.errors import DeadlineError, NoWorkerError
+from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
+from service.ray.admission import Admission
+from service.ray.cluster import RayCluster
+from service.ray.map_builds import MapBuilds
+from service.ray.serving import RayServing
+from service.worker.guarded_work import error_of
+from service.worker.reply import WorkerReply
+
+_log = logging.getLogger(__name__)
+Result = TypeVar("Result")
+
+_WATCH_PERIOD_S = 1.0
+_RESTART_PAUSE_S = 5.0
+_MAX_ATTEMPTS = 3
+_LEAVE_S = 10.0
+_MAX_REBUILDS = 2
+# What starting Ray takes on a small machine.
+_START_S = 20
+
+
+class RayPool:
+    """Implements `service.jobs.WorkerPool`. Used from one event loop."""
+
+    def __init__(
+        self, cluster: RayCluster, serving: RayServing, admission: Admission, num_registrations: int = 1
+    ) -> None:
+        """num_registrations: that run at the same time; each takes the memory of a whole scan."""
+        self._cluster = cluster
+        self._serving = serving
+        self._admission = admission
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="ray")
+        self._builds = MapBuilds(lambda *task: self._in_ray_thread(serving.submit, *task), num_registrations)
+        self._handle: Any = None
+        self._waiting_for: str | None = "the worker pool"
+        self._num_running = 0
+        self._draining = False
+        self._watch: asyncio.Future[tuple[None, None]] | None = None
+        self._workers: dict[str, WorkerReply[Any]] = {}
+        self._index_loads: dict[str, int] = {}
+        self._num_retries = 0
+        self._limits: set[asyncio.Timeout] = set()
+        self._loss: str | None = None
+        self._on_loss: Callable[[], None] = lambda: None
+
+    @property
+    def loss(self) -> str | None:
+        """Return which process of a cluster of our own ended; the service cannot serve any more then. None: all is well."""
+        return self._loss
+
+    def call_on_loss(self, callback: Callable[[], None]) -> None:
+        """Let `callback` be called in the event loop when the cluster is lost; callers are refused by then."""
+        self._on_loss = callback
+
+    async def start(self) -> None:
+        """Begin to bring the workers up and return at once; `state` tells when they are."""
+        self._watch = asyncio.gather(self._keep_up(), self._watch_processes())
+
+    async def stop(self, drain_s: float) -> None:
+        """Take nothing more, wait up to `drain_s` for what is under way, then end the workers.
+
+        What is left of a lost cluster is left to the lifeline: Ray's calls would wait for the dead.
+        """
+        self.begin_drain()
+        deadline = time.monotonic() + drain_s
+        while self.num_under_way and time.monotonic() < deadline:
+            await asyncio.sleep(0.05)
+        if self._watch is not None:
+            self._watch.cancel()
+            await asyncio.gather(self._watch, return_exceptions=True)
+        if self._loss is None:
+            await self._builds.cancel()
+            try:
+                async with asyncio.timeout(_LEAVE_S):
+                    await self._in_ray_thread(self._leave)
+            except TimeoutError:
+                _log.warning("Ray does not end, leaving it to the lifeline")
+        self._thread.shutdown(wait=False)
+
+    @property
+    def num_under_way(self) -> int:
+        """Return how many queries wait or run."""
+        return self._admission.num_admitted
+
+    def begin_drain(self) -> None:
+        """Refuse new requests from now on; those under way go on."""
+        self._draining = True
+
+    def state(self) -> PoolState:
+        """Return what readiness and metrics tell about the pool."""
+        waiting_for = "its end: the service is shutting down" if self._draining else self._waiting_for
+        return PoolState(
+            ready=waiting_for is None,
+            waiting_for=waiting_for,
+            num_workers=self._num_running,
+            queue_depth=self._admission.queue_depth,
+            resident_bytes=sum(reply.resident_bytes for reply in self._workers.values()),
+            index_loads=dict(self._index_loads),
+            num_retries=self._num_retries,
+        )
+
+    async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
+        """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
+        self._require_workers()
+        with self._admission.admit():
+            for _ in range(_MAX_REBUILDS + 1):
+                reply = await self._on_some_worker(job)
+                if not reply.missing:
+                    return self._outcome(reply)
+                await self._before_deadline(self._builds.rebuild(reply.missing), job)
+        raise NoWorkerError(f"the index of {job.maps[0].id} does not stay in Redis; is its maxmemory too small?")
+
+    async def register(self, job: RegisterJob) -> RegisterOutcome:
+        """Build and store a map's index in a process of its own, after the registrations that came before it."""
+        # Also because Ray starts a cluster by itself when it is given a task before there is one.
+        self._require_workers()
+        return self._outcome(await self._builds.register(job))
+
+    def _require_workers(self) -> Any:
+        if self._loss is not None:
+            raise self._loss_error()
+        if self._draining or self._handle is None:
+            raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
+        return self._handle
+
+    async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        from ray.exceptions import RayError, RayTaskError
+        from ray.serve.exceptions import RayServeException
+
+        for attempt in range(1, _MAX_ATTEMPTS + 1):
+            handle = self._require_workers() if self._handle is None else self._handle
+            response = handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
+            try:
+                reply: WorkerReply[LocalizeOutcome] = await self._before_deadline(_result_of(response), job)
+            except RayTaskError:
+                raise  # a fault in our own code, which no other worker would be spared
+            except (RayError, RayServeException) as error:
+                self._num_retries += 1
+                self._workers.clear()
+                lost = {"request_id": job.request_id, "attempt": attempt, "error": type(error).__name__}
+                _log.warning("a worker was lost", extra=lost)
+                continue
+            except BaseException:
+                with contextlib.suppress(Exception):
+                    response.cancel()
+                raise
+            self._note(reply)
+            return reply
+        raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while they computed this answer")
+
+    async def _before_deadline(self, work: Any, job: LocalizeJob) -> Any:
+        remaining_s = job.deadline_unix_s - time.time()
+        try:
+            async with asyncio.timeout(max(0.0, remaining_s)) as limit:
+                self._limits.add(limit)
+                try:
+                    return await work
+                finally:
+                    self._limits.discard(limit)
+        except TimeoutError as error:
+            if self._loss is not None:
+                raise self._loss_error() from error
+            raise DeadlineError(
+                "no answer within timeout_s; allow more time, or narrow the search with hints"
+            ) from error
+
+    def _outcome(self, reply: WorkerReply[Result]) -> Result:
+        if reply.failure is not None:
+            if reply.failure.traceback:
+                _log.error("a worker met a fault of its own", extra={"origin": reply.failure.traceback})
+            raise error_of(reply.failure)
+        assert reply.outcome is not None
+        return reply.outcome
+
+    def _note(self, reply: WorkerReply[Any]) -> None:
+        self._workers[reply.worker] = reply
+        for source, count in reply.index_loads.items():
+            self._index_loads[source] = self._index_loads.get(source, 0) + count
+        self._admission.note_duration(reply.duration_s)
+
+    async def _keep_up(self) -> None:
+        """Bring Ray and the workers up, look after them, and begin again when the cluster is lost."""
+        while True:
+            try:
+                if self._handle is None:
+                    await self._bring_up()
+                await self._look_after()
+                await asyncio.sleep(_WATCH_PERIOD_S)
+            except asyncio.CancelledError:
+                raise
+            except Exception as error:
+                if self._is_lost():
+                    return
+                _log.warning("the worker pool is down, starting it again", extra={"error": str(error)}, exc_info=True)
+                self._waiting_for = f"workers ({error})"
+                self._handle, self._num_running = None, 0
+                with contextlib.suppress(Exception):
+                    await self._in_ray_thread(self._cluster.disconnect)
+                await asyncio.sleep(_RESTART_PAUSE_S)
+
+    async def _bring_up(self) -> None:
+        self._waiting_for = "Ray"
+        await self._in_ray_thread(self._cluster.connect)
+        self._waiting_for = "workers"
+        problems = await self._in_ray_thread(self._serving.unreachable)
+        if problems:
+            raise RuntimeError("; ".join(problems))
+        handle, staffing = await self._in_ray_thread(self._serving.deploy)
+        self._admission.set_num_workers(staffing.num_workers)
+        self._handle = handle
+
+    async def _watch_processes(self) -> None:
+        """Look for the end of a Ray process on the side, because whoever waits for an answer of Ray does not learn of it."""
+        while not self._is_lost():
+            await asyncio.sleep(_WATCH_PERIOD_S)
+
+    def _is_lost(self) -> bool:
+        """Tell whether a cluster of our own has lost a process; the first time, refuse all callers and say so.
+
+        Ray does not come back from this within one process: a second cluster starts beside what is left of the first,
+        and queries under way are never answered.
+        """
+        if self._loss is not None:
+            return True
+        self._loss = self._cluster.missing_process()
+        if self._loss is None:
+            return False
+        _log.error(
+            "the service ends: its workers are lost, and only a new process gets others",
+            extra={"error": self._loss, "advice": "let a supervisor start it again; was the machine out of memory?"},
+        )
+        self.begin_drain()
+        for limit in self._limits:
+            if not limit.expired():
+                limit.reschedule(0.0)
+        self._on_loss()
+        return True
+
+    def _loss_error(self) -> NoWorkerError:
+        return NoWorkerError(f"the service ends, because {self._loss}; try again once it runs again", _START_S)
+
+    async def _look_after(self) -> None:
+        self._num_running = await self._in_ray_thread(self._serving.num_running)
+        self._waiting_for = None if self._num_running else "workers"
+
+    def _leave(self) -> None:
+        if self._handle is not None:
+            self._serving.retire()
+        self._cluster.disconnect()
+
+    async def _in_ray_thread(self, call: Callable[..., Result], *arguments: Any) -> Result:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
+
+
+async def _result_of(response: Any) -> Any:
+    """Wait for a Serve response; it is awaitable, but `asyncio.timeout` needs a coroutine."""
+    return await response
+
+
+def _residency_key(job: LocalizeJob) -> str:
+    """Name what has to be resident for `job`, so that the router sends it where that already is."""
+    return ",".join(f"{map_ref.id}:{map_ref.revision}" for map_ref in job.maps)

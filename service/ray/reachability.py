@@ -1,0 +1,41 @@
+"""Whether the machines of a Ray cluster that we joined see the same Redis and the same storage as we do."""
+
+import secrets
+
+import redis
+
+from service.storage import open_storage
+from service.worker.settings import WorkerSettings
+
+_TOKEN_KEY = "cluster/token"
+_TIMEOUT_S = 5.0
+
+
+def leave_token(settings: WorkerSettings) -> str:
+    """Leave a token in storage that other machines should find, and return it."""
+    token = secrets.token_hex(8)
+    open_storage(settings.storage_url).put(_TOKEN_KEY, token.encode())
+    return token
+
+
+def missing_here(settings: WorkerSettings, token: str) -> list[str]:
+    """Return what this machine cannot reach, one sentence each; empty when all is well."""
+    missing = []
+    try:
+        redis.Redis.from_url(settings.redis_url, socket_timeout=_TIMEOUT_S, socket_connect_timeout=_TIMEOUT_S).ping()
+    except (redis.RedisError, OSError) as error:
+        address = settings.redis_url.rpartition("@")[2]
+        missing.append(
+            f"expected an answer from Redis at {address}, got {error}; set PANOLOC_REDIS_URL to one that all machines"
+            " of the cluster reach"
+        )
+    try:
+        found = open_storage(settings.storage_url).read(_TOKEN_KEY).decode()
+    except Exception as error:
+        found = str(error)
+    if found != token:
+        missing.append(
+            f"expected the files of {settings.storage_url}, got {found}; set PANOLOC_DATA_DIR to a folder that all"
+            " machines of the cluster share"
+        )
+    return missing

@@ -1,9 +1,0 @@
-"""The paths of the HTTP API, one module per group."""
-
-from fastapi import APIRouter
-
-from service.routes import health, home, localizations, localize, map_files, maps, metrics, new_scans
-
-ROUTERS: tuple[APIRouter, ...] = tuple(
-    module.router for module in (maps, new_scans, map_files, localize, localizations, health, metrics, home)
-)

@@ -1,0 +1,1 @@
+"""The work itself: answering a query, registering a scan. Knows nothing of Ray and of HTTP."""

@@ -1,0 +1,146 @@
+"""The body of a worker that answers queries. Knows nothing of Ray and of HTTP."""
+
+import os
+import socket
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import torch
+
+from core.errors import DeadlineExceededError
+from core.index.map_builder import index_config_digest
+from core.index.map_codec import decode_map_index
+from core.index.map_index import MapIndex
+from core.localizer import Localizer
+from core.panorama.panorama import Panorama
+from core.panorama.reader import read_panorama
+from service.cache import WorkerCache
+from service.host.cpu_share import num_usable_cpus
+from service.host.heap import keep_freed_memory
+from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
+from service.storage import open_storage
+from service.worker.answer_body import localization_body
+from service.worker.guarded_work import guarded
+from service.worker.job_options import hints_of, index_options_of
+from service.worker.localization_pictures import localization_pictures
+from service.worker.reply import WorkerReply
+from service.worker.residency import Residency
+from service.worker.settings import WorkerSettings
+from service.worker.stored_scan import MapCatalog
+
+Result = TypeVar("Result")
+
+
+class LocalizationWorker:
+    """Holds a localizer and the indexes that were asked for last. Computes in one thread."""
+
+    def __init__(self, settings: WorkerSettings, localizer: Localizer, catalog: MapCatalog, cache: WorkerCache) -> None:
+        self._settings = settings
+        self._localizer = localizer
+        self._catalog = catalog
+        self._cache = cache
+        self._resident: Residency[MapRef, MapIndex] = Residency(settings.resident_bytes)
+        self._name = f"{socket.gethostname()}-{os.getpid()}"
+
+    def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        """Answer one query, or say which indexes have to be built again first."""
+        began = time.monotonic()
+        query = _Query(job, self._localizer, self._settings)
+        outcome, failure = guarded(lambda: query.answer(self._index_of))
+        return WorkerReply(
+            outcome=outcome,
+            failure=failure,
+            missing=tuple(query.missing),
+            worker=self._name,
+            duration_s=time.monotonic() - began,
+            resident_bytes=self._resident.num_bytes,
+            resident_maps=len(self._resident),
+            index_loads=query.index_loads,
+        )
+
+    def _index_of(self, map_ref: MapRef) -> tuple[str, MapIndex | None]:
+        """Return where the index came from, and the index; None when Redis has lost it."""
+        source = "resident" if map_ref in self._resident else "redis"
+        try:
+            return source, self._resident.get_or_load(map_ref, lambda: self._from_redis(map_ref))
+        except _IndexMissingError:
+            return "missing", None
+
+    def _from_redis(self, map_ref: MapRef) -> MapIndex:
+        options = index_options_of(self._catalog.registration_of(map_ref).options)
+        encoded = self._cache.get_index(map_ref, index_config_digest(options))
+        if encoded is None:
+            raise _IndexMissingError(map_ref.id)
+        return decode_map_index(encoded, str(self._localizer.device))
+
+
+class _IndexMissingError(Exception):
+    """Redis does not have the index; not an error to anybody outside."""
+
+
+class _Query:
+    """One query on its way through a worker: what it costs, and what it lacks."""
+
+    def __init__(self, job: LocalizeJob, localizer: Localizer, settings: WorkerSettings) -> None:
+        self._job = job
+        self._localizer = localizer
+        self._settings = settings
+        self._timings_s: dict[str, float] = {}
+        self.missing: list[MapRef] = []
+        self.index_loads: dict[str, int] = {}
+
+    def answer(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> LocalizeOutcome | None:
+        """Return the outcome, None when an index is missing. Raises errors of `core`."""
+        self._remaining_s()
+        maps = self._timed("load", lambda: self._indexes(index_of))
+        if self.missing:
+            return None
+        options = self._job.options
+        panorama = self._timed("decode", self._panorama)
+        localization = self._localizer.localize(
+            panorama,
+            maps,
+            method=options.get("method", "fast"),
+            hints=hints_of(options),
+            top_k=options.get("top_k", 1),
+            timeout_s=self._remaining_s(),
+        )
+        wanted = options.get("artifacts") or ()
+        pictures = self._timed("pictures", lambda: localization_pictures(panorama, maps, localization, wanted))
+        body = localization_body(localization, self._job.maps, options.get("frame", "ros"), self._timings_s)
+        return LocalizeOutcome(body, pictures)
+
+    def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
+        found = []
+        for map_ref in self._job.maps:
+            source, index = index_of(map_ref)
+            self.index_loads[source] = self.index_loads.get(source, 0) + 1
+            if index is None:
+                self.missing.append(map_ref)
+            else:
+                found.append(index)
+        return found
+
+    def _panorama(self) -> Panorama:
+        return read_panorama(self._job.panorama, self._job.mask, max_pixels=self._settings.max_pixels)
+
+    def _remaining_s(self) -> float:
+        remaining_s = self._job.deadline_unix_s - time.time()
+        if remaining_s <= 0:
+            raise DeadlineExceededError(f"the deadline passed {-remaining_s:.1f} s before a worker could begin")
+        return remaining_s
+
+    def _timed(self, stage: str, work: Callable[[], Result]) -> Result:
+        began = time.perf_counter()
+        result = work()
+        self._timings_s[stage] = time.perf_counter() - began
+        return result
+
+
+def build_worker(settings: WorkerSettings) -> LocalizationWorker:
+    """Build a worker in the process that will run it."""
+    keep_freed_memory()
+    torch.set_num_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
+    cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
+    return LocalizationWorker(settings, Localizer(), MapCatalog(open_storage(settings.storage_url)), cache)

@@ -1,0 +1,107 @@
+"""The body of a registration: read the scan, build its index, put it into Redis. Runs in a process of its own."""
+
+import dataclasses
+import os
+import socket
+import time
+
+import torch
+
+from core.index.map_builder import build_map_index, index_config_digest
+from core.index.map_codec import encode_map_index
+from core.index.map_diagnostics import map_diagnostics
+from core.index.map_index import MapIndex
+from core.pictures import draw_map_preview, encode_png
+from core.scan import read_scan
+from core.scan.point_cloud import PointCloud
+from service.cache import WorkerCache
+from service.errors import CacheDownError, MapNotFoundError
+from service.host.cpu_share import num_usable_cpus
+from service.jobs import MapRef, RegisterJob, RegisterOutcome
+from service.storage import open_storage
+from service.worker.guarded_work import guarded
+from service.worker.job_options import index_options_of, scan_options_of
+from service.worker.progress_report import RegistrationProgress
+from service.worker.registration_outcome import sample_ply, starts_of, stats_of
+from service.worker.reply import WorkerReply
+from service.worker.settings import WorkerSettings
+from service.worker.stored_scan import MapCatalog
+
+# A Redis that is starting again is worth waiting for: without the index the first query builds it once more.
+_REDIS_PATIENCE_S = 10.0
+
+
+class Registrar:
+    """Builds map indexes."""
+
+    def __init__(self, settings: WorkerSettings, catalog: MapCatalog, cache: WorkerCache) -> None:
+        self._settings = settings
+        self._catalog = catalog
+        self._cache = cache
+        self._name = f"{socket.gethostname()}-{os.getpid()}"
+
+    def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
+        """Build and store the index of a new map; report the progress; describe the map."""
+        outcome, failure = guarded(lambda: self._register(job))
+        return WorkerReply(outcome=outcome, failure=failure, worker=self._name)
+
+    def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
+        """Build and store an index that Redis has lost."""
+        _, failure = guarded(lambda: self._rebuild(map_ref))
+        return WorkerReply(failure=failure, worker=self._name)
+
+    def _register(self, job: RegisterJob) -> RegisterOutcome:
+        progress = RegistrationProgress(self._cache, job.map)
+        cloud, index = self._build(job, progress)
+        encoded = encode_map_index(index)
+        progress.report("storing", 0.0)
+        self._store_patiently(job, encoded)
+        diagnostics = (*cloud.diagnostics, *map_diagnostics(index, index_options_of(job.options), len(cloud)))
+        return RegisterOutcome(
+            stats=stats_of(cloud, index, len(encoded), progress.finish()),
+            diagnostics=[dataclasses.asdict(found) for found in diagnostics],
+            preview_png=encode_png(draw_map_preview(index)),
+            points_ply=sample_ply(cloud),
+            starts=starts_of(index),
+        )
+
+    def _rebuild(self, map_ref: MapRef) -> None:
+        job = self._catalog.registration_of(map_ref)
+        _, index = self._build(job, RegistrationProgress(None, map_ref))
+        self._store(job, encode_map_index(index))
+
+    def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex]:
+        limits = self._settings
+        reading = scan_options_of(job.options, job.scan_name, limits.max_points, limits.max_points_used)
+        with self._catalog.scan_file(job) as path:
+            progress.report("reading", 0.0)
+            cloud = read_scan(path, reading, lambda share: progress.report("reading", share))
+        return cloud, build_map_index(cloud, index_options_of(job.options), progress=progress.report)
+
+    def _store(self, job: RegisterJob, encoded: bytes) -> None:
+        """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""
+        digest = index_config_digest(index_options_of(job.options))
+        self._cache.put_index(job.map, digest, encoded)
+        try:
+            # Afterwards: whoever removes a revision changes its record first and forgets its index last.
+            self._catalog.registration_of(job.map)
+        except MapNotFoundError:
+            self._cache.forget_index(job.map, digest)
+            raise
+
+    def _store_patiently(self, job: RegisterJob, encoded: bytes) -> None:
+        deadline = time.monotonic() + _REDIS_PATIENCE_S
+        while True:
+            try:
+                return self._store(job, encoded)
+            except CacheDownError:
+                if time.monotonic() > deadline:
+                    return None
+                time.sleep(0.5)
+
+
+def build_registrar(settings: WorkerSettings) -> Registrar:
+    """Build a registrar in the process that will run it."""
+    torch.set_num_threads(num_usable_cpus())
+    cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
+    return Registrar(settings, MapCatalog(open_storage(settings.storage_url)), cache)

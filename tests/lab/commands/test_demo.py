@@ -1,0 +1,109 @@
+"""`panoloc demo`: its room, its comparison with the truth, and the service that it starts."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from core.geometry.pose import Pose
+from lab.commands import demo_scene
+from lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
+from service.cli.background_service import BackgroundService, StartError, start_in_background, wait_until_ready
+from service.client.client import PanolocClient
+from tests.service.cli.commands import Panoloc
+from tests.service.cli.fake_service import FakeService, answer_with
+
+
+@pytest.fixture
+def small_scene(monkeypatch: pytest.MonkeyPatch, scan: Path, panorama: Path) -> DemoScene:
+    """Replace the generator by two files; the known pose is 0.3 m and 90 degrees from what the fake answers."""
+    quarter_turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    query = DemoQuery(panorama, "as scanned", Pose(quarter_turn, np.array([1.25, 0.5, 1.2])))
+    scene = DemoScene(scan, (query, query))
+
+    def make(folder: Path, seed: int, say: Callable[[str], None]) -> DemoScene:
+        return scene
+
+    monkeypatch.setattr(demo_scene, "make_demo_scene", make)
+    return scene
+
+
+def test_the_demo_prints_the_error_against_the_known_pose_and_keeps_the_pictures(
+    panoloc: Panoloc, small_scene: DemoScene, tmp_path: Path
+) -> None:
+    done = panoloc("demo", "--folder", tmp_path / "demo")
+    assert done.code == 0, done.err
+    assert done.out.count("off by 30.0 cm and 90.00 degrees") == 2
+    assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in done.out
+    assert (tmp_path / "demo" / "answers" / "photo.score-map-2d.png").read_bytes() == b"a picture"
+    assert "panoloc localize" in done.err
+
+
+def test_the_demo_in_json_mode_prints_one_answer_per_panorama(
+    panoloc: Panoloc, small_scene: DemoScene, tmp_path: Path
+) -> None:
+    documents = panoloc("demo", "--folder", tmp_path / "demo", "--json").documents
+    assert [document["error_to_truth"]["position_m"] for document in documents] == pytest.approx([0.3, 0.3])
+
+
+def test_the_demo_says_so_when_a_panorama_is_not_found(
+    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path
+) -> None:
+    fake.status = "not_localized"
+    done = panoloc("demo", "--folder", tmp_path / "demo")
+    assert done.code == 3
+    assert "off by" not in done.out
+
+
+def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
+    fake.down = True
+    done = panoloc("demo", "--folder", tmp_path / "demo", "--url", "http://example.org:8000")
+    assert done.code == 1
+    assert "only one on this machine can be started" in done.err
+
+
+def test_a_service_that_ends_while_it_starts_shows_the_end_of_its_log(fake: FakeService, tmp_path: Path) -> None:
+    log = tmp_path / "service.log"
+    log.write_text("first line\nport 8000 is in use\n")
+    ended = subprocess.Popen([sys.executable, "-c", "raise SystemExit(3)"])
+    ended.wait()
+    with (
+        PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
+        pytest.raises(StartError, match=r"exit code 3(.|\n)*port 8000 is in use"),
+    ):
+        wait_until_ready(client, BackgroundService(ended, log), lambda text: None)
+
+
+def test_waiting_tells_what_the_service_waits_for(fake: FakeService, tmp_path: Path) -> None:
+    not_yet = [httpx.Response(503, json={"status": "starting", "title": "x", "waiting_for": ["a worker"]})]
+
+    def handle(request: httpx.Request) -> httpx.Response:
+        return not_yet.pop() if not_yet else fake.handle(request)
+
+    heard: list[str] = []
+    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(handle)) as client:
+        wait_until_ready(client, None, heard.append)
+    assert heard == ["the service waits for a worker"]
+
+
+def test_only_plain_http_on_this_machine_can_be_started(tmp_path: Path) -> None:
+    with pytest.raises(StartError):
+        start_in_background("https://localhost:8000", tmp_path / "log")
+
+
+@pytest.mark.slow
+def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(tmp_path: Path) -> None:
+    scenes = [make_demo_scene(tmp_path / name, 3, lambda text: None) for name in ("a", "b")]
+    assert scenes[0].scan.read_bytes() == scenes[1].scan.read_bytes()
+    first, second = (scene.queries[1] for scene in scenes)
+    assert first.panorama.read_bytes() == second.panorama.read_bytes()
+    truth = json.loads((tmp_path / "a" / "truth.json").read_text())
+    assert truth["queries"][1]["position_m"] == first.pose.position.tolist()
+    perfect = answer_with("localized")
+    perfect["pose"]["map_from_camera"]["matrix"] = first.pose.matrix.tolist()
+    assert first.error_of(perfect) == pytest.approx((0.0, 0.0), abs=1e-5)

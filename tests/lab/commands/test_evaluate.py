@@ -1,0 +1,195 @@
+"""`panoloc evaluate` and `panoloc evaluate fit`, run as a person runs them."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import typer
+
+from core.geometry.pose import Pose
+from core.judge.confidence import FEATURES
+from lab.commands import evaluation_run
+from lab.commands.evaluation_run import EvaluationRequest
+from lab.rooms import Query, write_case_folder
+from service.cli.entry import app
+from service.cli.exit_codes import ExitCode
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.lab.evaluation.made_rows import made_row, measures
+from tests.service.cli.commands import Panoloc
+
+METHOD = (
+    "quick=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
+)
+
+
+@pytest.fixture(autouse=True)
+def one_thread(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("PANOLOC_EVAL_THREADS", "1")
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cases")
+    box, pose = PaintedBox(seed=3), Pose(rotation_of(20.0, 3.0), np.array([1.7, 2.4, 1.4]))
+    write_case_folder(folder / "box", "box", box.scan(6_000), [Query("q", box.panorama(pose, 128), pose)])
+    return folder
+
+
+def test_tables_json_rows_and_plots_are_written_and_a_second_run_reuses_the_rows(
+    panoloc: Panoloc, cases: Path, tmp_path: Path
+) -> None:
+    arguments = ("evaluate", "--cases", cases, "--method", METHOD, "--out", tmp_path / "out", "--within", "0.05,5")
+
+    first = panoloc(*arguments)
+    assert first.code == ExitCode.OK, first.err
+    assert "quick" in first.out
+    assert "0.05 m 5°" in first.out
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    (summary,) = report["summaries"]
+    assert (summary["group"], summary["num_queries"], summary["accuracies"]) == ("box", 1, [1.0])
+    assert report["machine"]["torch_threads"] == 1
+    assert report["methods"]["quick"]["digest"]
+    assert "quick" in (tmp_path / "out" / "report.txt").read_text()
+    assert len((tmp_path / "out" / "rows.jsonl").read_text().splitlines()) == 1
+
+    second = panoloc(*arguments, "--json")
+    assert "1 of 1 answers were in the file" in second.err
+    (document,) = second.documents
+    assert document["summaries"] == report["summaries"]
+    assert len((tmp_path / "out" / "rows.jsonl").read_text().splitlines()) == 1
+
+
+def test_without_matplotlib_it_says_that_there_are_no_plots(
+    panoloc: Panoloc, cases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lab.evaluation.plots.find_spec", lambda name: None)
+    done = panoloc("evaluate", "--cases", cases, "--method", METHOD, "--out", tmp_path)
+    assert done.code == ExitCode.OK
+    assert "matplotlib is not installed (pip install 'panoloc[plots]')" in done.err
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_plots_are_pictures(panoloc: Panoloc, cases: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    panoloc("evaluate", "--cases", cases, "--method", METHOD, "--out", tmp_path)
+    for name in ("errors.png", "reliability.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "--suite, --cases or --dataset"),
+        (("--suite", "castles"), "suite: expected one of rooms"),
+        (("--suite", "rooms", "--seeds", "x"), "seeds: expected numbers"),
+        (("--suite", "rooms", "--method", "slow"), "method: expected one of fast"),
+        (("--suite", "rooms", "--within", "5"), "within: expected metres and degrees"),
+        (("--dataset", "omniscenes"), "expected --root"),
+        (("--cases", "nowhere"), "nowhere: expected truth.json"),
+    ],
+)
+def test_wrong_options_are_one_message(panoloc: Panoloc, tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
+    done = panoloc("evaluate", *arguments, "--out", tmp_path / "out")
+    assert done.code == ExitCode.ERROR
+    assert said in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_number_of_threads_that_is_none_is_refused(
+    panoloc: Panoloc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PANOLOC_EVAL_THREADS", "many")
+    done = panoloc("evaluate", "--suite", "rooms", "--out", tmp_path)
+    assert done.code == ExitCode.ERROR
+    assert "PANOLOC_EVAL_THREADS: expected a positive number" in done.err
+
+
+def test_fit_writes_coefficients_and_says_how_they_hold(panoloc: Panoloc, tmp_path: Path) -> None:
+    rows = []
+    for number in range(40):
+        good = number % 2 == 0
+        value = 0.8 if good else 0.2
+        rows.append(
+            made_row(
+                number,
+                0.01 if good else 3.0,
+                group="a" if number < 20 else "b",
+                search={"measures": measures(value), "score": value, "runner_up_score": 0.1},
+            )
+        )
+    file = tmp_path / "rows.jsonl"
+    file.write_text("".join(json.dumps(asdict(row)) + "\n" for row in rows))
+
+    done = panoloc("evaluate", "fit", file, "--out", tmp_path / "confidence.json")
+
+    assert done.code == ExitCode.OK, done.err
+    assert "a, b" in done.out
+    written = json.loads((tmp_path / "confidence.json").read_text())
+    assert set(written["coefficients"]) == set(FEATURES)
+    assert written["fitted_on"] == {"groups": ["a", "b"], "rows": 40, "right": 20}
+    (document,) = panoloc("evaluate", "fit", file, "--out", tmp_path / "again.json", "--json").documents
+    assert document["confidence"] == written
+    assert document["held_out"]["area_under_roc"] == 1.0
+
+
+def test_fit_refuses_rows_it_cannot_use(panoloc: Panoloc, tmp_path: Path) -> None:
+    done = panoloc("evaluate", "fit", tmp_path / "none.jsonl", "--out", tmp_path / "confidence.json")
+    assert done.code == ExitCode.ERROR
+    assert "found nothing" in done.err
+    assert not (tmp_path / "confidence.json").exists()
+
+
+def test_every_option_reaches_the_evaluation(panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[EvaluationRequest] = []
+    monkeypatch.setattr(evaluation_run, "run_evaluation", lambda request, session: asked.append(request))
+    sources = ["--suite", "rooms", "--suite", "changed", "--seeds", "1,3", "--family", "plain", "--width", 256]
+    sources += ["--points", 5000, "--cases", tmp_path, "--tag", "t", "--dataset", "data61", "--root", tmp_path]
+    sources += ["--split", "a", "--split", "b", "--limit", 2]
+    methods = ["--method", "fast", "--device", "cpu", "--timeout-s", 3, "--spacing-m", 0.5, "--cross", 4]
+    output = ["--change-maps", "--out", tmp_path / "out", "--within", "0.05,5", "--json"]
+    done = panoloc("evaluate", *sources, *methods, *output)
+    assert done.code == ExitCode.OK, done.err
+    assert asked == [
+        EvaluationRequest(
+            suites=("rooms", "changed"),
+            seeds="1,3",
+            families=("plain",),
+            width=256,
+            num_points=5000,
+            cases=(tmp_path,),
+            tags=("t",),
+            dataset="data61",
+            root=tmp_path,
+            splits=("a", "b"),
+            limit=2,
+            methods=("fast",),
+            device="cpu",
+            timeout_s=3.0,
+            spacing_m=0.5,
+            num_strangers=4,
+            change_maps=True,
+            out=tmp_path / "out",
+            limits=("0.05,5",),
+        )
+    ]
+
+
+def test_the_help_shows_every_option_in_its_panel() -> None:
+    panels = {
+        parameter.rich_help_panel for parameter in options_of_evaluate() if parameter.name not in ("json", "help")
+    }
+    assert panels == {"Cases", "Methods", "Output"}
+
+
+def options_of_evaluate() -> list[Any]:
+    command: Any = typer.main.get_command(app)
+    return list(command.commands["evaluate"].params)

@@ -1,0 +1,107 @@
+"""Average precision of change maps: matched to the index's order of points, on the pixels and points that are scored."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.config import PaperConfig
+from core.geometry.pose import Pose
+from core.index.map_index import MapIndex
+from core.panorama.panorama import Panorama
+from core.results import Localization
+from lab.evaluation import KnownQuery
+from lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
+from lab.evaluation.paper_change_maps import PaperChangeMaps, paper_change_maps
+from tests.core.painted_box import PaintedBox
+
+EMPTY = Localization("localized", None, (), None, None, None, None, None, None, {}, {})
+
+
+def test_flags_follow_their_points_into_the_order_of_the_index(box: PaintedBox, box_index: MapIndex) -> None:
+    cloud = box.scan()
+    in_left_half = cloud.positions[:, 0] < 2.5
+    found = points_of_index(in_left_half, cloud.positions, box_index.positions.numpy())
+    assert np.array_equal(found, box_index.positions.numpy()[:, 0] < 2.5)
+    assert not np.array_equal(found, in_left_half)  # or the test would say nothing
+
+
+def test_areas_are_averaged_when_a_map_is_smaller_than_its_truth() -> None:
+    image = np.zeros((4, 8), np.float32)
+    image[:2, :2], image[0, 4] = 1, 1
+    assert resampled(image, 2, 4).tolist() == [[1, 0, 0.25, 0], [0, 0, 0, 0]]
+
+
+def _query(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> KnownQuery:
+    panorama = box.panorama(box_pose, 64)
+    pixels = np.zeros((64, 128), bool)
+    pixels[24:40, 30:60] = True
+    return KnownQuery(panorama, (box_pose,), pixels, box.scan().positions[:, 0] < 1.0)
+
+
+def _scored(query: KnownQuery, box_index: MapIndex, truthful: bool) -> Localization:
+    """Return an answer whose maps are the truth, or its opposite."""
+    assert query.changed_pixels is not None
+    pixels = query.changed_pixels[::2, ::2]
+    points = box_index.positions.numpy()[:, 0] < 1.0
+    flat, solid = (np.where(part == truthful, 0.1, 0.9).astype(np.float32) for part in (pixels, points))
+    return replace(EMPTY, score_map_2d=flat, score_points=lambda: solid)
+
+
+def test_maps_that_are_the_truth_have_precision_one(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
+    query = _query(box, box_pose, box_index)
+    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, True), None)
+    assert found["ap_2d"] == pytest.approx(1.0)
+    assert found["ap_3d"] == pytest.approx(1.0)
+    assert "paper_ap_2d" not in found
+
+
+def test_maps_that_are_the_opposite_reach_no_more_than_the_share_that_changed(
+    box: PaintedBox, box_pose: Pose, box_index: MapIndex
+) -> None:
+    query = _query(box, box_pose, box_index)
+    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, False), None)
+    assert found["ap_2d"] == pytest.approx(found["changed_pixels"])
+    assert found["ap_3d"] == pytest.approx(found["changed_points"])
+
+
+def test_what_has_no_score_is_not_compared(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
+    query = _query(box, box_pose, box_index)
+    answer = _scored(query, box_index, False)
+    assert answer.score_map_2d is not None
+    assert answer.point_scores is not None
+    assert query.changed_pixels is not None
+    wrong_pixels, wrong_points = answer.score_map_2d.copy(), answer.point_scores.copy()
+    wrong_pixels[query.changed_pixels[::2, ::2]] = np.nan
+    wrong_points[:] = np.nan
+    found = change_metrics(
+        query,
+        box.scan(),
+        box_index,
+        replace(answer, score_map_2d=wrong_pixels, score_points=lambda: wrong_points),
+        None,
+    )
+    assert found == {}  # nothing that changed is scored, so there is no precision
+
+
+def test_the_papers_maps_are_compared_on_the_same_pixels(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
+    query = _query(box, box_pose, box_index)
+    assert query.changed_pixels is not None
+    patches = np.where(resampled(query.changed_pixels.astype(np.float32), 16, 32) > 0, 0.2, 0.8).astype(np.float32)
+    paper = PaperChangeMaps(patches, np.where(box_index.positions.numpy()[:, 0] < 1.0, 0.2, 0.8).astype(np.float32))
+    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, True), paper)
+    assert found["paper_ap_3d"] == pytest.approx(1.0)
+    assert found["changed_pixels"] < found["paper_ap_2d"] < 1.0  # patches are coarser than what changed
+
+
+def test_the_papers_maps_see_a_repainted_region(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
+    panorama = box.panorama(box_pose, 64)
+    repainted = panorama.color.copy()
+    repainted[16:48, 20:60] = (255, 0, 255)
+    config = PaperConfig(num_starts=12, num_rotations=48, map_rows=8, map_columns=16, match_colors=False)
+    maps = paper_change_maps(Panorama(repainted, panorama.valid), box_index, config)
+    assert maps.score_map_2d.shape == (8, 16)
+    assert maps.point_scores.shape == (box_index.num_points,)
+    inside = maps.score_map_2d[2:6, 3:7].mean()
+    outside = np.delete(maps.score_map_2d[2:6], np.s_[2:8], axis=1).mean()
+    assert inside < 0.7 * outside

@@ -1,0 +1,216 @@
+"""The paper's data sets from tiny folders in their layouts: names, poses, clouds, splits, and what is said when files are missing.
+
+Each pose is checked by its picture: a point of the scan has to show up where the panorama has its colour.
+"""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from core.errors import OptionsError
+from core.geometry.pose import Pose, pose_error
+from core.geometry.projection import project
+from lab.evaluation import LoadedScan, ScanCases, SourceError, dataset_scans
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.lab.evaluation.painted_datasets import (
+    box_depth_mm,
+    write_image,
+    write_reference_pose,
+    write_stanford_pose,
+    write_text_cloud,
+)
+
+BOX = PaintedBox(seed=3)
+POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+HEIGHT = 128
+
+
+def _agreement(loaded: LoadedScan, name: str) -> float:
+    """Return the correlation of the scan's colours with those of the panorama where the known pose puts them."""
+    query = loaded.query(name)
+    pose = query.poses[0]
+    points = loaded.cloud.positions + loaded.cloud.origin_offset
+    in_camera = torch.from_numpy((points - pose.position) @ pose.rotation)
+    height, width = query.panorama.valid.shape
+    u, v = (part.numpy().astype(int) for part in project(in_camera, height, width))
+    seen = query.panorama.color[v.clip(0, height - 1), u.clip(0, width - 1)]
+    return float(np.corrcoef(seen.ravel(), loaded.cloud.colors.ravel())[0, 1])
+
+
+def _only(scans: list[ScanCases]) -> ScanCases:
+    (scan,) = scans
+    return scan
+
+
+@pytest.fixture
+def omniscenes(tmp_path: Path) -> Path:
+    for split, device, room, rows in (
+        ("change_robot", "robot", "pyebaekRoom_1", 3),
+        ("extreme", "extreme", "pyebaekRoom_1", 4),
+        ("extreme", "extreme", "weddingHall_1", 4),
+    ):
+        video = f"{device}_{room}_scene_2"
+        write_image(tmp_path / f"{split}_pano" / video / "0001.jpg", BOX.panorama(POSE, HEIGHT).color)
+        write_reference_pose(tmp_path / f"{split}_pose" / video / "0001.txt", POSE, rows)
+    for room in ("pyebaekRoom_1", "weddingHall_1"):
+        write_text_cloud(tmp_path / "pcd" / f"{room}.txt", BOX.scan(4_000))
+    return tmp_path
+
+
+def test_omniscenes_has_one_scan_per_split_and_room(omniscenes: Path) -> None:
+    names = [scan.name for scan in dataset_scans("omniscenes", omniscenes)]
+    assert names == [
+        "omniscenes/change_robot/pyebaekRoom_1",
+        "omniscenes/extreme/pyebaekRoom_1",
+        "omniscenes/extreme/weddingHall_1",
+    ]
+
+
+@pytest.mark.parametrize("split", ["change_robot", "extreme"])
+def test_omniscenes_poses_put_the_scan_where_the_picture_shows_it(omniscenes: Path, split: str) -> None:
+    scan = dataset_scans("omniscenes", omniscenes, split)[0]
+    loaded = scan.load()
+    assert len(loaded.cloud) == 4_000
+    (query,) = scan.query_names
+    assert pose_error(loaded.query(query).poses[0], POSE).within(1e-5, 1e-3)
+    assert _agreement(loaded, query) > 0.95
+
+
+def test_robot_is_the_papers_name_of_the_split_with_changes(omniscenes: Path) -> None:
+    assert _only(dataset_scans("omniscenes", omniscenes, "robot")).group == "omniscenes change_robot"
+
+
+def test_an_unknown_split_is_refused_with_those_that_are_there(omniscenes: Path) -> None:
+    with pytest.raises(OptionsError, match="change_robot, extreme"):
+        dataset_scans("omniscenes", omniscenes, "handheld")
+
+
+def test_a_missing_cloud_and_a_missing_pose_are_named(omniscenes: Path) -> None:
+    scan = dataset_scans("omniscenes", omniscenes, "robot")[0]
+    loaded = scan.load()
+    shutil.rmtree(omniscenes / "change_robot_pose")
+    with pytest.raises(SourceError, match=r"0001\.txt"):
+        loaded.query(scan.query_names[0])
+    shutil.rmtree(omniscenes / "pcd")
+    with pytest.raises(SourceError, match=r"pyebaekRoom_1\.txt"):
+        scan.load()
+
+
+_STANFORD_STEM = "camera_0a1b_office_3_frame_equirectangular_domain"
+
+
+@pytest.mark.parametrize("with_euler", [True, False])
+@pytest.mark.parametrize("layout", ["published", "reference"])
+def test_stanford_poses_put_the_scan_where_the_picture_shows_it(tmp_path: Path, layout: str, with_euler: bool) -> None:
+    published = layout == "published"
+    images = tmp_path / ("area_1/pano/rgb" if published else "pano/area_1")
+    poses = tmp_path / ("area_1/pano/pose" if published else "pose/area_1")
+    cloud = tmp_path / ("Area_1/office_3/office_3.txt" if published else "pcd/area_1/office_3.txt")
+    write_image(images / f"{_STANFORD_STEM}_rgb.png", BOX.panorama(POSE, HEIGHT).color)
+    write_stanford_pose(poses / f"{_STANFORD_STEM}_pose.json", POSE, with_euler)
+    write_text_cloud(cloud, BOX.scan(4_000))
+
+    scan = _only(dataset_scans("stanford2d3ds", tmp_path, "area_1"))
+
+    assert scan.name == "stanford/area_1/office_3"
+    loaded = scan.load()
+    assert pose_error(loaded.query(scan.query_names[0]).poses[0], POSE).within(1e-6, 1e-4)
+    assert _agreement(loaded, scan.query_names[0]) > 0.95
+
+
+def test_the_black_poles_of_stanford_are_missing_and_black_walls_are_not(tmp_path: Path) -> None:
+    color = BOX.panorama(POSE, HEIGHT).color.copy()
+    color[:10], color[-20:], color[60, :40] = 0, 0, 0
+    write_image(tmp_path / "pano/area_1" / f"{_STANFORD_STEM}_rgb.png", color)
+    write_stanford_pose(tmp_path / "pose/area_1" / f"{_STANFORD_STEM}_pose.json", POSE, True)
+    write_text_cloud(tmp_path / "pcd/area_1/office_3.txt", BOX.scan(2_000))
+    scan = _only(dataset_scans("stanford2d3ds", tmp_path))
+    valid = scan.load().query(scan.query_names[0]).panorama.valid
+    assert not valid[:10].any()
+    assert not valid[-20:].any()
+    assert valid[10:-20].all()
+
+
+def test_the_aligned_version_of_the_clouds_is_refused(tmp_path: Path) -> None:
+    write_image(tmp_path / "area_1/pano/rgb" / f"{_STANFORD_STEM}_rgb.png", BOX.panorama(POSE, HEIGHT).color)
+    write_text_cloud(tmp_path / "Stanford3dDataset_v1.2_Aligned_Version/Area_1/office_3/office_3.txt", BOX.scan(100))
+    with pytest.raises(SourceError, match="not aligned"):
+        _only(dataset_scans("stanford2d3ds", tmp_path)).load()
+
+
+@pytest.fixture
+def structured3d(tmp_path: Path) -> Path:
+    # The centre of the image looks along +y: the documentation's −y is its seam.
+    pose = Pose(rotation_of(90.0), np.array([1.7, 2.4, 1.5]))
+    room = tmp_path / "scene_00000/2D_rendering/485142/panorama"
+    for furniture in ("full", "empty"):
+        write_image(room / furniture / "rgb_rawlight.png", BOX.panorama(pose, HEIGHT).color)
+        write_image(room / furniture / "depth.png", box_depth_mm(BOX, pose, HEIGHT))
+    write_image(room / "empty" / "rgb_warmlight.png", BOX.panorama(pose, HEIGHT).color)
+    (room / "camera_xyz.txt").write_text("1700.0 2400.0 1500.0\n")
+    return tmp_path
+
+
+def test_the_cloud_of_structured3d_lies_on_the_walls_and_has_their_paint(structured3d: Path) -> None:
+    scan = _only(dataset_scans("structured3d", structured3d))  # nothing is known of `simple` here
+    assert scan.name == "structured3d/full-empty-raw/scene_00000/485142"
+    loaded = scan.load()
+    points = loaded.cloud.positions.astype(np.float64) + loaded.cloud.origin_offset
+    gaps = np.concatenate((points, np.array(BOX.size_m) - points), axis=1)
+    assert np.abs(gaps.min(axis=1)).max() < 0.005
+    assert np.abs(BOX.color_at(points).astype(float) - loaded.cloud.colors).mean() < 8
+    assert _agreement(loaded, "panorama") > 0.99
+
+
+def test_a_light_of_structured3d_is_chosen_by_the_split(structured3d: Path) -> None:
+    assert _only(dataset_scans("structured3d", structured3d, "full-empty-warm")).group == "structured3d full-empty-warm"
+    assert dataset_scans("structured3d", structured3d, "full-empty-cold") == []
+    with pytest.raises(OptionsError, match="full-empty-warm"):
+        dataset_scans("structured3d", structured3d, "warm")
+
+
+def test_pixels_without_a_reading_are_no_points(structured3d: Path) -> None:
+    pose = Pose(rotation_of(90.0), np.array([1.7, 2.4, 1.5]))
+    depth = box_depth_mm(BOX, pose, HEIGHT)
+    depth[:, :30], depth[:, 30:40] = 0, 65535
+    write_image(structured3d / "scene_00000/2D_rendering/485142/panorama/full/depth.png", depth)
+    loaded = _only(dataset_scans("structured3d", structured3d)).load()
+    assert loaded.cloud.num_points_read == HEIGHT * (2 * HEIGHT - 40)
+
+
+def test_data61_is_read_as_labels_with_starts_on_a_grid_in_its_region(tmp_path: Path) -> None:
+    painted = PaintedBox(seed=5, palette=((128, 0, 0), (0, 128, 0), (0, 0, 128), (128, 128, 0)))
+    write_text_cloud(tmp_path / "street_1/pointcloud.txt", painted.scan(4_000))
+    write_image(tmp_path / "street_1/label/0.png", painted.panorama(POSE, HEIGHT).color)
+    write_reference_pose(tmp_path / "street_1/pose/0.txt", POSE)
+    (tmp_path / "street_1/region.txt").write_text("1 1 1\n3 3 2\n")
+
+    scan = _only(dataset_scans("data61", tmp_path))
+    loaded = scan.load()
+
+    assert (loaded.options.color_kind, loaded.options.starts_method) == ("labels", "grid")
+    assert loaded.options.region == ((1, 1, 1), (3, 3, 2))
+    assert {tuple(color) for color in loaded.cloud.colors.tolist()} == set(painted.palette)
+    assert _agreement(loaded, "0.png") > 0.9
+
+
+@pytest.mark.parametrize("name", ["omniscenes", "stanford2d3ds", "structured3d", "data61"])
+def test_an_empty_folder_says_what_was_expected(tmp_path: Path, name: str) -> None:
+    with pytest.raises(SourceError, match=r"expected .* found n"):
+        dataset_scans(name, tmp_path)
+
+
+def test_a_matrix_that_is_no_pose_is_refused(omniscenes: Path) -> None:
+    scan = dataset_scans("omniscenes", omniscenes, "robot")[0]
+    pose = next((omniscenes / "change_robot_pose").rglob("*.txt"))
+    np.savetxt(pose, np.column_stack((2 * np.eye(3), POSE.position)))
+    with pytest.raises(SourceError, match="orthonormal"):
+        scan.load().query(scan.query_names[0])
+
+
+def test_an_unknown_data_set_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionsError, match="omniscenes"):
+        dataset_scans("imagenet", tmp_path)

@@ -1,0 +1,171 @@
+"""The fit finds the coefficients that made the data, and its held-out figures are of rows that it did not see."""
+
+import math
+
+import numpy as np
+import pytest
+
+from core.judge.confidence import FEATURES, ConfidenceModel, RadiusModel
+from lab.evaluation import Row, RowsError, fit_confidence
+from lab.evaluation.fit_confidence import features_of_row, fit_growing_logistic, fit_logistic, radius_models
+from tests.lab.evaluation.made_rows import made_row, measures
+
+
+def test_the_logistic_fit_recovers_the_coefficients_that_drew_the_labels() -> None:
+    rng = np.random.default_rng(0)
+    features = rng.normal((1.0, -2.0), (0.5, 3.0), (40_000, 2))
+    logit = 0.7 + features @ np.array([2.0, -0.5])
+    right = rng.random(len(logit)) < 1 / (1 + np.exp(-logit))
+
+    intercept, coefficients = fit_logistic(features, right, regularization=1e-3)
+
+    assert intercept == pytest.approx(0.7, abs=0.15)
+    assert coefficients == pytest.approx([2.0, -0.5], abs=0.1)
+
+
+def test_at_the_optimum_the_gradient_of_the_penalised_likelihood_vanishes() -> None:
+    rng = np.random.default_rng(1)
+    features = rng.normal(3.0, 2.0, (300, 3))
+    right = features[:, 0] + rng.normal(0, 2, 300) > 3
+
+    intercept, coefficients = fit_logistic(features, right, regularization=5.0)
+
+    def loss(change: np.ndarray) -> float:  # an independent route: finite differences of the loss written out
+        w = coefficients + change[1:]
+        logit = intercept + change[0] + features @ w
+        likelihood = np.where(right, -np.logaddexp(0, -logit), -np.logaddexp(0, logit)).sum()
+        return float(-likelihood + 2.5 * ((w * features.std(0)) ** 2).sum())
+
+    step = 1e-5
+    gradient = [(loss(step * axis) - loss(-step * axis)) / (2 * step) for axis in np.eye(4)]
+    assert gradient == pytest.approx(np.zeros(4), abs=1e-4)
+
+
+def test_separable_rows_give_finite_coefficients() -> None:
+    features = np.concatenate((np.zeros((20, 1)), np.ones((20, 1))))
+    intercept, coefficients = fit_logistic(features, features[:, 0] > 0.5, regularization=1.0)
+    assert np.isfinite([intercept, *coefficients]).all()
+    assert coefficients[0] > 0
+
+
+def _rows(group: str, count: int, seed: int) -> list[Row]:
+    """Return rows whose measures tell right from wrong, a third of them of other maps."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for number in range(count):
+        good, cross = rng.random() < 0.5, number % 3 == 0
+        value = float(np.clip(rng.normal(0.8 if good and not cross else 0.2, 0.12), 0.01, 1))
+        rows.append(
+            made_row(
+                number,
+                position_m=None if cross else (0.02 if good else 3.0) * rng.uniform(0.5, 1.5),
+                group=group,
+                scan=f"{group}-{number}",
+                cross=cross,
+                search={"measures": measures(value), "score": value, "runner_up_score": 0.1},
+                formal_position_m=0.01,
+                formal_orientation_deg=0.05,
+            )
+        )
+    return rows
+
+
+def test_the_document_is_what_the_confidence_model_reads() -> None:
+    fitted = fit_confidence(_rows("rooms", 120, 0) + _rows("flats", 120, 1))
+    document = fitted.document
+    assert set(document["coefficients"]) == set(FEATURES)
+    radii = (RadiusModel(**document[name]) for name in ("position_radius", "orientation_radius"))
+    model = ConfidenceModel(*(document[name] for name in ("intercept", "coefficients", "threshold")), *radii)
+
+    def probability(value: float) -> float:
+        row = made_row(search={"measures": measures(value), "score": value, "runner_up_score": 0.1})
+        return model.probability(dict(zip(FEATURES, features_of_row(row), strict=True)))
+
+    assert probability(0.8) > 0.9
+    assert probability(0.2) < 0.1
+
+
+def test_groups_are_held_out_and_separable_ones_are_told_apart() -> None:
+    held_out = fit_confidence(_rows("rooms", 120, 0) + _rows("flats", 120, 1)).held_out
+    assert held_out.groups == ("flats", "rooms")
+    assert held_out.area_under_roc is not None
+    assert held_out.area_under_roc > 0.98
+    assert held_out.wrong_answers <= 0.005
+    assert held_out.answered_right is not None
+    assert held_out.answered_right > 0.9
+
+
+def test_a_group_whose_measures_mislead_is_not_saved_by_having_been_fitted() -> None:
+    misleading = [
+        made_row(
+            number,
+            position_m=0.01 if number % 2 else 3.0,
+            group="odd",
+            scan=f"odd-{number}",
+            search={"measures": measures(0.2 if number % 2 else 0.8), "score": 0.5, "runner_up_score": 0.1},
+        )
+        for number in range(60)
+    ]
+    held_out = fit_confidence(_rows("rooms", 120, 0) + misleading).held_out
+    assert held_out.area_under_roc is not None
+    assert held_out.area_under_roc < 0.8
+
+
+def test_the_radius_holds_somewhat_more_than_68_percent_of_the_rows_it_was_fitted_on() -> None:
+    rows = [
+        made_row(n, position_m=0.01 * (n + 1), formal_position_m=0.02, formal_orientation_deg=0.1) for n in range(25)
+    ]
+    model, _ = radius_models(rows)
+    held = np.mean([row.position_error_m <= model.radius(0.02, 0.0) for row in rows])  # type: ignore[operator]
+    assert 0.68 <= held <= 0.8  # on places of another kind fewer hold
+
+
+def test_the_radius_follows_what_errors_follow() -> None:
+    rng = np.random.default_rng(0)
+    rows = []
+    for number in range(200):
+        formal, agreement = math.exp(rng.uniform(-7, -5)), float(rng.uniform(0.3, 0.9))
+        error = formal**0.5 * math.exp(-2 * agreement + rng.normal(0, 0.1)) / 3
+        search = {"measures": measures(agreement)}
+        rows.append(
+            made_row(number, position_m=error, formal_position_m=formal, formal_orientation_deg=0.1, search=search)
+        )
+    model, orientation = radius_models(rows)
+    assert model.formal_power == pytest.approx(0.5, abs=0.1)
+    assert model.agreement_rate == pytest.approx(2.0, abs=0.3)
+    assert orientation.formal_power == 0  # one formal radius says nothing of how errors follow it
+
+
+def test_the_radius_never_falls_with_the_formal_one() -> None:
+    rows = [
+        made_row(n, position_m=0.1 / (n + 1), formal_position_m=0.01 * (n + 1), formal_orientation_deg=0.1)
+        for n in range(20)
+    ]
+    model, _ = radius_models(rows)
+    assert model.formal_power == 0
+
+
+def test_the_radius_ignores_wrong_poses() -> None:
+    rows = [made_row(n, position_m=0.02, formal_position_m=0.01, formal_orientation_deg=0.1) for n in range(5)]
+    rows += [made_row(9, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
+    assert radius_models(rows)[0].radius(0.01, 0.0) == pytest.approx(0.02)
+
+
+def test_rows_without_measures_cannot_be_fitted() -> None:
+    with pytest.raises(RowsError, match="measures"):
+        fit_confidence([made_row()])
+
+
+def test_rows_that_are_all_right_cannot_be_fitted() -> None:
+    rows = [made_row(n, search={"measures": measures(0.5), "score": 1.0}) for n in range(4)]
+    with pytest.raises(RowsError, match="all 4 are right"):
+        fit_confidence(rows)
+
+
+def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:
+    rng = np.random.default_rng(3)
+    strength = rng.normal(size=400)
+    features = np.column_stack((strength + 0.1 * rng.normal(size=400), -strength + rng.normal(size=400)))
+    _, coefficients = fit_growing_logistic(features, strength > 0, regularization=1.0)
+    assert coefficients[0] > 0
+    assert coefficients[1] == 0

@@ -1,0 +1,66 @@
+"""Methods by name, their ablations and variants."""
+
+import pytest
+
+from core.config import LocalizerConfig, PaperConfig
+from core.errors import OptionsError
+from lab.evaluation import METHOD_NAMES, compared_method
+
+
+def test_each_ablation_leaves_out_one_part() -> None:
+    switches = {
+        "paper-no-histograms": "initialize_by_histograms",
+        "paper-no-2d-map": "use_score_map_2d",
+        "paper-no-3d-map": "use_score_map_3d",
+        "paper-no-color-matching": "match_colors",
+    }
+    for name, off in switches.items():
+        config = compared_method(name).config.paper
+        for switch in switches.values():
+            assert getattr(config, switch) is (switch != off)
+
+
+def test_piccolo_has_none_of_the_papers_parts() -> None:
+    config = compared_method("piccolo").config.paper
+    parts = (config.initialize_by_histograms, config.use_score_map_2d, config.use_score_map_3d, config.match_colors)
+    assert parts == (False, False, False, False)
+
+
+def test_methods_have_different_digests() -> None:
+    assert len({compared_method(name).digest for name in METHOD_NAMES}) == len(METHOD_NAMES)
+
+
+def test_a_variant_changes_the_named_fields_alone() -> None:
+    variant = compared_method("six=fast:search.num_candidates=6,refinement.coarse_iterations=(4, 2)")
+    assert (variant.name, variant.method) == ("six", "fast")
+    assert variant.config.search.num_candidates == 6
+    assert variant.config.refinement.coarse_iterations == (4, 2)
+    assert variant.config.paper == PaperConfig()
+    assert variant.config.judge == LocalizerConfig().judge
+
+
+def test_a_variant_of_an_ablation_keeps_the_ablation() -> None:
+    config = compared_method("x=paper-no-2d-map:paper.learning_rate=1").config.paper
+    assert (config.use_score_map_2d, config.learning_rate) == (False, 1.0)
+
+
+def test_the_papers_configuration_does_not_change_the_digest_of_fast() -> None:
+    assert compared_method("x=fast:paper.iterations=5").digest == compared_method("fast").digest
+    assert compared_method("x=paper:paper.iterations=5").digest != compared_method("paper").digest
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "slow",
+        "x=slow:search.bins=4",
+        "x=fast",
+        "=fast:search.bins=4",
+        "x=fast:search.none=4",
+        "x=fast:nowhere.bins=4",
+        "x=fast:search.bins=many",
+    ],
+)
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(OptionsError, match="method: expected"):
+        compared_method(text)

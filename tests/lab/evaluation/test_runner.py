@@ -1,0 +1,109 @@
+"""Runs: rows beside the truth, strangers, continuation."""
+
+from pathlib import Path
+
+import pytest
+
+from core.judge.confidence import load_confidence_model
+from lab.evaluation import Evaluation, Row, RowsFile, RunOptions, ScanCases, compared_method, folder_scans, limited
+from lab.evaluation.fit_confidence import features_of_row
+
+FAST = compared_method(
+    "fast=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
+)
+
+
+def _evaluation(root: Path, file: Path, num_strangers: int = 0, **options: float) -> Evaluation:
+    return Evaluation(
+        folder_scans(root),
+        [FAST],
+        RowsFile(file),
+        RunOptions("cpu", num_strangers, **options),  # type: ignore[arg-type]
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(box_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Row]]:
+    """Return the file and the rows of a whole run with one stranger for each panorama."""
+    file = tmp_path_factory.mktemp("run") / "rows.jsonl"
+    return file, [row for row, _ in _evaluation(box_folder, file, 1).rows()]
+
+
+def test_every_panorama_is_sent_to_its_own_map_and_to_a_stranger(finished: tuple[Path, list[Row]]) -> None:
+    calls = [(row.query, row.scan, row.cross) for row in finished[1]]
+    assert calls == [
+        ("first/q0.jpg", "first", False),
+        ("first/q1.jpg", "first", False),
+        ("first/q0.jpg", "second", True),
+        ("first/q1.jpg", "second", True),
+        ("second/q0.jpg", "second", False),
+        ("second/q0.jpg", "first", True),
+    ]
+
+
+def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tuple[Path, list[Row]]) -> None:
+    model = load_confidence_model()
+    for row in (row for row in finished[1] if not row.cross):
+        assert row.within((0.1, 5.0)), row
+        features = dict(zip(model.coefficients, features_of_row(row), strict=True))
+        assert row.confidence == pytest.approx(model.probability(features), abs=1e-6)
+        assert row.formal_position_m is not None
+        radius = model.position_radius.radius(row.formal_position_m, row.search["measures"]["patch_correlation"])
+        assert row.accuracy_position_m == pytest.approx(radius)
+
+
+def test_rows_of_strangers_have_no_error(finished: tuple[Path, list[Row]]) -> None:
+    for row in (row for row in finished[1] if row.cross):
+        assert row.position_error_m is None
+        assert not row.within((100.0, 180.0))
+
+
+def test_a_finished_run_is_not_run_again(
+    box_folder: Path, finished: tuple[Path, list[Row]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a map was built although every row is there")
+
+    monkeypatch.setattr("lab.evaluation.runner.build_map_index", refuse)
+    again = list(_evaluation(box_folder, finished[0], 1).rows())
+    assert [is_new for _, is_new in again] == [False] * 6
+    assert [row for row, _ in again] == finished[1]
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(
+    box_folder: Path, finished: tuple[Path, list[Row]], tmp_path: Path
+) -> None:
+    file = tmp_path / "rows.jsonl"
+    lines = finished[0].read_bytes().splitlines(keepends=True)
+    file.write_bytes(b"".join(lines[:-2]) + lines[-2][:50])
+    again = list(_evaluation(box_folder, file, 1).rows())
+    assert [is_new for _, is_new in again] == [False] * 4 + [True] * 2
+    repeated = [(row.query, row.scan, row.status) for row, _ in again]
+    assert repeated == [(row.query, row.scan, row.status) for row in finished[1]]
+
+
+def test_another_configuration_is_run_anew(box_folder: Path, finished: tuple[Path, list[Row]]) -> None:
+    other = compared_method("fast=fast:search.num_candidates=3,search.num_rotations=64")
+    scans = limited(folder_scans(box_folder), 1)[:1]
+    ((_, is_new),) = Evaluation(scans, [other], RowsFile(finished[0].with_name("copy")), RunOptions("cpu")).rows()
+    assert is_new
+    known = {row.digest for row in finished[1]}
+    assert other.digest not in known
+
+
+def test_a_call_that_fails_is_a_row_that_says_why(box_folder: Path, tmp_path: Path) -> None:
+    scans = limited(folder_scans(box_folder), 1)[:1]
+    options = RunOptions("cpu", timeout_s=1e-9)
+    ((row, _),) = Evaluation(scans, [FAST], RowsFile(tmp_path / "rows.jsonl"), options).rows()
+    assert row.status == "error"
+    assert row.error is not None
+    assert row.error.startswith("DeadlineExceededError")
+
+
+def test_scans_of_the_same_place_are_no_strangers() -> None:
+    def scan(name: str, place: str) -> ScanCases:
+        return ScanCases(name, "g", ("q",), lambda: pytest.fail("nothing is loaded to count the calls"), place)
+
+    scans = [scan("a", "x"), scan("b", "x"), scan("c", "y")]
+    run = Evaluation(scans, [FAST], RowsFile(Path("none")), RunOptions("cpu", num_strangers=5))
+    assert run.num_calls == 3 + (1 + 1 + 2)

@@ -1,0 +1,93 @@
+"""Suites and case folders as sources."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.errors import OptionsError
+from lab.evaluation import SourceError, folder_scans, limited, seed_range, suite_scans
+
+
+def test_seeds_are_numbers_and_ranges() -> None:
+    assert seed_range("1000-1002") == [1000, 1001, 1002]
+    assert seed_range("7") == [7]
+    assert seed_range("1,3, 5-6") == [1, 3, 5, 6]
+
+
+@pytest.mark.parametrize("text", ["", "a", "5-3", "1-", "-4", "1;2"])
+def test_other_texts_are_no_seeds(text: str) -> None:
+    with pytest.raises(OptionsError, match="seeds"):
+        seed_range(text)
+
+
+def test_a_suite_has_a_scan_per_seed_and_makes_none_before_it_is_loaded() -> None:
+    scans = suite_scans("changed", range(1000, 3000))
+    assert len(scans) == 2000
+    assert scans[0].name == "changed-1000"
+    assert scans[0].place == suite_scans("rooms", [1000])[0].place  # the same room: no stranger
+
+
+def test_names_differ_where_the_cases_do() -> None:
+    names = {
+        suite_scans("rooms", [1])[0].name,
+        suite_scans("rooms", [1], families=["nordic"])[0].name,
+        suite_scans("rooms", [1], width=512)[0].name,
+        suite_scans("rooms", [1], num_points=5000)[0].name,
+    }
+    assert len(names) == 4
+
+
+def test_unknown_suites_and_families_are_refused() -> None:
+    with pytest.raises(OptionsError, match="suite"):
+        suite_scans("castles", [1])
+    with pytest.raises(OptionsError, match="families"):
+        suite_scans("rooms", [1], families=["baroque"])
+
+
+def test_a_loaded_suite_case_knows_its_pose_and_what_changed() -> None:
+    scan = suite_scans("changed", [3], width=128, num_points=5000)[0]
+    loaded = scan.load()
+    assert 2500 < len(loaded.cloud) <= 5000
+    query = loaded.query(scan.query_names[0])
+    assert query.panorama.valid.shape == (64, 128)
+    assert query.changed_pixels is not None
+    assert query.changed_points is not None
+    assert query.changed_pixels.shape == (64, 128)
+    assert len(query.changed_points) == len(loaded.cloud)
+    assert query.error_of(query.poses[0]).within(0, 1e-3)
+
+
+def test_case_folders_give_their_poses_back(box_folder: Path) -> None:
+    scans = folder_scans(box_folder)
+    assert [(scan.name, scan.query_names) for scan in scans] == [
+        ("first", ("q0.jpg", "q1.jpg")),
+        ("second", ("q0.jpg",)),
+    ]
+    truth = json.loads((box_folder / "first" / "truth.json").read_text())
+    query = scans[0].load().query("q1.jpg")
+    assert query.poses[0].position.tolist() == truth["queries"][1]["position_m"]
+    assert np.allclose(query.poses[0].rotation, truth["queries"][1]["rotation"])
+
+
+def test_tags_choose_queries(box_folder: Path) -> None:
+    assert [scan.query_names for scan in folder_scans(box_folder, tags=("q1",))] == [("q1.jpg",), ()]
+
+
+def test_a_limit_counts_the_queries_of_each_group(box_folder: Path) -> None:
+    scans = folder_scans(box_folder)
+    assert [scan.query_names for scan in limited(scans, 1)] == [("q0.jpg",), ("q0.jpg",)]
+    one_group = [replace(scan, group="both") for scan in scans]
+    assert [scan.query_names for scan in limited(one_group, 1)] == [("q0.jpg",)]
+    assert [len(scan.query_names) for scan in limited(one_group, 3)] == [2, 1]
+    assert limited(scans, None) == scans
+
+
+def test_a_folder_without_truth_and_a_broken_truth_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="found none"):
+        folder_scans(tmp_path)
+    (tmp_path / "truth.json").write_text('{"scans": ["scan.ply"]}')
+    with pytest.raises(SourceError, match="queries"):
+        folder_scans(tmp_path)
