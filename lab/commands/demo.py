@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from lab.commands.core_errors import core_errors_shown
 from service.cli.answer_files import AnswerFolder
 from service.cli.background_service import BackgroundService, start_in_background, wait_until_ready
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
@@ -41,8 +42,18 @@ def demo(
     """
     session: Session = ctx.obj
     session.json_output = json
+    with core_errors_shown(session) as failed:
+        return _show_the_way(session, folder, seed, url)
+    return ExitCode.ERROR if failed else ExitCode.OK
+
+
+def _show_the_way(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
+    """Make a room, register it, localize in it, and say what stays behind."""
     # The generator needs numpy and a ray caster, which client commands must not load.
     from lab.commands.demo_scene import make_demo_scene
+    from lab.rooms.scenes.ray_caster import load_open3d
+
+    load_open3d()  # before a service is started that nothing could be shown with
 
     with session.client(url) as client:
         service = None if client.is_live() else start_in_background(url, folder / "service.log")
@@ -57,7 +68,7 @@ def demo(
             place = upload_and_wait(
                 session, client, scene.scan, {"name": f"demo room {seed}", "tags": ["demo"]}, wait=True
             )
-            if not json:
+            if not session.json_output:
                 session.results.print(map_summary(place))
             run = DemoRun(session, client, place, AnswerFolder(folder / "answers"))
             codes = [run.localize(query) for query in scene.queries]

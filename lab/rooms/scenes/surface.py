@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lab.rooms.materials.labels import label_number
 from lab.rooms.materials.texture import Texture, TextureAtlas
 from lab.rooms.objects.objects import SceneObject
+from lab.rooms.scenes.ray_caster import load_open3d
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,7 @@ class Surface:
 
     @cached_property
     def _ray_casting(self) -> Any:
-        import open3d  # slow to import, needed only when rays are cast
-
+        open3d = load_open3d()
         scene = open3d.t.geometry.RaycastingScene(nthreads=0)
         scene.add_triangles(
             open3d.core.Tensor.from_numpy(np.ascontiguousarray(self.vertices)),
@@ -127,9 +127,7 @@ def assemble(objects: Sequence[SceneObject]) -> Surface:
 
 
 def _tensor(values: NDArray[np.floating]) -> Any:
-    import open3d
-
-    return open3d.core.Tensor.from_numpy(np.ascontiguousarray(values, np.float32))
+    return load_open3d().core.Tensor.from_numpy(np.ascontiguousarray(values, np.float32))
 
 
 def _rays(origins: NDArray[np.floating], directions: NDArray[np.floating]) -> Any:

@@ -107,3 +107,15 @@ def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(tmp_pat
     perfect = answer_with("localized")
     perfect["pose"]["map_from_camera"]["matrix"] = first.pose.matrix.tolist()
     assert first.error_of(perfect) == pytest.approx((0.0, 0.0), abs=1e-5)
+
+
+def test_without_open3d_the_demo_says_what_is_missing_before_it_starts_anything(
+    panoloc: Panoloc, fake: FakeService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    done = panoloc("demo", "--folder", tmp_path / "demo")
+    assert done.code == 1
+    assert "expected Open3D" in done.err
+    assert "scripts/install" in done.err
+    assert fake.requests == []
+    assert not (tmp_path / "demo").exists()

@@ -1,0 +1,33 @@
+"""Nothing that the service does needs Open3D."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+import sys
+sys.modules["open3d"] = None  # as if it were not installed
+from pathlib import Path
+import service.serve, service.ray.deployment, service.worker.query_worker, service.worker.registration
+from core.index.map_builder import build_map_index
+from core.localizer import Localizer
+from core.scan import read_scan, write_ply
+from tests.core.painted_box import PaintedBox, rotation_of
+from core.geometry.pose import Pose
+import numpy as np
+box = PaintedBox(seed=3)
+write_ply(Path(sys.argv[1]), box.scan())
+index = build_map_index(read_scan(Path(sys.argv[1])))
+pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+print(Localizer(device="cpu").localize(box.panorama(pose), [index]).status)
+"""
+
+
+@pytest.mark.slow
+def test_a_scan_is_registered_and_a_panorama_localized_where_open3d_is_missing(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", PROGRAM, str(tmp_path / "scan.ply")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
+    assert done.stdout.split() == ["localized"], done.stderr
