@@ -8,6 +8,7 @@ from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
 from core.panorama.panorama import Panorama
+from core.results import Localization
 from tests.core.painted_box import PaintedBox, rotation_of
 
 torch.set_num_threads(1)  # the tests share their machine, and results do not depend on the number of cores
@@ -44,3 +45,9 @@ def box_panorama(box: PaintedBox, box_pose: Pose) -> Panorama:
 @pytest.fixture(scope="session")
 def localizer() -> Localizer:
     return Localizer(device="cpu")
+
+
+@pytest.fixture(scope="session")
+def answer(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> Localization:
+    """Return the answer to the plain query in the box."""
+    return localizer.localize(box_panorama, [box_index])

@@ -2,15 +2,11 @@
 
 import dataclasses
 import math
-import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import torch
 
-from core.config import LocalizerConfig, PaperConfig
-from core.errors import DeadlineExceededError, OptionsError
+from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
 from core.index.map_builder import build_map_index
 from core.index.map_codec import decode_map_index, encode_map_index
@@ -19,18 +15,8 @@ from core.localizer import Localizer
 from core.panorama.panorama import Panorama
 from core.results import Hints, Localization
 from core.scan.point_cloud import PointCloud
+from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
-
-
-def assert_found(found: Localization, pose: Pose, position_m: float = 0.05, orientation_deg: float = 5.0) -> None:
-    assert found.best is not None
-    error = pose_error(found.best.pose, pose)
-    assert error.within(position_m, orientation_deg), f"{error}, {found.status}"
-
-
-@pytest.fixture(scope="module")
-def answer(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> Localization:
-    return localizer.localize(box_panorama, [box_index])
 
 
 def test_a_panorama_is_found_within_a_centimetre_and_a_third_of_a_degree(answer: Localization, box_pose: Pose) -> None:
@@ -230,155 +216,6 @@ def test_top_k_returns_that_many_poses_best_first_each_elsewhere(
             assert not pose_error(candidate.pose, other.pose).within(0.5, 15.0)
 
 
-# Hints.
-
-
-HINTS_THAT_HOLD = {
-    "position": Hints(position_m=(1.9, 2.2, 1.4), radius_m=0.5),
-    "position without a radius": Hints(position_m=(2.5, 2.0, 1.3)),
-    "region": Hints(region=((1.0, 1.5, 0.8), (2.2, 3.0, 2.0))),
-    "upright": Hints(upright=True),
-    "small tilt": Hints(max_tilt_deg=12.0),
-    "heading": Hints(heading_deg=120.0, heading_tolerance_deg=30.0),
-    "heading a turn further": Hints(heading_deg=120.0 - 360.0, heading_tolerance_deg=30.0),
-    "all": Hints((1.9, 2.2, 1.4), 0.6, ((1.0, 1.5, 0.8), (2.2, 3.0, 2.0)), True, None, 140.0, 20.0),
-}
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name in ("all", "upright") else pytest.mark.slow) for name in HINTS_THAT_HOLD],
-)
-def test_a_hint_that_holds_narrows_the_search_and_keeps_the_answer(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, answer: Localization, name: str
-) -> None:
-    found = localizer.localize(box_panorama, [box_index], hints=HINTS_THAT_HOLD[name])
-    assert found.status == "localized"
-    assert_found(found, box_pose)
-    if name != "position without a radius":  # whose default radius covers the box
-        assert found.search["num_poses"] < answer.search["num_poses"]
-
-
-HINTS_THAT_DO_NOT_HOLD = {
-    "position": Hints(position_m=(4.3, 0.7, 1.4), radius_m=0.5),
-    "region": Hints(region=((3.2, 0.2, 0.2), (4.8, 1.2, 2.4))),
-    "heading": Hints(heading_deg=-50.0, heading_tolerance_deg=30.0),
-    "tilt": Hints(max_tilt_deg=4.0),
-}
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name == "position" else pytest.mark.slow) for name in HINTS_THAT_DO_NOT_HOLD],
-)
-def test_a_wrong_hint_is_not_localized_and_not_exceeded(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, name: str
-) -> None:
-    hints = HINTS_THAT_DO_NOT_HOLD[name]
-    found = localizer.localize(box_panorama, [box_index], hints=hints, top_k=4)
-    assert found.warnings
-    assert "hints" in found.warnings[0]
-    assert found.status == "not_localized"
-    for candidate in (found.best, *found.alternatives):
-        if candidate is not None:
-            assert_within(candidate.pose, hints)
-
-
-def assert_within(pose: Pose, hints: Hints) -> None:
-    """Check a pose against hints by their definition."""
-    if hints.position_m is not None:
-        assert np.linalg.norm(pose.position - hints.position_m) <= (hints.radius_m or 5.0) + 1e-4
-    if hints.region is not None:
-        assert (pose.position >= np.array(hints.region[0]) - 1e-4).all()
-        assert (pose.position <= np.array(hints.region[1]) + 1e-4).all()
-    if hints.max_tilt_deg is not None:
-        assert math.degrees(math.acos(min(1.0, pose.rotation[2, 2]))) <= hints.max_tilt_deg + 0.01
-    if hints.heading_deg is not None:
-        yaw = math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
-        difference = (yaw - hints.heading_deg + 180) % 360 - 180
-        assert abs(difference) <= (hints.heading_tolerance_deg or 45.0) + 0.01
-
-
-def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
-) -> None:
-    found = localizer.localize(box_panorama, [box_index], hints=Hints(position_m=(500.0, 0.0, 0.0), radius_m=1.0))
-    assert found.status == "not_localized"
-    assert found.best is None
-    assert "hints" in found.warnings[0]
-
-
-@pytest.mark.parametrize(
-    "hints",
-    [
-        Hints(radius_m=1.0),
-        Hints(position_m=(1, 1, 1), radius_m=0.0),
-        Hints(position_m=(1, 1, 1), radius_m=math.nan),
-        Hints(position_m=(1, math.nan, 1), radius_m=1.0),
-        Hints(heading_deg=math.nan),
-        Hints(max_tilt_deg=-1.0),
-        Hints(max_tilt_deg=181.0),
-        Hints(heading_deg=0.0, heading_tolerance_deg=0.0),
-        Hints(region=((1, 1, 1), (0, 2, 2))),
-    ],
-)
-def test_a_hint_that_makes_no_sense_is_refused(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, hints: Hints
-) -> None:
-    with pytest.raises(OptionsError, match="hints"):
-        localizer.localize(box_panorama, [box_index], hints=hints)
-
-
-# Masks.
-
-
-def masked(panorama: Panorama, ignored: np.ndarray, repaint: int | None = None) -> Panorama:
-    color = panorama.color.copy()
-    if repaint is not None:
-        color[ignored] = repaint
-    return Panorama(color, panorama.valid & ~ignored)
-
-
-@pytest.fixture(scope="module")
-def right_half() -> np.ndarray:
-    ignored = np.zeros((256, 512), bool)
-    ignored[:, 256:] = True
-    return ignored
-
-
-def test_a_panorama_masked_by_half_is_still_found_and_what_is_under_the_mask_has_no_influence(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, right_half: np.ndarray
-) -> None:
-    found = localizer.localize(masked(box_panorama, right_half), [box_index])
-    assert found.status == "localized"
-    assert_found(found, box_pose)
-    for repaint in (0, 255):
-        again = localizer.localize(masked(box_panorama, right_half, repaint), [box_index])
-        assert found.best is not None
-        assert again.best is not None
-        np.testing.assert_array_equal(again.best.pose.matrix, found.best.pose.matrix)
-        assert again.best.confidence == found.best.confidence
-
-
-@pytest.mark.slow
-def test_black_pixels_count_unless_they_are_masked(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
-) -> None:
-    # The same black area: as a colour it is a change, under a mask it is nothing at all.
-    area = np.zeros((256, 512), bool)
-    area[90:170, 60:260] = True
-    black = box_panorama.color.copy()
-    black[area] = 0
-    seen = localizer.localize(Panorama(black, np.ones_like(area)), [box_index])
-    ignored = localizer.localize(Panorama(black, ~area), [box_index])
-    assert seen.panorama_changed_fraction is not None
-    assert ignored.panorama_changed_fraction is not None
-    assert seen.panorama_changed_fraction > ignored.panorama_changed_fraction + 0.05
-
-
-# Scans.
-
-
 def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates(
     localizer: Localizer, box: PaintedBox, box_panorama: Panorama, box_pose: Pose
 ) -> None:
@@ -413,9 +250,6 @@ def test_a_scan_of_part_of_the_room_is_enough(
     assert_found(found, box_pose)
 
 
-# Labels.
-
-
 LABELS = ((230, 25, 75), (60, 180, 75), (255, 225, 25), (0, 130, 200), (245, 130, 48), (145, 30, 180), (0, 0, 0))
 
 
@@ -428,97 +262,6 @@ def test_semantic_labels_are_localized_by_their_boundaries(localizer: Localizer,
     assert found.best is not None
     assert found.best.color_model == "labels"
     assert_found(found, box_pose)
-
-
-# Deadlines and options.
-
-
-def test_a_deadline_that_has_passed_raises(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> None:
-    for timeout_s in (0.0, 0.05):
-        with pytest.raises(DeadlineExceededError):
-            localizer.localize(box_panorama, [box_index], timeout_s=timeout_s)
-
-
-def test_the_paper_method_stops_soon_after_its_deadline(box: PaintedBox, box_pose: Pose, tiny_index: MapIndex) -> None:
-    config = PaperConfig(
-        num_starts=4, num_rotations=24, iterations=1_000_000, view_height=64, map_rows=8, map_columns=16
-    )
-    endless = Localizer(LocalizerConfig(paper=config), device="cpu")
-    began = time.process_time()
-    with pytest.raises(DeadlineExceededError):
-        endless.localize(box.panorama(box_pose, 128), [tiny_index], method="paper", timeout_s=0.5)
-    assert time.process_time() - began < 2.0
-
-
-@pytest.mark.parametrize("options", [{"top_k": 0}, {"top_k": 33}, {"method": "slow"}])
-def test_options_out_of_range_are_refused(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, options: dict[str, object]
-) -> None:
-    with pytest.raises(OptionsError, match=next(iter(options))):
-        localizer.localize(box_panorama, [box_index], **options)  # type: ignore[arg-type]
-
-
-def test_no_map_at_all_is_refused(localizer: Localizer, box_panorama: Panorama) -> None:
-    with pytest.raises(OptionsError, match="maps"):
-        localizer.localize(box_panorama, [])
-
-
-# The paper's method.
-
-
-@pytest.fixture(scope="module")
-def small_paper() -> Localizer:
-    config = LocalizerConfig(
-        paper=PaperConfig(num_starts=30, num_rotations=216, iterations=40, view_height=64, map_rows=8, map_columns=16)
-    )
-    return Localizer(config, device="cpu")
-
-
-@pytest.fixture(scope="module")
-def tiny_index(box: PaintedBox) -> MapIndex:
-    return build_map_index(box.scan(4000), IndexOptions(spacing_m=0.8))
-
-
-@pytest.fixture(scope="module")
-def paper_answer(
-    small_paper: Localizer, tiny_index: MapIndex, box: PaintedBox, box_pose: Pose
-) -> Iterator[Localization]:
-    panorama = box.panorama(box_pose, 128)
-    yield small_paper.localize(panorama, [tiny_index], method="paper")
-    assert torch.is_grad_enabled()
-
-
-def test_the_paper_method_lands_near_in_a_tiny_cloud(paper_answer: Localization, box_pose: Pose) -> None:
-    assert_found(paper_answer, box_pose, 0.3, 10.0)
-    assert paper_answer.search["method"] == "paper"
-
-
-def test_the_paper_method_ranks_by_the_sampling_loss(paper_answer: Localization) -> None:
-    assert paper_answer.best is not None
-    losses = [candidate.sampling_loss for candidate in (paper_answer.best, *paper_answer.alternatives)]
-    assert losses == sorted(losses)
-    assert paper_answer.best.color_model == "global_transport"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "ablation",
-    [
-        {"match_colors": False},
-        {"initialize_by_histograms": False, "num_starts": 4, "num_rotations": 24},
-        {"use_score_map_2d": False},
-        {"use_score_map_3d": False},
-    ],
-)
-def test_the_paper_method_runs_without_each_of_its_parts(
-    tiny_index: MapIndex, box: PaintedBox, box_pose: Pose, ablation: dict[str, object]
-) -> None:
-    sizes = {"num_starts": 12, "num_rotations": 24, "iterations": 5, "view_height": 64, "num_candidates": 2}
-    config = LocalizerConfig(paper=PaperConfig(**(sizes | ablation)))  # type: ignore[arg-type]
-    found = Localizer(config, device="cpu").localize(box.panorama(box_pose, 128), [tiny_index], method="paper")
-    assert found.best is not None
-    assert math.isfinite(found.best.sampling_loss)
-    assert found.search["num_poses"] > 0
 
 
 def test_one_place_registered_twice_is_ambiguous(

@@ -1,34 +1,14 @@
-"""Refinement, judge, confidence and colour models on inputs with known answers."""
+"""Refinement on an image painted by a formula, whose pose is known."""
 
-import math
-
-import numpy as np
 import pytest
 import torch
 
 from core.config import Rest
-from core.geometry.pose import Pose
 from core.geometry.projection import pixel_directions
 from core.geometry.rotations import rotation_angle, rotation_from_vector, uniform_rotations
-from core.index.map_index import MapIndex
-from core.judge.agreement import agreement
-from core.judge.confidence import (
-    FEATURES,
-    ConfidenceModel,
-    RadiusModel,
-    error_radii,
-    formal_radii,
-    load_confidence_model,
-)
-from core.judge.hypotheses import Hypothesis, best_distinct, converged, promising
-from core.light.color_equalization import label_codes
-from core.light.light_fit import fit_gain_offset
 from core.panorama.image_level import prepare_level
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
 from core.refine.gauss_newton import Pace, StepRules, next_length
 from core.refine.refinement import CandidatePoints, refine
-from core.views.comparison import Comparison, compare
 
 HEIGHT = 128
 
@@ -174,147 +154,6 @@ def test_a_candidate_without_a_point_stays_where_it_is(scene: tuple[torch.Tensor
     torch.testing.assert_close(found.positions[0], POSITION)
     assert bool(torch.isfinite(found.rotations).all())
     assert bool(torch.isfinite(found.loss).all())
-
-
-def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:
-    rng = np.random.default_rng(0)
-    source = rng.uniform(size=(200, 3))
-    target = source * [0.8, 1.5, 0.6] + [0.1, -0.2, 0.05] + rng.normal(0, 0.01, (200, 3))
-    weights = rng.uniform(size=200)
-    gain, offset = fit_gain_offset(
-        torch.from_numpy(source)[None], torch.from_numpy(target)[None], torch.from_numpy(weights)[None]
-    )
-    for channel in range(3):
-        slope, intercept = np.polyfit(source[:, channel], target[:, channel], 1, w=np.sqrt(weights))
-        assert float(gain[0, channel]) == pytest.approx(slope, abs=0.02)
-        assert float(offset[0, channel]) == pytest.approx(intercept, abs=0.02)
-
-
-# The judge.
-
-
-@pytest.fixture(scope="module")
-def comparisons(box_index: MapIndex, box_panorama: Panorama, box_pose: Pose) -> Comparison:
-    """Return the comparison at the true pose, 10 cm beside it, 10 degrees beside it, and far away."""
-    true_rotation = torch.from_numpy(box_pose.rotation).float()
-    turned = true_rotation @ rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(10)]))
-    far = true_rotation @ rotation_from_vector(torch.tensor([0.0, 0.0, 2.0]))
-    position = torch.from_numpy(box_pose.position).float()
-    rotations = torch.stack((true_rotation, true_rotation, turned, far))
-    positions = torch.stack((position, position + torch.tensor([0.1, 0, 0]), position, torch.tensor([4.0, 1.0, 1.0])))
-    level = PanoramaPyramid(box_panorama, 64, None, "cpu").level(64)
-    return compare(box_index.render_cloud, level, rotations, positions, 64, False)
-
-
-def test_the_judge_prefers_the_true_pose_and_falls_with_the_error(comparisons: Comparison) -> None:
-    score = agreement(comparisons, 64).score
-    assert int(score.argmax()) == 0
-    assert float(score[0]) > float(score[1]) > float(score[3])
-    assert float(score[0]) > float(score[2]) > float(score[3])
-
-
-def test_measures_of_agreement_stay_in_their_ranges(comparisons: Comparison) -> None:
-    measured = agreement(comparisons, 64)
-    for values in (measured.correlation, measured.patch_correlation):
-        assert float(values.abs().max()) <= 1 + 1e-5
-    assert float(measured.mutual_information.min()) >= -1e-4
-    for values in (measured.inlier_share, measured.coverage):
-        assert 0 <= float(values.min()) <= float(values.max()) <= 1 + 1e-4
-
-
-def test_the_judge_does_not_see_a_growing_tone_curve(
-    comparisons: Comparison, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose
-) -> None:
-    dark = Panorama((255 * (box_panorama.color / 255.0) ** 2).round().astype(np.uint8), box_panorama.valid)
-    level = PanoramaPyramid(dark, 64, None, "cpu").level(64)
-    rotation = torch.from_numpy(box_pose.rotation).float()[None]
-    position = torch.from_numpy(box_pose.position).float()[None]
-    relit = compare(box_index.render_cloud, level, rotation, position, 64, False)
-    assert float(agreement(relit, 64).score[0]) == pytest.approx(float(agreement(comparisons, 64).score[0]), abs=0.06)
-
-
-# Confidence.
-
-
-def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -> None:
-    model = load_confidence_model()
-    base = dict.fromkeys(FEATURES, 0.2)
-    grown = [model.probability(base | {name: 0.4}) - model.probability(base) for name in FEATURES]
-    assert min(grown) >= 0
-    assert sum(growth > 0 for growth in grown) >= 4
-    assert 0 <= model.probability(dict.fromkeys(FEATURES, -1e6)) < 1e-6
-    assert 1 - 1e-6 < model.probability(dict.fromkeys(FEATURES, 1e6)) <= 1
-
-
-def test_a_sharper_loss_means_a_smaller_error_radius() -> None:
-    model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0), RadiusModel(0.0, 1.0, 0.0))
-    base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 100, residual_scale=0.1)
-    sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 400, residual_scale=0.1)
-    wide, narrow = (error_radii(formal_radii(one), {"patch_correlation": 0.5}, model) for one in (base, sharp))
-    assert wide[0] is not None
-    assert narrow[0] is not None
-    assert narrow[0] == pytest.approx(wide[0] / 2, rel=1e-3)
-
-
-def test_less_agreement_never_means_a_smaller_error_radius() -> None:
-    model = load_confidence_model()
-    alike, unlike = (error_radii((0.01, 0.1), {"patch_correlation": value}, model) for value in (0.9, 0.3))
-    assert alike[0] is not None
-    assert unlike[0] is not None
-    assert unlike[0] >= alike[0]
-
-
-def test_without_a_curvature_there_is_no_error_radius() -> None:
-    hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0)
-    assert error_radii(formal_radii(hypothesis), {}, load_confidence_model()) == (None, None)
-
-
-def test_hypotheses_that_converged_to_one_pose_count_once() -> None:
-    near = [Hypothesis(0, k, torch.eye(3), torch.tensor([0.01 * k, 0, 0]), 0.0, score=0.5 + 0.1 * k) for k in range(4)]
-    apart = Hypothesis(0, 9, torch.eye(3), torch.tensor([2.0, 0, 0]), 0.0, score=0.1)
-    elsewhere = Hypothesis(1, 0, torch.eye(3), torch.zeros(3), 0.0, score=0.2)
-    kept = best_distinct([*near, apart, elsewhere], 5)
-    assert [h.score for h in kept] == [near[3].score, 0.2, 0.1]
-
-
-# Labels.
-
-
-def test_rare_colours_are_noise_not_labels() -> None:
-    colors = torch.zeros((50_000, 3), dtype=torch.uint8)
-    colors[25_000:] = 255
-    colors[7] = torch.tensor([9, 99, 199], dtype=torch.uint8)
-    assert len(label_codes(colors).labels) == 2
-
-
-def test_an_unknown_label_in_a_panorama_is_masked() -> None:
-    scan = torch.tensor([[255, 0, 0], [0, 0, 255]], dtype=torch.uint8).repeat(100, 1)
-    color = np.zeros((64, 128, 3), np.uint8)
-    color[:, :64] = [255, 0, 0]
-    color[:, 64:] = [10, 200, 90]
-    level = PanoramaPyramid(Panorama(color, np.ones((64, 128), bool)), 64, label_codes(scan), "cpu").level(64)
-    assert bool((level.valid[:, :64] == 1).all())
-    assert bool((level.valid[:, 64:] == 0).all())
-
-
-def placed(x: float, score: float = 0.0, loss: float = 0.0, map_number: int = 0) -> Hypothesis:
-    """Return a hypothesis `x` metres along an axis."""
-    return Hypothesis(map_number, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), 0.0, score=score, loss=loss)
-
-
-def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
-    found = converged(
-        [placed(0.0, loss=0.3), placed(0.05, loss=0.1), placed(1.0, loss=0.2), placed(0.05, map_number=1)]
-    )
-    assert [(h.map_number, h.loss) for h in found] == [(1, 0.0), (0, 0.1), (0, 0.2)]
-
-
-def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
-    ranked = [placed(0.0, 1.4), placed(0.2, 1.3), placed(5.0, 0.6), placed(9.0, 0.5)]
-    assert [h.score for h in promising(ranked, 8, 0.35)] == [1.4, 1.3, 0.6]
-    close = [placed(0.0, 1.4), placed(5.0, 1.3), placed(9.0, 0.5)]
-    assert [h.score for h in promising(close, 8, 0.35)] == [1.4, 1.3]
-    assert promising([], 8, 0.35) == []
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import asyncio
 import pytest
 import redis
 
-from tests.service.api.held_call import HeldCall, long_enough
-from tests.service.api.running_service import SCAN, RunningService
+from tests.service.http.held_call import HeldCall, long_enough
+from tests.service.http.running_service import SCAN, RunningService
 
 pytestmark = pytest.mark.anyio
 

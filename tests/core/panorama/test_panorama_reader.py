@@ -19,7 +19,7 @@ from core.errors import (
 )
 from core.panorama.panorama import Panorama
 from core.panorama.reader import read_panorama
-from tests.core.picture_files import (
+from tests.core.panorama.picture_files import (
     encoded,
     gpano_packet,
     jpeg_with_exif_orientation,

@@ -11,8 +11,8 @@ import redis
 from service.errors import DeadlineError, QueueFullError, WorkerError
 from service.http.schemas import Localization, PendingLocalization
 from service.jobs import ARTIFACTS
-from tests.service.api.fake_pool import PNG, no_worker
-from tests.service.api.running_service import SCAN, RunningService, png_of
+from tests.service.http.fake_pool import PNG, no_worker
+from tests.service.http.running_service import SCAN, RunningService, png_of
 
 pytestmark = pytest.mark.anyio
 

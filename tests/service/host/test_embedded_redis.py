@@ -98,7 +98,7 @@ def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
         print(server.pid, flush=True)
         time.sleep(60)
     """)
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[3]
     with subprocess.Popen(
         [sys.executable, "-c", program, str(short_folder)], stdout=subprocess.PIPE, text=True, cwd=root
     ) as parent:

@@ -20,7 +20,7 @@ from service.app import create_app
 from service.cache import Cache, WorkerCache
 from service.settings import Settings
 from service.storage import FolderStorage, Storage
-from tests.service.api.fake_pool import FakePool, ply_of
+from tests.service.http.fake_pool import FakePool, ply_of
 
 SCAN = ply_of([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
 

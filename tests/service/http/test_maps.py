@@ -10,8 +10,8 @@ import redis
 
 from service.errors import CacheDownError, WorkerError
 from service.http.schemas import Map, MapPage
-from tests.service.api.fake_pool import PNG, no_worker
-from tests.service.api.running_service import SCAN, RunningService
+from tests.service.http.fake_pool import PNG, no_worker
+from tests.service.http.running_service import SCAN, RunningService
 
 pytestmark = pytest.mark.anyio
 

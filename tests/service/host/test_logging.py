@@ -29,7 +29,7 @@ def lines_of(log_format: str) -> list[str]:
         capture_output=True,
         text=True,
         check=True,
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
     )
     assert done.stdout == ""
     return done.stderr.splitlines()

@@ -11,7 +11,7 @@ import structlog
 
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
-from tests.service.api.running_service import RunningService, running_service
+from tests.service.http.running_service import RunningService, running_service
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -20,8 +20,8 @@ from service.app import create_app
 from service.cache import WorkerCache
 from service.host.embedded_redis import EmbeddedRedis
 from service.settings import Settings
-from tests.service.api.fake_pool import FakePool
-from tests.service.api.running_service import SCAN, listening
+from tests.service.http.fake_pool import FakePool
+from tests.service.http.running_service import SCAN, listening
 
 CONTRACT = {
     "/maps": {"get", "post"},

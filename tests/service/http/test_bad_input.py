@@ -10,8 +10,8 @@ import pytest
 
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.lingering import LingeringClose
-from tests.service.api.fake_pool import ply_of
-from tests.service.api.running_service import SCAN, RunningService, listening, png_of, running_service
+from tests.service.http.fake_pool import ply_of
+from tests.service.http.running_service import SCAN, RunningService, listening, png_of, running_service
 
 pytestmark = pytest.mark.anyio
 

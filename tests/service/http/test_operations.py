@@ -15,7 +15,7 @@ import pytest
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.http.schemas import Health
-from tests.service.api.running_service import RunningService, running_service
+from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
 

@@ -1,0 +1,55 @@
+"""The judge at the true pose and at poses beside it."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from core.geometry.pose import Pose
+from core.geometry.rotations import rotation_from_vector
+from core.index.map_index import MapIndex
+from core.judge.agreement import agreement
+from core.panorama.panorama import Panorama
+from core.panorama.pyramid import PanoramaPyramid
+from core.views.comparison import Comparison, compare
+
+
+@pytest.fixture(scope="module")
+def comparisons(box_index: MapIndex, box_panorama: Panorama, box_pose: Pose) -> Comparison:
+    """Return the comparison at the true pose, 10 cm beside it, 10 degrees beside it, and far away."""
+    true_rotation = torch.from_numpy(box_pose.rotation).float()
+    turned = true_rotation @ rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(10)]))
+    far = true_rotation @ rotation_from_vector(torch.tensor([0.0, 0.0, 2.0]))
+    position = torch.from_numpy(box_pose.position).float()
+    rotations = torch.stack((true_rotation, true_rotation, turned, far))
+    positions = torch.stack((position, position + torch.tensor([0.1, 0, 0]), position, torch.tensor([4.0, 1.0, 1.0])))
+    level = PanoramaPyramid(box_panorama, 64, None, "cpu").level(64)
+    return compare(box_index.render_cloud, level, rotations, positions, 64, False)
+
+
+def test_the_judge_prefers_the_true_pose_and_falls_with_the_error(comparisons: Comparison) -> None:
+    score = agreement(comparisons, 64).score
+    assert int(score.argmax()) == 0
+    assert float(score[0]) > float(score[1]) > float(score[3])
+    assert float(score[0]) > float(score[2]) > float(score[3])
+
+
+def test_measures_of_agreement_stay_in_their_ranges(comparisons: Comparison) -> None:
+    measured = agreement(comparisons, 64)
+    for values in (measured.correlation, measured.patch_correlation):
+        assert float(values.abs().max()) <= 1 + 1e-5
+    assert float(measured.mutual_information.min()) >= -1e-4
+    for values in (measured.inlier_share, measured.coverage):
+        assert 0 <= float(values.min()) <= float(values.max()) <= 1 + 1e-4
+
+
+def test_the_judge_does_not_see_a_growing_tone_curve(
+    comparisons: Comparison, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose
+) -> None:
+    dark = Panorama((255 * (box_panorama.color / 255.0) ** 2).round().astype(np.uint8), box_panorama.valid)
+    level = PanoramaPyramid(dark, 64, None, "cpu").level(64)
+    rotation = torch.from_numpy(box_pose.rotation).float()[None]
+    position = torch.from_numpy(box_pose.position).float()[None]
+    relit = compare(box_index.render_cloud, level, rotation, position, 64, False)
+    assert float(agreement(relit, 64).score[0]) == pytest.approx(float(agreement(comparisons, 64).score[0]), abs=0.06)
