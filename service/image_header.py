@@ -55,7 +55,8 @@ def _jpeg(data: bytes) -> ImageHeader:
 def _webp(data: bytes) -> ImageHeader:
     chunk = data[12:16]
     if chunk == b"VP8X":
-        return ImageHeader("webp", 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little"))
+        low_width, high_width, low_height, high_height = struct.unpack("<HBHB", data[24:30])
+        return ImageHeader("webp", 1 + (high_width << 16 | low_width), 1 + (high_height << 16 | low_height))
     if chunk == b"VP8L":
         (bits,) = struct.unpack("<I", data[21:25])
         return ImageHeader("webp", 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF))

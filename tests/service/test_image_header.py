@@ -1,6 +1,7 @@
 """Sizes from headers, held against what Pillow writes."""
 
 import io
+import struct
 
 import pytest
 from hypothesis import given
@@ -61,3 +62,124 @@ def test_other_images_are_called_by_their_names(kind: str, said: str) -> None:
 def test_what_is_no_image_is_described(data: bytes, said: str) -> None:
     with pytest.raises(UnknownImageError, match=said):
         read_image_header(data)
+
+
+# JPEG, marker by marker.
+
+
+def segment(marker: int, content: bytes) -> bytes:
+    return bytes((0xFF, marker)) + struct.pack(">H", len(content) + 2) + content
+
+
+def frame(marker: int, width: int, height: int) -> bytes:
+    """Return a segment that says the size of a picture with three channels."""
+    return segment(marker, struct.pack(">BHHB", 8, height, width, 3) + bytes(9))
+
+
+SOI, SIZE = b"\xff\xd8", (4096, 300)
+NOT_THE_SIZE = frame(0xC0, 11, 7)
+
+
+def jpeg_size(*parts: bytes) -> tuple[int, int]:
+    header = read_image_header(SOI + b"".join(parts))
+    assert header.kind == "jpeg"
+    return header.width, header.height
+
+
+@pytest.mark.parametrize("marker", sorted({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}))
+def test_every_way_of_coding_a_jpeg_says_its_size(marker: int) -> None:
+    assert jpeg_size(frame(marker, *SIZE)) == SIZE
+
+
+@pytest.mark.parametrize("marker", [0xC4, 0xC8, 0xCC, 0xDB, 0xDD, 0xE0, 0xE1, 0xEF, 0xFE])
+def test_tables_and_notes_of_a_jpeg_are_passed_over_whatever_they_hold(marker: int) -> None:
+    assert jpeg_size(segment(marker, NOT_THE_SIZE), frame(0xC2, *SIZE)) == SIZE
+    assert jpeg_size(segment(marker, bytes(65_533)), segment(marker, b""), frame(0xC0, *SIZE)) == SIZE
+
+
+@pytest.mark.parametrize("marker", [0x01, *range(0xD0, 0xD9)])
+def test_markers_without_content_are_passed_over(marker: int) -> None:
+    bare = bytes((0xFF, marker))
+    # The next two bytes, taken for a length, would lead to the wrong size.
+    assert jpeg_size(segment(0xE0, b"JFIF"), bare, bare, frame(0xC0, *SIZE), NOT_THE_SIZE) == SIZE
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_bytes_that_fill_up_before_a_marker_are_passed_over(count: int) -> None:
+    assert jpeg_size(b"\xff" * count, segment(0xE0, b"JFIF"), b"\xff" * count, frame(0xC0, *SIZE)) == SIZE
+
+
+@pytest.mark.parametrize("rest", [b"\xff", b"\xff\xe0", b"\xff\xe0\x00", b"\xff\xe0\x00\x09", frame(0xC0, *SIZE)[:8]])
+def test_a_jpeg_that_ends_before_its_size_is_refused(rest: bytes) -> None:
+    with pytest.raises(UnknownImageError, match="ends within its header"):
+        read_image_header(SOI + b"\xff" + rest)
+
+
+def test_a_jpeg_whose_segments_do_not_meet_is_refused() -> None:
+    with pytest.raises(UnknownImageError):
+        read_image_header(SOI + segment(0xE0, b"JFIF") + b"\x00" + frame(0xC0, *SIZE))
+
+
+# WebP and PNG, field by field.
+
+
+def webp(kind: bytes, content: bytes) -> bytes:
+    return b"RIFF" + struct.pack("<I", 12 + len(content)) + b"WEBP" + kind + struct.pack("<I", len(content)) + content
+
+
+def lossless_webp(width: int, height: int, rest: int = 0) -> bytes:
+    """Return a picture whose size takes 14 bits a side; rest: the four bits above, one for transparency, three for the version."""
+    return webp(b"VP8L", b"\x2f" + struct.pack("<I", rest << 28 | (height - 1) << 14 | width - 1))
+
+
+def lossy_webp(width: int, height: int, scale: int = 0) -> bytes:
+    """Return a picture whose size takes 14 bits a side; scale: the two bits above, for whoever shows it."""
+    return webp(b"VP8 ", bytes(3) + b"\x9d\x01\x2a" + struct.pack("<HH", scale << 14 | width, scale << 14 | height))
+
+
+def extended_webp(width: int, height: int) -> bytes:
+    """Return a picture whose size takes 24 bits a side."""
+    sides = (width - 1).to_bytes(3, "little") + (height - 1).to_bytes(3, "little")
+    return webp(b"VP8X", b"\x10" + bytes(3) + sides)
+
+
+@pytest.mark.parametrize(
+    ("data", "size"),
+    [
+        (lossless_webp(1, 1), (1, 1)),
+        (lossless_webp(16_384, 8192, rest=15), (16_384, 8192)),
+        (lossless_webp(8192, 16_384), (8192, 16_384)),
+        (lossless_webp(300, 7, rest=1), (300, 7)),
+        (lossy_webp(16_383, 4097), (16_383, 4097)),
+        (lossy_webp(4097, 16_383, scale=3), (4097, 16_383)),
+        (lossy_webp(300, 7, scale=1), (300, 7)),
+        (extended_webp(1, 1), (1, 1)),
+        (extended_webp(70_000, 300), (70_000, 300)),
+        (extended_webp(300, 16_777_216), (300, 16_777_216)),
+    ],
+)
+def test_a_webp_says_its_size_in_one_of_three_ways(data: bytes, size: tuple[int, int]) -> None:
+    header = read_image_header(data)
+    assert (header.kind, header.width, header.height) == ("webp", *size)
+
+
+@pytest.mark.parametrize("data", [lossless_webp(30, 15), lossy_webp(30, 15), extended_webp(30, 15)])
+def test_a_webp_that_ends_within_its_size_is_refused(data: bytes) -> None:
+    read_image_header(data)
+    with pytest.raises(UnknownImageError):
+        read_image_header(data[:24])
+
+
+def test_a_webp_of_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(UnknownImageError):
+        read_image_header(webp(b"VP9 ", bytes(30)))
+
+
+def test_a_png_says_its_size_in_four_bytes_a_side() -> None:
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 70_000, 35_000)
+    header = read_image_header(data)
+    assert (header.kind, header.width, header.height) == ("png", 70_000, 35_000)
+    with pytest.raises(UnknownImageError):
+        read_image_header(data[:-1])
+    with pytest.raises(UnknownImageError):
+        read_image_header(data.replace(b"IHDR", b"IDAT"))
