@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,102 @@ def test_bytes_are_on_the_disk_before_their_name_is(storage: FolderStorage, monk
     monkeypatch.setattr(Path, "replace", lambda self, to: (steps.append("rename"), replace(self, to))[1])
     storage.replace("map.json", b"data")
     assert steps == ["fsync", "rename", "fsync"]
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Note what is synced and what is renamed to what, in order, with the unfinished files' random parts left out."""
+    steps: list[str] = []
+    fsync, replace, rename = os.fsync, Path.replace, Path.rename
+
+    def noting_fsync(descriptor: int) -> None:
+        name = Path(os.readlink(f"/proc/self/fd/{descriptor}")).name
+        steps.append("sync " + re.sub(r"^\.(.*)\.[0-9a-f]{32}\.tmp$", r"unfinished \1", name))
+        fsync(descriptor)
+
+    def noting_replace(self: Path, target: Path) -> Path:
+        steps.append(f"name {target.name}")
+        return replace(self, target)
+
+    def noting_rename(self: Path, target: Path) -> Path:
+        steps.append(f"move {self.name}")
+        return rename(self, target)
+
+    monkeypatch.setattr(os, "fsync", noting_fsync)
+    monkeypatch.setattr(Path, "replace", noting_replace)
+    monkeypatch.setattr(Path, "rename", noting_rename)
+    return steps
+
+
+DIGEST_WRITTEN = ["sync unfinished scan.ply.sha256", "name scan.ply.sha256", "sync 1"]
+
+
+def test_a_scan_its_digest_and_its_folders_are_on_the_disk_before_the_upload_is_over(
+    storage: FolderStorage, tmp_path: Path, steps: list[str]
+) -> None:
+    upload = storage.spool_folder() / "upload"
+    upload.write_bytes(b"a scan")
+    storage.adopt("maps/m/1/scan.ply", upload, hashlib.sha256(b"a scan").hexdigest())
+    new_folders = [f"sync {tmp_path.name}", "sync maps", "sync m"]
+    assert steps == [*new_folders, *DIGEST_WRITTEN, "sync upload", "name scan.ply", "sync 1"]
+
+
+def test_bytes_that_are_put_come_after_their_digest(storage: FolderStorage, tmp_path: Path, steps: list[str]) -> None:
+    (tmp_path / "maps/m/1").mkdir(parents=True)
+    storage.put("maps/m/1/scan.ply", b"a scan")
+    assert steps == [*DIGEST_WRITTEN, "sync unfinished scan.ply", "name scan.ply", "sync 1"]
+
+
+def test_a_deletion_is_on_the_disk_before_it_is_over(storage: FolderStorage, steps: list[str]) -> None:
+    storage.put("maps/m/1/scan.ply", b"a scan")
+    steps.clear()
+    storage.delete_all("maps/m")
+    assert steps == ["move m", "sync maps"]
+
+
+@pytest.mark.parametrize("way", ["put", "adopt"])
+def test_no_moment_leaves_a_file_that_nothing_would_check(
+    storage: FolderStorage, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    class PowerCutError(BaseException):
+        pass
+
+    upload = storage.spool_folder() / "upload"
+    upload.write_bytes(b"a scan")
+    num_renamed = 0
+    replace = Path.replace
+
+    def cut_after_the_first(self: Path, target: Path) -> Path:
+        nonlocal num_renamed
+        num_renamed += 1
+        if num_renamed > 1:
+            raise PowerCutError
+        return replace(self, target)
+
+    def write() -> None:
+        if way == "put":
+            storage.put("maps/m/1/scan.ply", b"a scan")
+        else:
+            storage.adopt("maps/m/1/scan.ply", upload, hashlib.sha256(b"a scan").hexdigest())
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", cut_after_the_first)
+        with pytest.raises(PowerCutError):
+            write()
+    with pytest.raises(StoredFileMissingError):
+        storage.read("maps/m/1/scan.ply")
+
+
+def test_a_write_that_fails_leaves_nothing_behind(
+    storage: FolderStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        storage.replace("map.json", b"data")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_deleting_takes_everything_below_at_once(storage: FolderStorage, tmp_path: Path) -> None:
