@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import pytest
@@ -5,17 +6,45 @@ import pytest
 from service.host.cpu_share import num_sockets, num_usable_cpus
 
 
-@pytest.mark.parametrize(("limit", "expected"), [("50000 100000", 1), ("100 100000", 1), ("100000 100000", 1)])
+@pytest.fixture
+def eight_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the affinity mask of this process name eight processors, whatever the machine has."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+
+
+@pytest.mark.usefixtures("eight_processors")
+@pytest.mark.parametrize(
+    ("limit", "expected"),
+    [
+        ("400000 100000", 4),
+        ("150000 100000", 2),  # rounded up: half a processor is better used than left
+        ("150000 50000", 3),
+        ("1000 100000", 1),
+        ("0 100000", 1),
+        ("1600000 100000", 8),  # no more than the mask allows
+        ("max 100000", 8),
+        ("", 8),
+    ],
+)
 def test_a_container_quota_bounds_the_processors(tmp_path: Path, limit: str, expected: int) -> None:
     file = tmp_path / "cpu.max"
     file.write_text(limit)
     assert num_usable_cpus(file) == expected
 
 
-def test_without_a_quota_all_allowed_processors_count(tmp_path: Path) -> None:
-    file = tmp_path / "cpu.max"
-    file.write_text("max 100000")
-    assert num_usable_cpus(file) == num_usable_cpus(tmp_path / "absent") >= 1
+@pytest.mark.usefixtures("eight_processors")
+def test_without_a_container_all_allowed_processors_count(tmp_path: Path) -> None:
+    assert num_usable_cpus(tmp_path / "absent") == 8
+
+
+@pytest.mark.parametrize(("count", "expected"), [(6, 6), (None, 1)])
+def test_where_no_mask_is_known_the_machine_s_processors_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int | None, expected: int
+) -> None:
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: count)
+    assert num_usable_cpus(tmp_path / "absent") == expected
 
 
 def test_processors_of_one_package_are_one_socket(tmp_path: Path) -> None:
