@@ -1,10 +1,12 @@
-"""The seam between the HTTP process and the workers: jobs, outcomes, and what a pool can do.
+"""The seam between the HTTP process and the workers: jobs with their ids, outcomes, and what a pool can do.
 
 Imports neither Ray nor torch, so that routes and tests can use it. A pool is given to `service.app.create_app`, which
 calls `start` when the application starts and `stop` when it ends.
 """
 
+import secrets
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any, Protocol
 
 ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
@@ -12,6 +14,16 @@ ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
 
 PAPER_TIMEOUT_S = 600.0
 """Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
+
+
+def new_id(prefix: str) -> str:
+    """Return `prefix_` and 16 hexadecimal digits that nobody can guess."""
+    return f"{prefix}_{secrets.token_hex(8)}"
+
+
+def now() -> str:
+    """Return the time in UTC as RFC 3339, with microseconds so that text sorts like time."""
+    return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 @dataclass(frozen=True)

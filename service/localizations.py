@@ -10,9 +10,8 @@ import structlog
 
 from service.cache import Cache
 from service.errors import DeadlineError, LocalizationNotFoundError, ServiceError
-from service.identity import new_id, now
 from service.image_header import read_image_header
-from service.jobs import ARTIFACTS, LocalizeJob, LocalizeOutcome, WorkerPool
+from service.jobs import ARTIFACTS, LocalizeJob, LocalizeOutcome, WorkerPool, new_id, now
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
 from service.metrics import Metrics

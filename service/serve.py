@@ -18,10 +18,9 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
 from service.ray.serving import RayServing
-from service.ray.worker_plan import WorkerPlan
 from service.settings import Settings
 from service.storage import open_storage
-from service.worker.settings import WorkerSettings
+from service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from service.cache import Cache
 from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
 from service.localizations import Localizations
-from service.maps.registration_supervisor import Registrations
+from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.settings import Settings

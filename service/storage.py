@@ -17,7 +17,6 @@ from typing import Protocol
 from service.errors import StoredFileDamagedError, StoredFileMissingError
 
 _DIGEST_SUFFIX = ".sha256"
-_BLOCK_BYTES = 2**20
 
 
 class Storage(Protocol):

@@ -37,23 +37,15 @@ class Lifeline:
             start_new_session=True,
             text=True,
         )
-        self._guarded: set[int] = set()
-
-    @property
-    def guarded(self) -> frozenset[int]:
-        """Return the process ids that end with us."""
-        return frozenset(self._guarded)
 
     def guard(self, pid: int) -> None:
         """Let `pid` end when we do. Raises OSError when the watcher is gone."""
         with self._lock:
-            self._guarded.add(pid)
             self._tell(f"guard {pid}")
 
     def release(self, pid: int) -> None:
         """Forget `pid`: call it as soon as the process is known to have ended, before its id can be given again."""
         with self._lock:
-            self._guarded.discard(pid)
             self._tell(f"release {pid}")
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.http.problem_response import problem_response
-from service.identity import new_id
+from service.jobs import new_id
 from service.metrics import Metrics
 
 _log = structlog.get_logger("service.requests")

@@ -1,4 +1,5 @@
-"""What is known of a map: written by the HTTP process alone, read by workers that rebuild an index.
+"""What is known of a map, as it is stored and as it is shown: written by the HTTP process alone, read by workers that
+rebuild an index.
 
 A record lives in storage under `maps/{id}/map.json` and bears its own digest, because it is replaced in one step.
 """
@@ -88,6 +89,34 @@ class MapRecord:
             raise StoredFileDamagedError(
                 f"{key}: expected a map record as the service wrote it, but {error}; restore the file from a backup"
             ) from error
+
+
+def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the JSON of a map; progress: what its registration reported last, None when it has not begun."""
+    newest, serving = record.newest, record.serving
+    shown = newest if newest.status == "ready" or serving is None else serving
+    return {
+        "id": record.id,
+        "name": record.name,
+        "tags": record.tags,
+        "revision": newest.number,
+        "serving_revision": None if serving is None else serving.number,
+        **_state(newest.status, progress),
+        "error": newest.error,
+        "created_at": record.created_at,
+        "updated_at": record.updated_at,
+        "stats": shown.stats,
+        "diagnostics": shown.diagnostics,
+        "georeference": record.georeference,
+    }
+
+
+def _state(status: str, progress: dict[str, Any] | None) -> dict[str, Any]:
+    if status != "queued":
+        return {"status": status, "stage": None, "progress": 1.0 if status == "ready" else 0.0}
+    if progress is None:
+        return {"status": "queued", "stage": "waiting for a worker", "progress": 0.0}
+    return {"status": progress["status"], "stage": progress["stage"], "progress": progress["progress"]}
 
 
 def folder_of(map_id: str) -> str:

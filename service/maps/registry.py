@@ -18,8 +18,7 @@ from weakref import WeakValueDictionary
 import structlog
 
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StorageError
-from service.identity import now
-from service.jobs import MapRef
+from service.jobs import MapRef, now
 from service.maps.record import MapRecord, folder_of, key_of, read_record, write_record
 from service.storage import Storage
 

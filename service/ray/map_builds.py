@@ -6,10 +6,9 @@ from typing import Any
 
 from service.errors import NoWorkerError
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
-from service.worker.guarded_work import error_of
-from service.worker.reply import WorkerReply
+from service.worker.reply import WorkerReply, error_of
 
-# Starts a task of `service.ray.deployment` in a process of its own and returns its object reference.
+# Starts a task of `service.ray.remote` in a process of its own and returns its object reference.
 Submit = Callable[..., Awaitable[Any]]
 
 
@@ -25,7 +24,7 @@ class MapBuilds:
 
     async def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Run one registration after those that came before it. Raises NoWorkerError when its process keeps dying."""
-        from service.ray.deployment import register_map
+        from service.ray.remote import register_map
 
         async with self._registrations:
             reply: WorkerReply[RegisterOutcome] = await self._finished(register_map, job)
@@ -57,7 +56,7 @@ class MapBuilds:
         return running
 
     async def _rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
-        from service.ray.deployment import rebuild_map
+        from service.ray.remote import rebuild_map
 
         async with self._rebuild_place:
             reply: WorkerReply[None] = await self._finished(rebuild_map, map_ref)

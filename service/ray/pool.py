@@ -17,8 +17,7 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.map_builds import MapBuilds
 from service.ray.serving import RayServing
-from service.worker.guarded_work import error_of
-from service.worker.reply import WorkerReply
+from service.worker.reply import WorkerReply, error_of
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")

@@ -5,7 +5,7 @@ import secrets
 import redis
 
 from service.storage import open_storage
-from service.worker.settings import WorkerSettings
+from service.worker.plan import WorkerSettings
 
 _TOKEN_KEY = "cluster/token"
 _TIMEOUT_S = 5.0

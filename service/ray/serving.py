@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from service.host.cpu_share import num_sockets
+from service.host.process_resources import num_sockets
 from service.ray.cluster import SPIN_COUNT, RayCluster
 from service.ray.reachability import leave_token, missing_here
-from service.ray.worker_plan import WorkerPlan
+from service.worker.plan import WorkerPlan
 
 _DEPLOYMENT = "localizer"
 # One computes, one more is already there when it ends: the router would take up to half a second to bring the next.
@@ -49,7 +49,7 @@ class RayServing:
         from ray import serve
         from ray.serve.schema import LoggingConfig
 
-        from service.ray.deployment import LocalizationReplica
+        from service.ray.remote import LocalizationReplica
 
         # Its import has given the logger a level and a handler of its own.
         logging.getLogger("ray.serve").setLevel(logging.ERROR)

@@ -28,9 +28,6 @@ class Residency(Generic[Key, Value]):
     def __contains__(self, key: Key) -> bool:
         return key in self._held
 
-    def __len__(self) -> int:
-        return len(self._held)
-
     @property
     def num_bytes(self) -> int:
         """Return the bytes of everything held."""
@@ -50,11 +47,6 @@ class Residency(Generic[Key, Value]):
             self._held[key] = value
             self._num_bytes += value.num_bytes
         return value
-
-    def discard(self, matches: Callable[[Key], bool]) -> None:
-        """Drop every key that matches."""
-        for key in [key for key in self._held if matches(key)]:
-            self._num_bytes -= self._held.pop(key).num_bytes
 
     def _make_room(self, num_bytes: int) -> None:
         while self._held and self._num_bytes + num_bytes > self._max_bytes:

@@ -16,8 +16,7 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
 from service.ray.serving import RayServing
-from service.ray.worker_plan import WorkerPlan
-from service.worker.settings import WorkerSettings
+from service.worker.plan import WorkerPlan, WorkerSettings
 
 Result = TypeVar("Result")
 

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from service.worker.plan import WorkerSettings
 from service.worker.reply import WorkerFailure, WorkerReply
-from service.worker.settings import WorkerSettings
 
 
 class ScriptedWorker:

@@ -16,8 +16,7 @@ from service.http.schemas import Map, MapPage, MapPatch
 from service.http.schemas.maps import MAP_EXAMPLE
 from service.http.uploads import read_body
 from service.http.validation import parse_json
-from service.maps.document import map_document
-from service.maps.record import MapRecord
+from service.maps.record import MapRecord, map_document
 from service.problems import error_responses
 from service.services import Services, services_of
 

@@ -18,10 +18,8 @@ from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledScan, disk_error
 from service.http.uploads import Form, read_form
 from service.http.validation import parse_json
-from service.identity import new_id, now
-from service.jobs import MapRef
-from service.maps.document import map_document
-from service.maps.record import MapRecord, Revision
+from service.jobs import MapRef, new_id, now
+from service.maps.record import MapRecord, Revision, map_document
 from service.problems import error_responses
 from service.services import Services, services_of
 

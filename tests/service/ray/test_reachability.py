@@ -8,7 +8,7 @@ import pytest
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.ray.reachability import leave_token, missing_here
-from service.worker.settings import WorkerSettings
+from service.worker.plan import WorkerSettings
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from service.ray.deployment import LocalizationReplica
+from service.ray.remote import LocalizationReplica
 
 
 @dataclass

@@ -3,7 +3,7 @@ from typing import Any
 
 from service.errors import CacheDownError
 from service.jobs import MapRef
-from service.worker.progress_report import RegistrationProgress
+from service.worker.registration_progress import RegistrationProgress
 
 MAP = MapRef("map_a", 1)
 

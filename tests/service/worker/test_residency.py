@@ -42,7 +42,7 @@ def test_as_many_go_as_the_newcomer_needs_room() -> None:
     for name in ("a", "b", "c"):
         residency.get_or_load(name, loader(name, 10, log))
     residency.get_or_load("large", loader("large", 25, log))
-    assert len(residency) == 1
+    assert [name for name in ("a", "b", "c", "large") if name in residency] == ["large"]
     assert residency.num_bytes == 25
 
 
@@ -52,11 +52,3 @@ def test_a_value_larger_than_the_cache_is_used_but_not_kept() -> None:
     assert residency.get_or_load("huge", lambda: Blob("huge", 31)).name == "huge"
     assert "huge" not in residency
     assert "a" in residency
-
-
-def test_discarding_gives_the_bytes_back() -> None:
-    residency: Residency[tuple[str, int], Blob] = Residency(30)
-    residency.get_or_load(("a", 1), lambda: Blob("a1", 10))
-    residency.get_or_load(("b", 1), lambda: Blob("b1", 5))
-    residency.discard(lambda key: key[0] == "a")
-    assert residency.num_bytes == 5

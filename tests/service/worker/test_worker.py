@@ -25,10 +25,10 @@ from service.host.lifeline import Lifeline
 from service.jobs import LocalizeJob, MapRef, RegisterJob
 from service.maps.record import MapRecord, Revision, key_of, write_record
 from service.storage import FolderStorage
-from service.worker.query_worker import LocalizationWorker
-from service.worker.registration import Registrar
-from service.worker.settings import WorkerSettings
-from service.worker.stored_scan import MapCatalog
+from service.worker.localization_worker import LocalizationWorker
+from service.worker.map_catalog import MapCatalog
+from service.worker.plan import WorkerSettings
+from service.worker.registrar import Registrar
 
 MAP = MapRef("map_box", 1)
 OPTIONS: dict[str, Any] = {"unit": "m", "up_axis": "z", "color_kind": "rgb",

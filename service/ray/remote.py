@@ -10,12 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 from ray import serve
 
-from service.host.heap import return_freed_memory
+from service.host.process_resources import return_freed_memory
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from service.ray.worker_plan import WorkerPlan
+from service.worker.plan import WorkerPlan
 from service.worker.reply import WorkerReply
 
-APP_NAME = "panoloc"
 _REGISTRATION_NICENESS = 10
 # A search checks its deadline often; one that is this late hangs in native code.
 _OVERDUE_S = 60.0

@@ -16,16 +16,15 @@ from core.scan import read_scan
 from core.scan.point_cloud import PointCloud
 from service.cache import WorkerCache
 from service.errors import CacheDownError, MapNotFoundError
-from service.host.cpu_share import num_usable_cpus
+from service.host.process_resources import num_usable_cpus
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
 from service.storage import open_storage
-from service.worker.guarded_work import guarded
 from service.worker.job_options import index_options_of, scan_options_of
-from service.worker.progress_report import RegistrationProgress
+from service.worker.map_catalog import MapCatalog
+from service.worker.plan import WorkerSettings
 from service.worker.registration_outcome import sample_ply, starts_of, stats_of
-from service.worker.reply import WorkerReply
-from service.worker.settings import WorkerSettings
-from service.worker.stored_scan import MapCatalog
+from service.worker.registration_progress import RegistrationProgress
+from service.worker.reply import WorkerReply, guarded
 
 # A Redis that is starting again is worth waiting for: without the index the first query builds it once more.
 _REDIS_PATIENCE_S = 10.0

@@ -3,7 +3,7 @@
 import threading
 from typing import Any
 
-from service.ray.deployment import LocalizationReplica
+from service.ray.remote import LocalizationReplica
 
 
 class Plan:

@@ -1,4 +1,7 @@
-"""What runs inside Ray, named but not imported: the HTTP process must not load the algorithm."""
+"""What a worker has to know, and what it runs, named but not imported: the HTTP process must not load the algorithm.
+
+Both travel with the worker, also to another machine.
+"""
 
 import importlib
 from collections.abc import Callable
@@ -7,7 +10,25 @@ from typing import Any, Protocol
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
 from service.worker.reply import WorkerReply
-from service.worker.settings import WorkerSettings
+
+
+@dataclass(frozen=True)
+class WorkerSettings:
+    """Values that a worker takes from the service's settings.
+
+    redis_url and storage_url: reachable from every machine that runs a worker. workers_per_machine: that share its
+    processors. resident_bytes: map indexes kept in memory, least recently used out. index_lifetime_s: of an index in
+    Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
+    """
+
+    redis_url: str
+    storage_url: str
+    workers_per_machine: int = 1
+    resident_bytes: int = 2 * 2**30
+    max_pixels: int = 100_000_000
+    max_points: int = 200_000_000
+    max_points_used: int = 500_000
+    index_lifetime_s: int = 30 * 24 * 3600
 
 
 class QueryWorker(Protocol):
@@ -29,11 +50,11 @@ class MapRegistrar(Protocol):
 
 @dataclass(frozen=True)
 class WorkerPlan:
-    """What runs inside Ray: two factories, each "module:function", called with the settings where the work is done."""
+    """What workers run: two factories, each "module:function", called with the settings where the work is done."""
 
     settings: WorkerSettings
-    worker: str = "service.worker.query_worker:build_worker"
-    registrar: str = "service.worker.registration:build_registrar"
+    worker: str = "service.worker.localization_worker:build_worker"
+    registrar: str = "service.worker.registrar:build_registrar"
 
     def build_worker(self) -> QueryWorker:
         """Import the factory of query workers and call it."""

@@ -3,7 +3,8 @@
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import torch
@@ -15,19 +16,18 @@ from core.index.map_index import MapIndex
 from core.localizer import Localizer
 from core.panorama.panorama import Panorama
 from core.panorama.reader import read_panorama
+from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
+from core.results import Localization
 from service.cache import WorkerCache
-from service.host.cpu_share import num_usable_cpus
-from service.host.heap import keep_freed_memory
+from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from service.storage import open_storage
 from service.worker.answer_body import localization_body
-from service.worker.guarded_work import guarded
 from service.worker.job_options import hints_of, index_options_of
-from service.worker.localization_pictures import localization_pictures
-from service.worker.reply import WorkerReply
+from service.worker.map_catalog import MapCatalog
+from service.worker.plan import WorkerSettings
+from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
-from service.worker.settings import WorkerSettings
-from service.worker.stored_scan import MapCatalog
 
 Result = TypeVar("Result")
 
@@ -55,7 +55,6 @@ class LocalizationWorker:
             worker=self._name,
             duration_s=time.monotonic() - began,
             resident_bytes=self._resident.num_bytes,
-            resident_maps=len(self._resident),
             index_loads=query.index_loads,
         )
 
@@ -107,7 +106,7 @@ class _Query:
             timeout_s=self._remaining_s(),
         )
         wanted = options.get("artifacts") or ()
-        pictures = self._timed("pictures", lambda: localization_pictures(panorama, maps, localization, wanted))
+        pictures = self._timed("pictures", lambda: _pictures(panorama, maps, localization, wanted))
         body = localization_body(localization, self._job.maps, options.get("frame", "ros"), self._timings_s)
         return LocalizeOutcome(body, pictures)
 
@@ -136,6 +135,28 @@ class _Query:
         result = work()
         self._timings_s[stage] = time.perf_counter() - began
         return result
+
+
+def _pictures(
+    panorama: Panorama, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
+) -> dict[str, bytes]:
+    """Return the PNGs that show a person whether a pose is right, by the names in `wanted`: "score_map_2d", "score_map_3d", "overlay".
+
+    Without any pose there is nothing to draw, so the result is empty; the body says why.
+    """
+    if localization.best is None:
+        return {}
+    index = maps[localization.best.map_position]
+    names = tuple(wanted)
+    drawn = {}
+    if "score_map_2d" in names:
+        drawn["score_map_2d"] = draw_score_map_2d(panorama, localization)
+    if "score_map_3d" in names or "overlay" in names:
+        view = view_scan(index, localization, with_scores="score_map_3d" in names)
+        drawn |= {"score_map_3d": draw_score_map_3d(view), "overlay": draw_overlay(panorama, view)}
+    # Compressing takes a third of the time, and needs no interpreter.
+    with ThreadPoolExecutor(len(names) or 1) as threads:
+        return dict(zip(names, threads.map(encode_png, (drawn[name] for name in names)), strict=True))
 
 
 def build_worker(settings: WorkerSettings) -> LocalizationWorker:

@@ -2,8 +2,7 @@ import pytest
 
 from core.errors import CoreError, PanoramaShapeError
 from service import errors
-from service.worker.guarded_work import error_of, guarded
-from service.worker.reply import WorkerFailure
+from service.worker.reply import WorkerFailure, error_of, guarded
 
 
 def raise_(error: Exception) -> None:
