@@ -8,8 +8,7 @@ import typer
 
 from lab.commands.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
-from service.cli.options import JsonOption
-from service.cli.session import Session
+from service.cli.session import JsonOption, Session
 
 WHAT, SIZES, SERVICE, MACHINE, OUTPUT = "What", "Sizes", "Service", "Machine", "Output"
 

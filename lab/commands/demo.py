@@ -13,13 +13,12 @@ from lab.commands.core_errors import core_errors_shown
 from service.cli.answer_files import AnswerFolder
 from service.cli.background_service import BackgroundService, start_in_background, wait_until_ready
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.localize import ARTIFACTS
-from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_waiting
 from service.cli.register import upload_and_wait
-from service.cli.session import Session
+from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_summary
 from service.client.client import JsonObject, PanolocClient
+from service.jobs import ARTIFACTS
 
 if TYPE_CHECKING:
     from lab.commands.demo_scene import DemoQuery

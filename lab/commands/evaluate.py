@@ -10,8 +10,7 @@ from rich.markup import escape
 from lab.commands import evaluation_options as choices
 from lab.commands.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
-from service.cli.options import JsonOption
-from service.cli.session import Session
+from service.cli.session import JsonOption, Session
 
 app = typer.Typer(help="Measure methods on cases with known poses, and fit the confidence on the rows.")
 

@@ -11,15 +11,12 @@ from rich.markup import escape
 
 from service.cli.answer_files import AnswerFolder
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.hints import hints_object
-from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_waiting
-from service.cli.session import Session
+from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.client.client import JsonObject, PanolocClient
 from service.client.errors import ApiProblemError
-from service.jobs import PAPER_TIMEOUT_S
+from service.jobs import ARTIFACTS, PAPER_TIMEOUT_S
 
-ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]
 
@@ -83,7 +80,7 @@ def localize(
             f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them.",
             param_hint="--map",
         )
-    hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
+    hints = _hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
     options: JsonObject = {"frame": frame.value, "method": method.value, "top_k": top_k}
     options["artifacts"] = list(ARTIFACTS) if out else []
     options |= {"hints": hints} if hints else {}
@@ -138,3 +135,32 @@ class Query:
             f"[bold]{escape(str(panorama))}[/]  [bold red]{escape(problem.title)}[/] (HTTP {problem.status})"
         )
         self.session.messages.print(escape(str(problem)))
+
+
+def _hints_object(
+    position: tuple[float, float, float] | None,
+    radius: float | None,
+    region: tuple[float, float, float, float, float, float] | None,
+    upright: bool,
+    max_tilt: float | None,
+    heading: float | None,
+    heading_tolerance: float | None,
+) -> JsonObject:
+    """Return the hints that were given as the HTTP API takes them; metres and degrees.
+
+    Raises typer.BadParameter for a hint that means nothing without another.
+    """
+    if radius is not None and position is None:
+        raise typer.BadParameter("--radius needs --position X Y Z", param_hint="--radius")
+    if heading_tolerance is not None and heading is None:
+        raise typer.BadParameter("--heading-tolerance needs --heading", param_hint="--heading-tolerance")
+    given: JsonObject = {
+        "position_m": list(position) if position else None,
+        "radius_m": radius,
+        "region": {"min": list(region[:3]), "max": list(region[3:])} if region else None,
+        "upright": upright or None,
+        "max_tilt_deg": max_tilt,
+        "heading_deg": heading,
+        "heading_tolerance_deg": heading_tolerance,
+    }
+    return {name: value for name, value in given.items() if value is not None}

@@ -4,8 +4,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
-from service.cli.session import Session
+from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_table
 
 app = typer.Typer(help="List the registered maps, or delete some.")

@@ -6,9 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.options import DEFAULT_URL, JsonOption, UrlOption
 from service.cli.progress import show_registration, show_upload
-from service.cli.session import Session
+from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_summary
 from service.client.client import JsonObject, PanolocClient
 from service.client.errors import UnreachableError

@@ -1,17 +1,33 @@
-"""What every command shares: the two consoles, the way to the service, and the JSON switch."""
+"""What every command shares: the two consoles, the way to the service, and the options `--url` and `--json`."""
 
 import json
 import os
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import httpx
+import typer
 from rich.console import Console
 
 from service.cli.tables import alternatives_table, answer_summary, picture_links
 from service.client.client import JsonObject, PanolocClient
 
 _PIPE_WIDTH = 500
+
+
+def default_url() -> str:
+    """Return where a service started with the same environment listens."""
+    host = os.environ.get("PANOLOC_HOST", "127.0.0.1")
+    reachable = "127.0.0.1" if host in ("", "0.0.0.0", "::") else host
+    return f"http://{reachable}:{os.environ.get('PANOLOC_PORT', '8000')}"
+
+
+DEFAULT_URL = default_url()
+
+UrlOption = Annotated[str, typer.Option("--url", envvar="PANOLOC_URL", help="Where the service listens.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document per result on standard output, and nothing else there.")
+]
 
 
 @dataclass

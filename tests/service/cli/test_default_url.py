@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.cli.options import default_url
+from service.cli.session import default_url
 
 
 def test_the_default_url_follows_host_and_port(monkeypatch: pytest.MonkeyPatch) -> None:
