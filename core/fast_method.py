@@ -102,8 +102,8 @@ class FastMethod:
         ]
         poses.sort(key=lambda pose: -pose[0])
         hypotheses = [
-            Hypothesis(number, start, found[number].rotations[turn], query.maps[number].starts[start], score)
-            for score, number, start, turn in poses[: config.num_candidates]
+            Hypothesis(number, start, found[number].rotations[turn], query.maps[number].starts[start])
+            for _, number, start, turn in poses[: config.num_candidates]
         ]
         return hypotheses, sum(part.num_starts for part in found), sum(part.num_poses for part in found)
 
@@ -209,7 +209,7 @@ class FastMethod:
         rules = StepRules(not is_labels, robust_scale or sizes.robust_scale, floor)
         maps = torch.tensor([h.map_number for h in group], device=rotations.device)
         result = refine(level, points, rotations, positions, iterations, rules, rest, maps)
-        columns = (result.numbers, result.loss, result.scale, result.num_points, result.steps)
+        columns = (result.numbers, result.loss, result.scale, result.steps)
         figures = torch.stack([column.double() for column in columns], dim=1).tolist()
         return [
             replace(
@@ -219,10 +219,9 @@ class FastMethod:
                 loss=loss,
                 hessian=result.hessian[k],
                 residual_scale=scale,
-                num_points=int(num_points),
                 iterations=group[int(number)].iterations + int(steps),
             )
-            for k, (number, loss, scale, num_points, steps) in enumerate(figures)
+            for k, (number, loss, scale, steps) in enumerate(figures)
         ]
 
 

@@ -77,7 +77,6 @@ def build_map_index(
         sampled_shares=torch.cat(views.sampled_shares)[keep],
         labels=labels,
         num_points_read=cloud.num_points_read or len(cloud),
-        num_rotations=config.search.num_rotations,
     )
 
 

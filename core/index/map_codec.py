@@ -1,8 +1,8 @@
 """Map indexes as bytes: a header, then little-endian arrays, compressed. No pickle: reading runs no code.
 
 Layout: magic `PLMI`, version (uint16), length of a JSON header (uint32), the header, the arrays. Positions are steps of a sixteenth of the
-points' spacing, colours of points 6 bits a channel (labels all 8), descriptors 31 steps up and down per view;
-docs/experiments.md says what is lost by it (nothing that can be measured).
+points' spacing, colours of points 6 bits a channel (labels all 8), descriptors 31 steps up and down per view; all laid out so that
+Huffman codes find little to say. docs/experiments.md ("How small may an index be?") says what is lost by it: nothing that can be measured.
 """
 
 import json
@@ -17,21 +17,14 @@ from torch import Tensor
 
 from core.describe.patch_descriptors import ViewDescriptors
 from core.errors import IndexFormatError
-from core.index.array_packing import (
-    COLOR_LEVELS,
-    pack_colors,
-    pack_steps,
-    row_differences,
-    row_sums,
-    unpack_colors,
-    unpack_steps,
-)
 from core.index.map_index import INDEX_VERSION, MapIndex
 from core.light.color_equalization import LabelCodes
 
+Bytes = NDArray[np.uint8]
 _MAGIC = b"PLMI"
 _STEPS_PER_SPACING = 16
 _MOST_STEPS = 1 << 30
+_COLOR_LEVELS = 64
 _DESCRIPTOR_STEPS = 31
 _PREFIX = struct.Struct("<4sHI")
 
@@ -60,7 +53,6 @@ def encode_map_index(index: MapIndex) -> bytes:
         "origin_offset": index.origin_offset.tolist(),
         "spacing": index.spacing,
         "num_points_read": index.num_points_read,
-        "num_rotations": index.num_rotations,
         "arrays": [{"name": k, "dtype": v.dtype.str, "shape": v.shape} for k, v in arrays.items()],
     }
     text = json.dumps(header).encode()
@@ -129,7 +121,6 @@ def _assemble(header: dict[str, Any], arrays: dict[str, NDArray[np.generic]]) ->
         sampled_shares=tensors["sampled_shares"],
         labels=labels,
         num_points_read=int(header["num_points_read"]),
-        num_rotations=int(header["num_rotations"]),
     )
 
 
@@ -167,12 +158,58 @@ def _quantize_positions(positions: Tensor, spacing: float) -> tuple[NDArray[np.f
 
 def _color_levels(labels: LabelCodes | None) -> int:
     """Return how many steps a channel of the points' colours keeps: all where they are codes."""
-    return COLOR_LEVELS if labels is None else 256
+    return _COLOR_LEVELS if labels is None else 256
 
 
-def _bytes(tensor: Tensor) -> NDArray[np.uint8]:
+def _bytes(tensor: Tensor) -> Bytes:
     return np.asarray(tensor.detach().cpu().numpy(), np.uint8)
 
 
 def _array(tensor: Tensor) -> NDArray[np.generic]:
     return np.ascontiguousarray(tensor.detach().cpu().numpy())
+
+
+def pack_steps(steps: NDArray[np.int64]) -> Bytes:
+    """Return whole numbers (N, C) as planes of bytes (B, C, N): differences down the rows, small ones first.
+
+    Rows that follow each other along a space-filling curve differ little, so that all but one or two planes are almost empty.
+    """
+    difference = np.diff(steps, axis=0, prepend=0)
+    positive = (difference << 1) ^ (difference >> 63)
+    planes = max(1, (int(positive.max(initial=0)).bit_length() + 7) // 8)
+    split = np.ascontiguousarray(positive.T).astype("<u8")[..., None].view(np.uint8)
+    return np.ascontiguousarray(split[..., :planes].transpose(2, 0, 1))
+
+
+def unpack_steps(planes: Bytes) -> NDArray[np.int64]:
+    """Undo `pack_steps`."""
+    positive = np.zeros(planes.shape[1:], np.int64)
+    for k, plane in enumerate(planes):
+        if k == 0 or plane.any():
+            positive |= plane.astype(np.int64) << (8 * k)
+    difference = (positive >> 1) ^ -(positive & 1)
+    return np.cumsum(difference, axis=1, out=difference).T
+
+
+def pack_colors(colors: Bytes, levels: int) -> Bytes:
+    """Return colours (..., 3) as planes (3, ...) of `levels` steps: green, and how far red and blue are from it (modulo 256)."""
+    red, green, blue = np.moveaxis((colors.astype(np.uint16) * (levels - 1) + 127) // 255, -1, 0).astype(np.uint8)
+    return np.stack((green, red - green, blue - green))
+
+
+def unpack_colors(planes: Bytes, levels: int) -> Bytes:
+    """Undo `pack_colors` but for the rounding."""
+    green, red, blue = planes
+    table = np.zeros(256, np.uint8)
+    table[:levels] = (np.arange(levels) * 255 + (levels - 1) // 2) // (levels - 1)
+    return np.ascontiguousarray(np.moveaxis(table[np.stack((red + green, green, blue + green))], 0, -1))
+
+
+def row_differences(planes: Bytes) -> Bytes:
+    """Return how each byte of (..., N) differs from the one before it, modulo 256."""
+    return np.diff(planes, axis=-1, prepend=np.uint8(0))
+
+
+def row_sums(differences: Bytes) -> Bytes:
+    """Undo `row_differences`."""
+    return np.cumsum(differences, axis=-1, dtype=np.uint8)

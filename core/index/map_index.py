@@ -14,7 +14,7 @@ from core.errors import OptionsError
 from core.light.color_equalization import LabelCodes
 from core.views.render_cloud import RenderCloud, make_render_cloud
 
-INDEX_VERSION = 3  # of what an index holds and means; rises with every change, so that older ones are built again
+INDEX_VERSION = 4  # of what an index holds and means; rises with every change, so that older ones are built again
 ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
 Vector = tuple[float, float, float]
@@ -66,7 +66,6 @@ class MapIndex:
     sampled_shares: Tensor
     labels: LabelCodes | None
     num_points_read: int
-    num_rotations: int
 
     @property
     def num_points(self) -> int:

@@ -21,9 +21,9 @@ class Hypothesis:
     """One pose of one map, in the index's local frame.
 
     map_number: which of the query's maps. start: number of the start it came from. rotation: (3, 3) map_from_camera. position: (3,) metres.
-    search_score: of the search. score: of the judge, larger is better. measures: the judge's figures by name.
+    score: of the judge, larger is better. measures: the judge's figures by name.
     loss: robust sampling loss of the last refinement. hessian: (6, 6), its curvature by turn (rad) and move (m) in the camera frame.
-    residual_scale, num_points: of the last refinement. iterations: refinement steps so far.
+    residual_scale: of the last refinement, the residual at which a point counts a quarter. iterations: refinement steps so far.
     color_model: how colours of scan and photo were brought together.
     """
 
@@ -31,13 +31,11 @@ class Hypothesis:
     start: int
     rotation: Tensor
     position: Tensor
-    search_score: float
     score: float = 0.0
     measures: dict[str, float] = field(default_factory=dict)
     loss: float = math.inf
     hessian: Tensor | None = None
     residual_scale: float = 1.0
-    num_points: int = 0
     iterations: int = 0
     color_model: str = "equalized"
 

@@ -95,7 +95,7 @@ class PaperMethod:
                 scores = -_losses_at(problem, starts, rotations)
             best = scores.flatten().topk(min(config.num_candidates, scores.numel()))
         found = []
-        for score, flat in zip(best.values.tolist(), best.indices.tolist(), strict=True):
+        for flat in best.indices.tolist():
             start, turn = divmod(flat, len(rotations))
             with clock.stage("refine"):
                 rotation, position, loss = minimize_by_adam(
@@ -104,7 +104,7 @@ class PaperMethod:
             model = "labels" if index.labels is not None else ("global_transport" if config.match_colors else "none")
             found.append(
                 Hypothesis(
-                    number, start, rotation, position, score, loss=loss, iterations=config.iterations, color_model=model
+                    number, start, rotation, position, loss=loss, iterations=config.iterations, color_model=model
                 )
             )
         return found

@@ -99,11 +99,6 @@ class PoseStep:
         """Return the robust loss (K,) in 0..1."""
         return (self.base * self.ratio / (1 + self.ratio)).sum(-1) / self.base.sum(-1).clamp_min(1e-9)
 
-    @property
-    def num_points(self) -> Tensor:
-        """Return how many points were in view (K,)."""
-        return (self.base > 0).sum(-1)
-
 
 def gauss_newton_step(
     level: ImageLevel,

@@ -51,8 +51,7 @@ class Refined:
     """Poses after refinement: those of the candidates `numbers` (K,), ascending; the others had come together with one of these.
 
     rotations: (K, 3, 3) map_from_camera; positions: (K, 3). Of the last step: loss (K,) in 0..1; hessian (K, 6, 6) of half the weighted
-    squared residuals by turn and move; scale (K,), the residual at which a point counts a quarter; num_points (K,) that were in view.
-    steps: (K,) how many there were.
+    squared residuals by turn and move; scale (K,), the residual at which a point counts a quarter. steps: (K,) how many there were.
     """
 
     numbers: Tensor
@@ -61,7 +60,6 @@ class Refined:
     loss: Tensor
     hessian: Tensor
     scale: Tensor
-    num_points: Tensor
     steps: Tensor
 
     def take(self, chosen: Tensor) -> "Refined":
@@ -122,7 +120,7 @@ def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, rul
     nothing = torch.zeros(len(rotations), device=rotations.device)
     numbers = torch.arange(len(rotations), device=rotations.device)
     hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
-    poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, nothing, torch.zeros_like(numbers))
+    poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers))
     return _Moving(planes, planes.weights, poses, first_pace(len(rotations), rules, rotations.device))
 
 
@@ -134,9 +132,7 @@ def _walked(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to
         relaxed = not to_the_end or k + 1 < count
         step = gauss_newton_step(level, moving.points, rotations, positions, light_weights, pace, rules, relaxed)
         rotations, positions, light_weights, pace = step.rotations, step.positions, step.weights, step.pace
-    reached = Refined(
-        poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, step.num_points, poses.steps + count
-    )
+    reached = Refined(poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, poses.steps + count)
     return _Moving(moving.points, light_weights, reached, pace)
 
 

@@ -18,14 +18,13 @@ class Comparison:
 
     scan, panorama: (K, S, 3) canonical colours over S = H W pixels. weights: (K, S) solid angle, zero where either is missing.
     tables: (K, 3, 256) equalization of the panorama over those pixels, None for labels.
-    scan_coverage: (K,) share of the sphere that the scan fills. views: what was rendered.
+    views: what was rendered.
     """
 
     scan: Tensor
     panorama: Tensor
     weights: Tensor
     tables: Tensor | None
-    scan_coverage: Tensor
     views: SyntheticViews
 
 
@@ -49,11 +48,10 @@ def compare(
     u, v = project(directions @ rotations, level.height, 2 * level.height)
     sampled = sample_bilinear(torch.cat((level.color, level.valid[None])), u, v)
     solid = pixel_solid_angles(height, width, positions.device).expand(-1, width).flatten()
-    seen = views.valid.flatten(1) * solid
-    weights = seen * (sampled[..., 3] > 0.99)
+    weights = views.valid.flatten(1) * solid * (sampled[..., 3] > 0.99)
     scan, panorama, tables = views.color.flatten(1, 2), sampled[..., :3], None
     if not is_labels:
         scan = apply_tables(scan, equalization_tables(scan, weights))
         tables = equalization_tables(panorama, weights)
         panorama = apply_tables(panorama, tables)
-    return Comparison(scan, panorama, weights, tables, seen.sum(-1) / solid.sum(), views)
+    return Comparison(scan, panorama, weights, tables, views)

@@ -92,7 +92,7 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
 def features_of_row(row: Row) -> list[float]:
     """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
     search = row.search
-    judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, score=search["score"], measures=search["measures"])
+    judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=search["score"], measures=search["measures"])
     values = features_of(judged, search.get("runner_up_score") or 0.0)
     return [float(values[name]) for name in FEATURES]
 

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from core.config import IndexConfig, SearchConfig
-from core.errors import CancelledError, OptionsError
+from core.errors import CancelledError, IndexFormatError, OptionsError
 from core.index.map_builder import build_map_index, index_config_digest
 from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import INDEX_VERSION, IndexOptions, MapIndex
 from core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 
@@ -132,7 +132,6 @@ def test_an_index_read_back_differs_only_by_stated_rounding(box_index: MapIndex,
     np.testing.assert_array_equal(read_back.origin_offset, box_index.origin_offset)
     assert read_back.spacing == box_index.spacing
     assert read_back.num_points_read == box_index.num_points_read
-    assert read_back.num_rotations == box_index.num_rotations
 
 
 def test_rounding_happens_once(box_index: MapIndex, read_back: MapIndex) -> None:
@@ -172,6 +171,17 @@ def test_the_bytes_run_no_code(box_index: MapIndex) -> None:
     assert data[:4] == b"PLMI"
     with pytest.raises((ValueError, EOFError, UnicodeDecodeError, KeyError)):
         list(pickletools.genops(data))
+
+
+def test_an_index_of_another_version_is_refused_and_looked_for_under_another_name(
+    box_index: MapIndex, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, digest = encode_map_index(box_index), index_config_digest(IndexOptions())
+    for version in (INDEX_VERSION - 1, INDEX_VERSION + 1):
+        with pytest.raises(IndexFormatError, match=f"expected version {INDEX_VERSION}.*{version}.*build it again"):
+            decode_map_index(data[:4] + version.to_bytes(2, "little") + data[6:])
+    monkeypatch.setattr("core.index.map_builder.INDEX_VERSION", INDEX_VERSION - 1)
+    assert index_config_digest(IndexOptions()) != digest
 
 
 # Digests.

@@ -26,8 +26,8 @@ def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -
 
 def test_a_sharper_loss_means_a_smaller_error_radius() -> None:
     model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0), RadiusModel(0.0, 1.0, 0.0))
-    base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 100, residual_scale=0.1)
-    sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0, hessian=torch.eye(6) * 400, residual_scale=0.1)
+    base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=torch.eye(6) * 100, residual_scale=0.1)
+    sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=torch.eye(6) * 400, residual_scale=0.1)
     wide, narrow = (error_radii(formal_radii(one), {"patch_correlation": 0.5}, model) for one in (base, sharp))
     assert wide[0] is not None
     assert narrow[0] is not None
@@ -43,5 +43,5 @@ def test_less_agreement_never_means_a_smaller_error_radius() -> None:
 
 
 def test_without_a_curvature_there_is_no_error_radius() -> None:
-    hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), 0.0)
+    hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3))
     assert error_radii(formal_radii(hypothesis), {}, load_confidence_model()) == (None, None)

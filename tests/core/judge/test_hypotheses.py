@@ -7,7 +7,7 @@ from core.judge.hypotheses import Hypothesis, best_distinct, converged, promisin
 
 def placed(x: float, score: float = 0.0, loss: float = 0.0, map_number: int = 0) -> Hypothesis:
     """Return a hypothesis `x` metres along an axis."""
-    return Hypothesis(map_number, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), 0.0, score=score, loss=loss)
+    return Hypothesis(map_number, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score, loss=loss)
 
 
 def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
@@ -26,8 +26,8 @@ def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
 
 
 def test_hypotheses_that_converged_to_one_pose_count_once() -> None:
-    near = [Hypothesis(0, k, torch.eye(3), torch.tensor([0.01 * k, 0, 0]), 0.0, score=0.5 + 0.1 * k) for k in range(4)]
-    apart = Hypothesis(0, 9, torch.eye(3), torch.tensor([2.0, 0, 0]), 0.0, score=0.1)
-    elsewhere = Hypothesis(1, 0, torch.eye(3), torch.zeros(3), 0.0, score=0.2)
+    near = [Hypothesis(0, k, torch.eye(3), torch.tensor([0.01 * k, 0, 0]), score=0.5 + 0.1 * k) for k in range(4)]
+    apart = Hypothesis(0, 9, torch.eye(3), torch.tensor([2.0, 0, 0]), score=0.1)
+    elsewhere = Hypothesis(1, 0, torch.eye(3), torch.zeros(3), score=0.2)
     kept = best_distinct([*near, apart, elsewhere], 5)
     assert [h.score for h in kept] == [near[3].score, 0.2, 0.1]
