@@ -24,7 +24,7 @@ Result = TypeVar("Result")
 class PoolInThread:
     """The real pool with a scripted worker."""
 
-    def __init__(self, folder: Path, ray_address: str | None = None, **settings: str) -> None:
+    def __init__(self, folder: Path, ray_address: str | None = None, redis_url: str | None = None) -> None:
         self.folder = folder
         self.lifeline = Lifeline()
         self._loop = asyncio.new_event_loop()
@@ -32,9 +32,8 @@ class PoolInThread:
         self._thread.start()
         self.redis = EmbeddedRedis(folder, self.lifeline)
         self.redis.start()
-        given = {"redis_url": self.redis.url, "storage_url": str(folder), **settings}
         scripted = "tests.integration.scripted_worker:ScriptedWorker"
-        plan = WorkerPlan(WorkerSettings(**given), worker=scripted, registrar=scripted)
+        plan = WorkerPlan(WorkerSettings(redis_url or self.redis.url, str(folder)), worker=scripted, registrar=scripted)
         cluster = RayCluster(ray_address, folder / "ray", self.lifeline)
         self.pool = self.run(self._build(cluster, RayServing(cluster, plan, None)))
         self.run(self.pool.start())

@@ -2,6 +2,7 @@
 
 import io
 import struct
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from PIL import Image
 from service.errors import UnknownImageError
 from service.image_header import read_image_header
 
-WRITERS = {
+WRITERS: dict[str, dict[str, Any]] = {
     "png": {"format": "PNG"},
     "jpeg": {"format": "JPEG"},
     "progressive jpeg": {"format": "JPEG", "progressive": True, "exif": Image.Exif().tobytes() + bytes(2000)},

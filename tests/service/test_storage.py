@@ -60,7 +60,7 @@ def test_a_crash_while_writing_leaves_the_old_bytes(
         raise PowerCutError
 
     with monkeypatch.context() as patch:
-        patch.setattr(*((os, "fsync") if moment == "fsync" else (Path, "replace")), cut)
+        patch.setattr(os if moment == "fsync" else Path, moment, cut)
         # Nothing of ours runs any more once the process is gone.
         patch.setattr(Path, "unlink", lambda *_, **__: None)
         with pytest.raises(PowerCutError):
@@ -74,8 +74,17 @@ def test_a_crash_while_writing_leaves_the_old_bytes(
 def test_bytes_are_on_the_disk_before_their_name_is(storage: FolderStorage, monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[str] = []
     fsync, replace = os.fsync, Path.replace
-    monkeypatch.setattr(os, "fsync", lambda descriptor: (steps.append("fsync"), fsync(descriptor))[1])
-    monkeypatch.setattr(Path, "replace", lambda self, to: (steps.append("rename"), replace(self, to))[1])
+
+    def noted_fsync(descriptor: int) -> None:
+        steps.append("fsync")
+        fsync(descriptor)
+
+    def noted_replace(self: Path, target: Path) -> Path:
+        steps.append("rename")
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", noted_fsync)
+    monkeypatch.setattr(Path, "replace", noted_replace)
     storage.replace("map.json", b"data")
     assert steps == ["fsync", "rename", "fsync"]
 

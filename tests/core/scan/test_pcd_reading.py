@@ -21,7 +21,8 @@ ENCODINGS = ["ascii", "binary", "binary_compressed"]
 
 def compress_lzf(data: bytes) -> bytes:
     """A plain LZF encoder: a reference wherever the last three bytes came before, literals elsewhere."""
-    output, literals, seen, position = bytearray(), bytearray(), {}, 0
+    output, literals, position = bytearray(), bytearray(), 0
+    seen: dict[bytes, int] = {}
 
     def flush() -> None:
         for start in range(0, len(literals), 32):
@@ -59,7 +60,8 @@ def pcd_header(num_points: int, fields: str, sizes: str, types: str, encoding: s
 
 def packed_colors(cloud: PointCloud, alpha: int = 0) -> NDArray[np.uint32]:
     red, green, blue = cloud.colors.T.astype(np.uint32)
-    return np.uint32(alpha << 24) | (red << 16) | (green << 8) | blue
+    packed: NDArray[np.uint32] = np.uint32(alpha << 24) | (red << 16) | (green << 8) | blue
+    return packed
 
 
 def pcd_body(columns: list[NDArray[Any]], encoding: str) -> bytes:

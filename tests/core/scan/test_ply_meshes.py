@@ -45,7 +45,7 @@ def test_a_sparse_mesh_is_sampled_evenly_with_mixed_colours(
     low, high = cloud.bounds
     np.testing.assert_allclose([*low, *high], [0, 0, 0, 4, 3, 0], atol=0.1)
     np.testing.assert_allclose(cloud.colors[:, 0], cloud.positions[:, 0] * 50, atol=1.5)
-    per_square_metre, _, _ = np.histogram2d(*cloud.positions[:, :2].T, bins=(4, 3))
+    per_square_metre, _, _ = np.histogram2d(cloud.positions[:, 0], cloud.positions[:, 1], bins=(4, 3))
     assert per_square_metre.min() > 0.85 * per_square_metre.max()
 
 

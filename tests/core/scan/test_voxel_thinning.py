@@ -98,13 +98,15 @@ def test_a_voxel_keeps_the_mean_of_its_points() -> None:
 def test_many_chunks_overflow_the_table_and_still_give_an_even_cloud(color_kind: str) -> None:
     rng = np.random.default_rng(2)
     thinner = VoxelThinner(8_000, color_kind)  # type: ignore[arg-type]
-    for station in range(12):
-        positions = rng.random((40_000, 3)) * [4, 3, 0] + [station % 3 * 4, station // 3 * 3, 0]
-        shade = np.full((len(positions), 3), 10 + station * 20, np.uint8)
+    for number in range(12):
+        positions = rng.random((40_000, 3)) * [4, 3, 0] + [number % 3 * 4, number // 3 * 3, 0]
+        shade = np.full((len(positions), 3), 10 + number * 20, np.uint8)
         thinner.add(positions, shade)
     thinned = thinner.finish()
     assert 4_000 <= len(thinned.positions) <= 8_000
-    counts, _, _ = np.histogram2d(*thinned.positions[:, :2].T, bins=(6, 6), range=((0, 12), (0, 12)))
+    counts, _, _ = np.histogram2d(
+        thinned.positions[:, 0], thinned.positions[:, 1], bins=(6, 6), range=((0, 12), (0, 12))
+    )
     assert counts.min() > 0.8 * counts.max()
     station = (thinned.positions[:, 0] // 4 + thinned.positions[:, 1] // 3 * 3).astype(int)
     inside = (np.abs(thinned.positions[:, 0] % 4 - 2) < 1.8) & (np.abs(thinned.positions[:, 1] % 3 - 1.5) < 1.3)

@@ -21,7 +21,8 @@ def distance_to_surfaces(points: np.ndarray) -> np.ndarray:
         outside = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=1)
         inside = np.minimum(points - low, high - points).min(axis=1)
         gaps.append(np.where(outside > 0, outside, inside))
-    return np.abs(np.min(np.abs(gaps), axis=0))
+    nearest: np.ndarray = np.min(np.abs(gaps), axis=0)
+    return nearest
 
 
 def test_a_scan_has_as_many_points_as_asked_for_and_all_lie_on_surfaces() -> None:

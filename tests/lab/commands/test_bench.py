@@ -17,6 +17,7 @@ from lab.benchmark.service import measured_service
 from lab.benchmark.service.memory import by_name, measure_memory
 from lab.benchmark.service.parts import SERVICE_PARTS
 from lab.commands.bench import Part
+from service.cli.background_service import BackgroundService
 from service.cli.exit_codes import ExitCode
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with, problem
@@ -191,10 +192,10 @@ def test_the_services_own_environment_ends_with_it(tmp_path: Path, monkeypatch: 
     started: list[dict[str, str]] = []
     processes: list[subprocess.Popen[bytes]] = []
 
-    def start(url: str, log: Path, settings: dict[str, str]) -> measured_service.BackgroundService:
+    def start(url: str, log: Path, settings: dict[str, str]) -> BackgroundService:
         started.append(settings)
         processes.append(subprocess.Popen(["sleep", "60"]))
-        return measured_service.BackgroundService(processes[0], log)
+        return BackgroundService(processes[0], log)
 
     def never_ready(client: object, service: object, say: Callable[[str], None]) -> None:
         raise TimeoutError("not ready")

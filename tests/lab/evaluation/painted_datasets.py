@@ -21,7 +21,7 @@ def write_text_cloud(path: Path, cloud: PointCloud) -> None:
     np.savetxt(path, rows, fmt="%.4f %.4f %.4f %d %d %d")
 
 
-def write_image(path: Path, color: NDArray[np.uint8]) -> None:
+def write_image(path: Path, color: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     """Write an image and the folders above it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(color).save(path)
@@ -74,4 +74,5 @@ def box_depth_mm(box: PaintedBox, pose: Pose, height: int) -> NDArray[np.uint16]
     with np.errstate(divide="ignore"):
         steps = (np.where(in_map > 0, np.array(box.size_m), 0.0) - pose.position) / in_map
     nearest = np.where(in_map == 0, np.inf, steps).min(axis=-1)
-    return (nearest * 1000).round().astype(np.uint16)
+    depth_mm: NDArray[np.uint16] = (nearest * 1000).round().astype(np.uint16)
+    return depth_mm

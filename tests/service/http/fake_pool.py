@@ -74,8 +74,9 @@ class FakePool:
             raise self.fail_register.pop(0)
         await asyncio.to_thread(self.worker_cache.put_index, job.map, INDEX_DIGEST, b"index")
         starts = [{"position_m": [1.0, 2.0, 1.5], "leaf_size_m": 0.5}]
+        example: dict[str, Any] = MAP_EXAMPLE
         points = ply_of([(float(number), 0.0, 1.0) for number in range(10)])
-        return RegisterOutcome(MAP_EXAMPLE["stats"], MAP_EXAMPLE["diagnostics"], PNG, points, starts)
+        return RegisterOutcome(example["stats"], example["diagnostics"], PNG, points, starts)
 
     def state(self) -> PoolState:
         state = PoolState(ready=True, waiting_for=None, num_workers=1, resident_bytes=17, index_loads={"redis": 2})

@@ -157,7 +157,7 @@ async def test_maps_are_named_by_id_or_by_tag(running: RunningService, data: dic
 
 
 async def test_parts_that_nobody_knows_are_named(running: RunningService) -> None:
-    files = {"image": ("a.png", png_of(8, 4)), "map_ids": (None, "map_1")}
+    files: dict[str, tuple[str | None, bytes]] = {"image": ("a.png", png_of(8, 4)), "map_ids": (None, b"map_1")}
     reply = await running.client.post("/localize", files=files)
     assert reply.status_code == 422
     assert "'map_ids'" in reply.json()["detail"]

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from collections.abc import MutableMapping
 from typing import Any
 
 import pytest
@@ -195,9 +196,9 @@ async def test_a_caller_who_goes_away_ends_the_work(running: RunningService) -> 
     )
     received = asyncio.Queue[dict[str, object]]()
     received.put_nowait({"type": "http.request", "body": body, "more_body": False})
-    sent: list[dict[str, object]] = []
+    sent: list[MutableMapping[str, object]] = []
 
-    async def send(message: dict[str, object]) -> None:
+    async def send(message: MutableMapping[str, object]) -> None:
         sent.append(message)
 
     scope = {

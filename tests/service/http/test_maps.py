@@ -227,8 +227,8 @@ async def test_points_come_as_ply_unless_json_is_asked_for(running: RunningServi
     header, _, body = ply.content.partition(b"end_header\n")
     assert b"element vertex 3\n" in header
     assert len(body) == 3 * 15
-    for request in ({"headers": {"accept": "application/json"}}, {"params": {"format": "json"}}):
-        found = (await running.client.get(path, **request)).json()
+    for headers, params in (({"accept": "application/json"}, {}), ({}, {"format": "json"})):
+        found = (await running.client.get(path, headers=headers, params=params)).json()
         assert found["num_points"] == 10
         assert found["positions_m"][2] == [2.0, 0.0, 1.0]
         assert found["colors"][2] == [128, 128, 128]

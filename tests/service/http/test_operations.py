@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import httpx
@@ -203,7 +203,7 @@ async def test_a_body_in_pieces_is_read_like_one(running: RunningService) -> Non
     request = httpx.Request("POST", "http://panoloc/maps", files={"file": ("a.ply", b"ply\nformat ascii 1.0\n")})
     body = request.read()
 
-    async def in_pieces() -> object:  # type: ignore[misc]
+    async def in_pieces() -> AsyncIterator[bytes]:
         for byte in body:
             yield bytes([byte])
 

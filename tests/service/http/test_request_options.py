@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from service.api_keys import ApiKeys
+from service.api_keys import ApiKeys, Scope
 from service.errors import InvalidOptionsError, MalformedRequestError
 from service.http.schemas import LocalizeOptions, MapOptions
 from service.http.schemas.localization import OPTIONS_EXAMPLE
@@ -85,9 +85,9 @@ def test_a_name_can_be_shown(name: str) -> None:
 
 def test_a_key_may_do_what_its_scope_says() -> None:
     keys = ApiKeys.parse("all-of-it, only-look:read, writes-too:write")
-    assert keys.scopes_of("all-of-it") == {"read", "write"}
-    assert keys.scopes_of("only-look") == {"read"}
-    assert keys.scopes_of("writes-too") == {"read", "write"}
+    assert keys.scopes_of("all-of-it") == frozenset[Scope]({"read", "write"})
+    assert keys.scopes_of("only-look") == frozenset[Scope]({"read"})
+    assert keys.scopes_of("writes-too") == frozenset[Scope]({"read", "write"})
     assert keys.scopes_of("only-loo") is None
     assert not ApiKeys.parse("").required
 

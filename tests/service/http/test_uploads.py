@@ -23,7 +23,11 @@ SCAN = b"1 2 3 4 5 6\r\n--x\r\n" * 40
 
 
 def body_of(scan: bytes = SCAN) -> tuple[bytes, dict[str, str]]:
-    files = [("tag", (None, "ä")), ("file", ("söme scan.XYZ", scan)), ("tag", (None, ""))]
+    files: list[tuple[str, tuple[str | None, str | bytes]]] = [
+        ("tag", (None, "ä")),
+        ("file", ("söme scan.XYZ", scan)),
+        ("tag", (None, "")),
+    ]
     request = httpx.Request("POST", "http://panoloc", files=files)
     return request.read(), {"content-type": request.headers["content-type"]}
 

@@ -25,6 +25,7 @@ def test_the_worker_computes_in_the_thread_that_built_it() -> None:
     plan = Plan()
     replica = LocalizationReplica(plan)  # type: ignore[arg-type]
     job = type("Job", (), {"deadline_unix_s": 0.0})()
-    assert replica._computing.submit(replica._compute, job).result() == "answer"
+    answer: object = replica._computing.submit(replica._compute, job).result()
+    assert answer == "answer"
     assert plan.built_in == plan.asked_in
     assert plan.built_in != threading.main_thread().name
