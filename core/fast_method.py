@@ -25,13 +25,13 @@ from core.judge.hypotheses import (
     promising,
     stacked_poses,
 )
+from core.options import Hints
 from core.panorama.image_level import ImageLevel
 from core.panorama.panorama import Panorama
 from core.prepared_query import PreparedQuery
 from core.refine.candidate_points import points_seen_from_poses
 from core.refine.gauss_newton import StepRules
 from core.refine.refinement import CandidatePoints, joined, refine
-from core.results import Hints
 from core.search.map_search import SearchRotations, search_maps
 from core.search.pose_limits import PoseLimits, pose_limits
 from core.stage_clock import StageClock

@@ -14,9 +14,10 @@ from core.index.map_index import MapIndex
 from core.judge.change_maps import ChangeMaps, change_maps
 from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
 from core.judge.hypotheses import Hypothesis, MethodResult, distinct_places
+from core.options import MAX_TOP_K, Hints, Method, Status
 from core.panorama.panorama import Panorama
 from core.paper.paper_method import PaperMethod
-from core.results import Candidate, Hints, Localization, Method, Status
+from core.results import Candidate, Localization
 from core.search.map_search import make_search_rotations
 from core.stage_clock import StageClock
 
@@ -57,8 +58,8 @@ class Localizer:
         """
         if not maps:
             raise OptionsError("maps: expected at least one map to search")
-        if not 1 <= top_k <= 32:
-            raise OptionsError(f"top_k: expected 1 to 32, got {top_k}")
+        if not 1 <= top_k <= MAX_TOP_K:
+            raise OptionsError(f"top_k: expected 1 to {MAX_TOP_K}, got {top_k}")
         clock = StageClock(timeout_s, self.device)
         with torch.inference_mode(method == "fast"):
             if method == "fast":

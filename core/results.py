@@ -1,36 +1,15 @@
-"""What a localization returns, and the hints that narrow it."""
+"""What a localization returns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.geometry.pose import Pose
-
-Method = Literal["fast", "paper"]
-Status = Literal["localized", "ambiguous", "not_localized"]
-
-
-@dataclass(frozen=True)
-class Hints:
-    """What the caller knows beforehand; every field narrows the search and is never exceeded by the answer.
-
-    position: (x, y, z) in the map's own frame, metres, with `radius_m` around it.
-    region: ((min x, y, z), (max x, y, z)) in the map's own frame, metres.
-    upright: the camera is level within `max_tilt_deg` (default 15 where only `upright` is given).
-    heading_deg: yaw of the image centre, counter-clockwise about z from +x, within `heading_tolerance_deg`.
-    """
-
-    position_m: tuple[float, float, float] | None = None
-    radius_m: float | None = None
-    region: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    upright: bool = False
-    max_tilt_deg: float | None = None
-    heading_deg: float | None = None
-    heading_tolerance_deg: float | None = None
+from core.options import Status
 
 
 @dataclass(frozen=True)

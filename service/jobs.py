@@ -7,9 +7,12 @@ calls `start` when the application starts and `stop` when it ends.
 import secrets
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, get_args
 
-ARTIFACTS = ("score_map_2d", "score_map_3d", "overlay")
+from core.options import Frame, Hints, IndexOptions, Method, ScanOptions
+
+Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
+ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
 """The pictures that a query may ask for; keys of `LocalizeOutcome.artifacts`."""
 
 PAPER_TIMEOUT_S = 600.0
@@ -35,11 +38,25 @@ class MapRef:
 
 
 @dataclass(frozen=True)
+class QueryOptions:
+    """What a caller asks of one query.
+
+    timeout_s: seconds for the answer. frame: axes of the poses in the answer. top_k: poses in the answer. artifacts: each once.
+    """
+
+    timeout_s: float
+    method: Method = "fast"
+    frame: Frame = "ros"
+    hints: Hints | None = None
+    artifacts: tuple[Artifact, ...] = ()
+    top_k: int = 1
+
+
+@dataclass(frozen=True)
 class LocalizeJob:
     """One query.
 
     panorama, mask: the files as they were uploaded (JPEG, PNG or WebP), not decoded. maps: at least one, all ready.
-    options: `service.http.schemas.LocalizeOptions` as a JSON-safe dict in which every field is present (None where unset).
     deadline_unix_s: after it nobody waits for the answer any more.
     """
 
@@ -48,7 +65,7 @@ class LocalizeJob:
     panorama: bytes
     mask: bytes | None
     maps: tuple[MapRef, ...]
-    options: dict[str, Any]
+    options: QueryOptions
     deadline_unix_s: float
 
 
@@ -57,7 +74,7 @@ class LocalizeOutcome:
     """The answer to one query.
 
     body: the 200 body of `POST /localize` without `id`, `artifacts` and `timings_s.queue`/`total`, which the HTTP
-    process adds. artifacts: PNG bytes by name, those of `options["artifacts"]` that could be drawn.
+    process adds. artifacts: PNG bytes by name, those of `options.artifacts` that could be drawn.
     """
 
     body: dict[str, Any]
@@ -65,19 +82,26 @@ class LocalizeOutcome:
 
 
 @dataclass(frozen=True)
+class RegisterOptions:
+    """What the uploader of a scan says of it. scan: format and limits are added by the worker that reads the scan."""
+
+    scan: ScanOptions = field(default_factory=ScanOptions)
+    index: IndexOptions = field(default_factory=IndexOptions)
+
+
+@dataclass(frozen=True)
 class RegisterJob:
     """One revision of a scan that becomes a map.
 
     scan_key: of the scan in storage (`service.storage`), a suffix of which is the file's extension when it had one.
-    scan_name: the file's name at the client. options: `service.http.schemas.ScanOptions` as a JSON-safe dict (`unit`,
-    `up_axis`, `color_kind`, `starts`), every field present. The worker reports what it is at through
+    scan_name: the file's name at the client. The worker reports what it is at through
     `service.cache.WorkerCache.report_progress`.
     """
 
     map: MapRef
     scan_key: str
     scan_name: str
-    options: dict[str, Any]
+    options: RegisterOptions
     request_id: str
 
 

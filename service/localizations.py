@@ -11,7 +11,7 @@ import structlog
 from service.cache import Cache
 from service.errors import DeadlineError, LocalizationNotFoundError, ServiceError
 from service.image_header import read_image_header
-from service.jobs import ARTIFACTS, LocalizeJob, LocalizeOutcome, WorkerPool, new_id, now
+from service.jobs import ARTIFACTS, LocalizeJob, LocalizeOutcome, QueryOptions, WorkerPool, new_id, now
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
 from service.metrics import Metrics
@@ -30,12 +30,12 @@ _OVERDUE_S = 10.0
 
 @dataclass(frozen=True)
 class Query:
-    """What a caller asks. options: validated and JSON-safe, as in `LocalizeJob`."""
+    """What a caller asks."""
 
     panorama: bytes
     mask: bytes | None
     maps: MapChoice
-    options: Document
+    options: QueryOptions
     request_id: str
 
 
@@ -115,7 +115,7 @@ class Localizations:
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
         except ServiceError as error:
-            self._metrics.note_localization(query.options["method"], problem_of(error).slug, {})
+            self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
         body = self._body(localization_id, outcome, chosen, time.monotonic() - began)
         await self._cache.put_pictures(localization_id, outcome.artifacts)
@@ -123,13 +123,13 @@ class Localizations:
         await self._forget_deleted(chosen)
         if self._settings.keep_images:
             await self._keep(localization_id, query.panorama)
-        self._metrics.note_localization(query.options["method"], body["status"], body["timings_s"])
+        self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
         return body
 
     async def _outcome(
         self, query: Query, chosen: ChosenMaps, localization_id: str
     ) -> tuple[LocalizeOutcome, ChosenMaps]:
-        timeout_s = query.options["timeout_s"]
+        timeout_s = query.options.timeout_s
         deadline_unix_s = time.time() + timeout_s
         while True:
             job = LocalizeJob(
@@ -172,7 +172,7 @@ class Localizations:
             raise
 
     async def _put_pending(self, pending: Document, query: Query) -> None:
-        timeout_s = query.options["timeout_s"]
+        timeout_s = query.options.timeout_s
         state = {**pending, "due_unix_s": time.time() + timeout_s}
         await self._cache.put_localization(
             pending["id"], state, lifetime_s=self._settings.result_ttl_s + int(timeout_s)

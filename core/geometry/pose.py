@@ -5,15 +5,15 @@ Convention: `map_from_camera` maps camera coordinates (x forward, y left, z up) 
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import OptionsError
+from core.options import Frame
 
-Frame = Literal["ros", "opencv", "webxr", "unity"]
-FRAMES: tuple[Frame, ...] = ("ros", "opencv", "webxr", "unity")
+FRAMES: tuple[Frame, ...] = get_args(Frame)
 
 # Rows are the axes of the other camera frame written in the FLU camera frame.
 _CAMERA_AXES: dict[str, NDArray[np.float64]] = {

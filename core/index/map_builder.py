@@ -16,9 +16,10 @@ from core.describe.patch_descriptors import ViewDescriptors, centered_roots, pri
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import pixel_solid_angles
-from core.index.map_index import INDEX_VERSION, IndexOptions, MapIndex
+from core.index.map_index import INDEX_VERSION, MapIndex
 from core.index.starts import Starts, grid_starts, octree_starts
 from core.light.color_equalization import LabelCodes, equalize, label_codes
+from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
 from core.scan.voxel_thinning import thin_to_spacing
 from core.views.render_cloud import RenderCloud, make_render_cloud, point_spacing

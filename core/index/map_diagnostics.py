@@ -5,7 +5,8 @@ The readers of `core.scan` note what they did to the file; here is what only the
 
 import numpy as np
 
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
+from core.options import IndexOptions
 from core.scan.point_cloud import Diagnostic
 
 # A furnished room of 12 m² scanned with fewer covers less than a sixth of what its best start could see, measured.

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import torch
@@ -10,39 +9,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from core.describe.patch_descriptors import ViewDescriptors, pooled
-from core.errors import OptionsError
 from core.light.color_equalization import LabelCodes
+from core.options import ColorKind
 from core.views.render_cloud import RenderCloud, make_render_cloud
 
 INDEX_VERSION = 4  # of what an index holds and means; rises with every change, so that older ones are built again
-ColorKind = Literal["rgb", "labels"]
-StartsMethod = Literal["octree", "grid"]
-Vector = tuple[float, float, float]
 _RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
-
-
-@dataclass(frozen=True)
-class IndexOptions:
-    """What the operator may choose for a map.
-
-    starts_method: "octree" (rooms) or "grid" (open spaces). spacing_m: distance of starts, metres; None: from the configuration.
-    region: (min, max) in the scan's own frame, metres, where cameras can be. color_kind: "rgb" or semantic "labels".
-    """
-
-    starts_method: StartsMethod = "octree"
-    spacing_m: float | None = None
-    region: tuple[Vector, Vector] | None = None
-    color_kind: ColorKind = "rgb"
-
-    def __post_init__(self) -> None:
-        if self.starts_method not in ("octree", "grid"):
-            raise OptionsError(f"starts.method: expected octree or grid, got {self.starts_method!r}")
-        if self.spacing_m is not None and not 0.05 <= self.spacing_m <= 50:
-            raise OptionsError(f"starts.spacing_m: expected 0.05 to 50 metres, got {self.spacing_m}")
-        if self.color_kind not in ("rgb", "labels"):
-            raise OptionsError(f"color_kind: expected rgb or labels, got {self.color_kind!r}")
-        if self.region is not None and not all(low < high for low, high in zip(*self.region, strict=True)):
-            raise OptionsError(f"starts.region: expected min below max on every axis, got {self.region}")
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from core.errors import (
     PanoramaShapeError,
     PanoramaTooLargeError,
 )
+from core.options import MAX_PIXELS
 from core.panorama.panorama import Panorama
 
 _FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
@@ -44,7 +45,7 @@ _IMAGE = _Upload("image", PanoramaFormatError, PanoramaDamagedError, PanoramaToo
 _MASK = _Upload("mask", MaskFormatError, MaskDamagedError, MaskTooLargeError)
 
 
-def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = 100_000_000) -> Panorama:
+def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = MAX_PIXELS) -> Panorama:
     """Decode a panorama.
 
     data: a JPEG, PNG or WebP file, 8 or 16 bit, 2:1 or with GPano crop fields. mask: an image of the same aspect ratio, non-zero = ignore.

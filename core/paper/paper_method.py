@@ -19,12 +19,12 @@ from core.index.map_index import MapIndex
 from core.judge.agreement import agreement, judged_hypotheses
 from core.judge.hypotheses import Hypothesis, MethodResult
 from core.light.color_equalization import transport
+from core.options import Hints
 from core.panorama.panorama import Panorama
 from core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
 from core.paper.intersection import bin_major, intersection_tensor
 from core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from core.paper.score_maps import score_map_2d, score_map_3d, view_patch_scores
-from core.results import Hints
 from core.search.pose_limits import PoseLimits, pose_limits
 from core.search.pose_scores import score_poses
 from core.stage_clock import StageClock

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError
+from core.options import FARTHEST_M, METRES_PER_UNIT, ScanOptions
 from core.scan.color_range import ColorRange
 from core.scan.e57.reader import read_e57
 from core.scan.format_detection import detect_format
 from core.scan.las.reader import read_las
-from core.scan.options import METRES_PER_UNIT, ScanOptions
 from core.scan.pcd.reader import read_pcd
 from core.scan.ply.reader import read_ply
 from core.scan.point_cloud import PointCloud
@@ -23,8 +23,6 @@ from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 
 # float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
 _LARGE_COORDINATE_M = 1000.0
-# Nothing on Earth lies farther from the origin of its coordinates, geocentric ones included.
-_FARTHEST_M = 1e8
 _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
 _SHARE_OF_READING = 0.95
@@ -41,7 +39,7 @@ _READERS: dict[str, ScanReader] = {
 def read_scan(
     path: Path, options: ScanOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> PointCloud:
-    """Read the scan at `path`, thin it to `options.max_points` and bring it to metres, z up.
+    """Read the scan at `path`, thin it to `options.max_points_used` and bring it to metres, z up.
 
     progress: called with 0..1 after every chunk; whatever it raises passes through.
 
@@ -69,7 +67,7 @@ class _Collector:
 
     def __init__(self, context: ReadingContext):
         self._context = context
-        self._thinner = VoxelThinner(context.options.max_points, context.options.color_kind)
+        self._thinner = VoxelThinner(context.options.max_points_used, context.options.color_kind)
         self._colors = ColorRange()
         self._num_read = 0
         self._num_dropped = 0
@@ -82,7 +80,7 @@ class _Collector:
         self._context.check_limit(self._num_read)
         positions = self._to_map_frame(chunk.positions)
         # The comparison is false for NaN as well.
-        usable = _all_true(np.abs(positions) <= _FARTHEST_M)
+        usable = _all_true(np.abs(positions) <= FARTHEST_M)
         if chunk.colors.dtype.kind == "f":
             usable &= _all_true(np.isfinite(chunk.colors))
         num_usable = int(np.count_nonzero(usable))
@@ -149,7 +147,7 @@ class _Collector:
             note(
                 "non_finite_points",
                 f"{self._num_dropped:,} of {self._num_read:,} points were dropped: their coordinates or colours are "
-                f"not finite or lie beyond {_metres(_FARTHEST_M)}.",
+                f"not finite or lie beyond {_metres(FARTHEST_M)}.",
                 "warning",
             )
         if options.unit != "m":

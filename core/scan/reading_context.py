@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.scan.options import ScanOptions
+from core.options import ScanOptions
 from core.scan.point_cloud import Diagnostic
 
 CHUNK_ROWS = 1 << 20
@@ -52,9 +52,9 @@ class ReadingContext:
 
     def check_limit(self, num_points: int) -> None:
         """Raise ScanContentError for more points than may be read."""
-        if num_points > self.options.max_points_read:
+        if num_points > self.options.max_points:
             raise ScanContentError(
-                f"The file has {num_points:,} points; at most {self.options.max_points_read:,} are read. "
+                f"The file has {num_points:,} points; at most {self.options.max_points:,} are read. "
                 "Thin the scan or split it into parts before uploading."
             )
 

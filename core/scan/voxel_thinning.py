@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.scan.options import ColorKind
+from core.options import ColorKind
 from core.scan.point_cloud import PointCloud
 from core.scan.voxel_grouping import VoxelGroups, column_bounds, group_by_voxel
 
@@ -46,17 +46,17 @@ class VoxelThinner:
     """Accumulates chunks in a table of voxels that coarsens when it overflows.
 
     A voxel keeps the mean position and mean colour of its points (rgb), or its first point (labels, where a mean of
-    two codes would be a third class). No more than `max_points` remain; a cloud that has no more is kept as it is.
+    two codes would be a third class). No more than `max_points_used` remain; a cloud that has no more is kept as it is.
 
     Means were chosen over the point nearest to the centre by measurement: a textured wall with colour noise of 10 and
     3 mm of range noise, thinned to 3 cm, differs from the true mean colour of each voxel by 2.4 (nearest point: 14.6)
     and lies 0.3 mm off the wall (nearest point: 1.3 mm).
     """
 
-    def __init__(self, max_points: int, color_kind: ColorKind = "rgb"):
-        self._max_points = max_points
+    def __init__(self, max_points_used: int, color_kind: ColorKind = "rgb"):
+        self._max_points_used = max_points_used
         self._keeps_first = color_kind == "labels"
-        self._table_rows = max(_TABLE_FACTOR * max_points, _MIN_TABLE_ROWS)
+        self._table_rows = max(_TABLE_FACTOR * max_points_used, _MIN_TABLE_ROWS)
         self._parts: list[_Cells] = []
         self._num_rows = 0
         self._voxel_size: float | None = None
@@ -75,14 +75,14 @@ class VoxelThinner:
             self._compact()
 
     def finish(self) -> ThinnedPoints:
-        """Return at most `max_points` points."""
+        """Return at most `max_points_used` points."""
         if not self._parts:
             return ThinnedPoints(np.empty((0, 3)), np.empty((0, 3), np.uint8), None)
         if self._voxel_size is not None:
             self._compact()
         cells = _concatenate(self._parts)
         self._parts, size = [], self._voxel_size
-        if len(cells) > self._max_points:
+        if len(cells) > self._max_points_used:
             self._anchor = column_bounds(cells.positions)[0]
             size = self._final_size(cells)
             cells = self._merge(cells, size)
@@ -113,37 +113,37 @@ class VoxelThinner:
         return _merge_means(cells, groups)
 
     def _final_size(self, cells: _Cells) -> float:
-        """Return a voxel size that leaves at most max_points, and nearly as many where the scan allows."""
+        """Return a voxel size that leaves at most max_points_used, and nearly as many where the scan allows."""
         too_fine = self._voxel_size or 0.0
         coarse_enough = _extent(cells.positions) * 1.001 or 1.0
         size = max(too_fine, _first_size(cells.positions))
         count = float(len(cells))
         for _ in range(_MAX_SIZE_STEPS):
             # Surfaces: the number of occupied voxels falls with the square of their size.
-            guess = size * float(np.sqrt(count / (self._max_points * (1 + _FILL_GOAL) / 2)))
-            if count > self._max_points:
+            guess = size * float(np.sqrt(count / (self._max_points_used * (1 + _FILL_GOAL) / 2)))
+            if count > self._max_points_used:
                 # Voxels far below the point spacing hold one point each: their number says nothing, so the size must grow fast.
                 guess = max(guess, _MIN_GROWTH * size)
             if not too_fine < guess < coarse_enough:
                 guess = float(np.sqrt(max(too_fine, coarse_enough * 1e-6) * coarse_enough))
             size = guess
             count = float(len(group_by_voxel(cells.positions, size, self._anchor)))
-            if count > self._max_points:
+            if count > self._max_points_used:
                 too_fine = size
             else:
                 coarse_enough = size
-                if count >= _FILL_GOAL * self._max_points:
+                if count >= _FILL_GOAL * self._max_points_used:
                     break
             if coarse_enough <= too_fine * 1.005:
                 break
         return coarse_enough
 
 
-def thin_cloud(cloud: PointCloud, max_points: int, color_kind: ColorKind = "rgb") -> PointCloud:
-    """Thin `cloud` to at most `max_points` evenly spaced points; the same object when it has no more than that."""
-    if len(cloud) <= max_points:
+def thin_cloud(cloud: PointCloud, max_points_used: int, color_kind: ColorKind = "rgb") -> PointCloud:
+    """Thin `cloud` to at most `max_points_used` evenly spaced points; the same object when it has no more than that."""
+    if len(cloud) <= max_points_used:
         return cloud
-    thinner = VoxelThinner(max_points, color_kind)
+    thinner = VoxelThinner(max_points_used, color_kind)
     thinner.add(cloud.positions.astype(np.float64), cloud.colors)
     thinned = thinner.finish()
     colors = np.clip(np.rint(thinned.colors), 0, 255).astype(np.uint8)

@@ -8,10 +8,8 @@ from torch import Tensor
 
 from core.errors import OptionsError
 from core.index.map_index import MapIndex
-from core.results import Hints
+from core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
 
-_DEFAULT_TILT_DEG = 15.0
-_DEFAULT_TOLERANCE_DEG = 45.0
 _SEARCH_MARGIN_DEG = 12.0  # half the spacing of the rotations, so that the nearest one is never cut off
 _SEARCH_MARGIN_M = 0.5  # likewise for starts
 
@@ -76,11 +74,13 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
         return (torch.tensor(point, dtype=torch.float64) - offset).float()
 
     _check(hints)
-    tilt = hints.max_tilt_deg if hints.max_tilt_deg is not None else (_DEFAULT_TILT_DEG if hints.upright else None)
-    tolerance = hints.heading_tolerance_deg if hints.heading_tolerance_deg is not None else _DEFAULT_TOLERANCE_DEG
+    tilt = hints.max_tilt_deg if hints.max_tilt_deg is not None else (DEFAULT_TILT_DEG if hints.upright else None)
+    tolerance = (
+        hints.heading_tolerance_deg if hints.heading_tolerance_deg is not None else DEFAULT_HEADING_TOLERANCE_DEG
+    )
     return PoseLimits(
         center=None if hints.position_m is None else local(hints.position_m),
-        radius_m=hints.radius_m if hints.radius_m is not None else 5.0,
+        radius_m=hints.radius_m if hints.radius_m is not None else DEFAULT_RADIUS_M,
         lower=None if hints.region is None else local(hints.region[0]),
         upper=None if hints.region is None else local(hints.region[1]),
         max_tilt=None if tilt is None else math.radians(tilt),

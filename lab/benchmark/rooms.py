@@ -7,10 +7,11 @@ import torch
 
 from core.config import IndexConfig, StartsConfig
 from core.index.map_builder import build_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
 from core.index.starts import octree_starts
-from core.scan import ScanOptions, thin_cloud
+from core.options import IndexOptions, ScanOptions
 from core.scan.point_cloud import PointCloud
+from core.scan.voxel_thinning import thin_cloud
 from lab.benchmark.painted_room import PaintedRoom
 
 _SAMPLE_POINTS = 50_000
@@ -47,7 +48,7 @@ class Rooms:
             room = PaintedRoom(seed)
             cloud = room.scan(points)
             if thinned:
-                cloud = thin_cloud(cloud, ScanOptions().max_points)
+                cloud = thin_cloud(cloud, ScanOptions().max_points_used)
             options = IndexOptions(spacing_m=spacing_for(cloud, starts))
             # More starts than a registration allows are made for the sweeps alone.
             most = replace(StartsConfig(), max_starts=max(StartsConfig().max_starts, 2 * starts))

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from core.geometry.pose import Pose, pose_error
-from core.scan import write_ply
+from core.scan.ply.writer import write_ply
 from lab.rooms import SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
 from service.client.client import JsonObject
 

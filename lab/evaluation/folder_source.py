@@ -8,9 +8,9 @@ import numpy as np
 from PIL import Image
 
 from core.geometry.pose import Pose
-from core.index.map_index import IndexOptions
+from core.options import IndexOptions, ScanOptions
 from core.panorama.reader import read_panorama
-from core.scan import ScanOptions, read_scan
+from core.scan.reading import read_scan
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 
 

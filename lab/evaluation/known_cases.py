@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from core.errors import CoreError
 from core.geometry.pose import Pose, PoseError, pose_error
-from core.index.map_index import IndexOptions
+from core.options import IndexOptions
 from core.panorama.panorama import Panorama
 from core.scan.point_cloud import PointCloud
 

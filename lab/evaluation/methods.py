@@ -9,7 +9,7 @@ from typing import Any
 from core.config import LocalizerConfig, PaperConfig
 from core.errors import OptionsError
 from core.judge.confidence import load_confidence_model
-from core.results import Method
+from core.options import Method
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import get_args
 
 from core.errors import OptionsError
-from core.index.map_index import ColorKind, IndexOptions
+from core.options import ColorKind, IndexOptions
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
 from lab.rooms import suite_cases, suite_names
 

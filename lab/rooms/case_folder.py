@@ -11,7 +11,7 @@ from PIL import Image
 
 from core.geometry.pose import Pose
 from core.panorama.panorama import Panorama
-from core.scan import write_ply
+from core.scan.ply.writer import write_ply
 from core.scan.point_cloud import PointCloud
 from lab.rooms.cases import Case
 

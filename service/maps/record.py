@@ -8,10 +8,12 @@ import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
+from core.errors import OptionsError
+from core.options import Box, IndexOptions, ScanOptions
 from service.errors import StoredFileDamagedError
-from service.jobs import MapRef
+from service.jobs import MapRef, RegisterOptions
 from service.storage import Storage
 
 RevisionStatus = Literal["queued", "ready", "failed"]
@@ -23,7 +25,7 @@ _FORMAT = 1
 class Revision:
     """One uploaded scan of a map and what became of it.
 
-    number: from 1. scan_key: in storage. scan_sha256: hexadecimal. options: of the scan, as in `RegisterJob`.
+    number: from 1. scan_key: in storage. scan_sha256: hexadecimal. options: as in `RegisterJob`.
     stats, diagnostics: as in the HTTP contract, once ready. error: a problem document, once failed.
     """
 
@@ -32,7 +34,7 @@ class Revision:
     scan_name: str
     scan_bytes: int
     scan_sha256: str
-    options: dict[str, Any]
+    options: RegisterOptions
     status: RevisionStatus = "queued"
     stats: dict[str, Any] | None = None
     diagnostics: list[dict[str, Any]] = field(default_factory=list)
@@ -73,6 +75,10 @@ class MapRecord:
     def to_json(self) -> bytes:
         """Return the record as stored."""
         record = dataclasses.asdict(self)
+        for name in ("newest", "serving"):
+            revision: Revision | None = getattr(self, name)
+            if revision is not None:
+                record[name]["options"] = options_to_json(revision.options)
         return json.dumps({"format": _FORMAT, "sha256": _digest(record), "record": record}, indent=1).encode()
 
     @classmethod
@@ -83,9 +89,9 @@ class MapRecord:
             record = document["record"]
             if document["sha256"] != _digest(record):
                 raise ValueError("its digest differs")
-            newest, serving = Revision(**record.pop("newest")), record.pop("serving")
-            return cls(newest=newest, serving=None if serving is None else Revision(**serving), **record)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            newest, serving = _revision(record.pop("newest")), record.pop("serving")
+            return cls(newest=newest, serving=None if serving is None else _revision(serving), **record)
+        except (ValueError, KeyError, TypeError, AttributeError, OptionsError) as error:
             raise StoredFileDamagedError(
                 f"{key}: expected a map record as the service wrote it, but {error}; restore the file from a backup"
             ) from error
@@ -138,6 +144,34 @@ def read_record(storage: Storage, map_id: str) -> MapRecord:
 def write_record(storage: Storage, record: MapRecord) -> None:
     """Store a record over its predecessor."""
     storage.replace(_record_key(record.id), record.to_json())
+
+
+def options_to_json(options: RegisterOptions) -> dict[str, Any]:
+    """Return options in the form of the HTTP contract, in which they are stored."""
+    scan, index = options.scan, options.index
+    region = None if index.region is None else {"min": list(index.region[0]), "max": list(index.region[1])}
+    return {
+        "unit": scan.unit,
+        "up_axis": scan.up_axis,
+        "color_kind": scan.color_kind,
+        "starts": {"method": index.starts_method, "spacing_m": index.spacing_m, "region": region},
+    }
+
+
+def options_from_json(stored: dict[str, Any]) -> RegisterOptions:
+    """Return what `options_to_json` was given; fields that are missing have their defaults. Raises OptionsError."""
+    of_both = {name: stored[name] for name in ("color_kind",) if name in stored}
+    of_scan = {name: stored[name] for name in ("unit", "up_axis") if name in stored}
+    starts = dict(stored.get("starts") or {})
+    region = starts.pop("region", None)
+    if "method" in starts:
+        starts["starts_method"] = starts.pop("method")
+    box = None if region is None else cast(Box, (tuple(region["min"]), tuple(region["max"])))
+    return RegisterOptions(ScanOptions(**of_scan, **of_both), IndexOptions(**starts, **of_both, region=box))
+
+
+def _revision(stored: dict[str, Any]) -> Revision:
+    return Revision(**{**stored, "options": options_from_json(stored["options"])})
 
 
 def _record_key(map_id: str) -> str:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from core.geometry.pose import Frame, Pose
+from core.geometry.pose import Pose
+from core.options import Frame
 from core.results import Candidate, Localization
 from service.jobs import MapRef
 

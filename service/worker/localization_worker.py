@@ -23,7 +23,6 @@ from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from service.storage import open_storage
 from service.worker.answer_body import localization_body
-from service.worker.job_options import hints_of, index_options_of
 from service.worker.map_catalog import MapCatalog
 from service.worker.plan import WorkerSettings
 from service.worker.reply import WorkerReply, guarded
@@ -67,7 +66,7 @@ class LocalizationWorker:
             return "missing", None
 
     def _from_redis(self, map_ref: MapRef) -> MapIndex:
-        options = index_options_of(self._catalog.registration_of(map_ref).options)
+        options = self._catalog.registration_of(map_ref).options.index
         encoded = self._cache.get_index(map_ref, index_config_digest(options))
         if encoded is None:
             raise _IndexMissingError(map_ref.id)
@@ -100,14 +99,13 @@ class _Query:
         localization = self._localizer.localize(
             panorama,
             maps,
-            method=options.get("method", "fast"),
-            hints=hints_of(options),
-            top_k=options.get("top_k", 1),
+            method=options.method,
+            hints=options.hints,
+            top_k=options.top_k,
             timeout_s=self._remaining_s(),
         )
-        wanted = options.get("artifacts") or ()
-        pictures = self._timed("pictures", lambda: _pictures(panorama, maps, localization, wanted))
-        body = localization_body(localization, self._job.maps, options.get("frame", "ros"), self._timings_s)
+        pictures = self._timed("pictures", lambda: _pictures(panorama, maps, localization, options.artifacts))
+        body = localization_body(localization, self._job.maps, options.frame, self._timings_s)
         return LocalizeOutcome(body, pictures)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:

@@ -4,6 +4,7 @@ import dataclasses
 import os
 import socket
 import time
+from pathlib import PurePosixPath
 
 import torch
 
@@ -12,14 +13,13 @@ from core.index.map_codec import encode_map_index
 from core.index.map_diagnostics import map_diagnostics
 from core.index.map_index import MapIndex
 from core.pictures import draw_map_preview, encode_png
-from core.scan import read_scan
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 from service.cache import WorkerCache
 from service.errors import CacheDownError, MapNotFoundError
 from service.host.process_resources import num_usable_cpus
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
 from service.storage import open_storage
-from service.worker.job_options import index_options_of, scan_options_of
 from service.worker.map_catalog import MapCatalog
 from service.worker.plan import WorkerSettings
 from service.worker.registration_outcome import sample_ply, starts_of, stats_of
@@ -55,7 +55,7 @@ class Registrar:
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
         self._store_patiently(job, encoded)
-        diagnostics = (*cloud.diagnostics, *map_diagnostics(index, index_options_of(job.options), len(cloud)))
+        diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
             stats=stats_of(cloud, index, len(encoded), progress.finish()),
             diagnostics=[dataclasses.asdict(found) for found in diagnostics],
@@ -71,15 +71,20 @@ class Registrar:
 
     def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex]:
         limits = self._settings
-        reading = scan_options_of(job.options, job.scan_name, limits.max_points, limits.max_points_used)
+        reading = dataclasses.replace(
+            job.options.scan,
+            max_points=limits.max_points,
+            max_points_used=limits.max_points_used,
+            format=PurePosixPath(job.scan_name).suffix or None,
+        )
         with self._catalog.scan_file(job) as path:
             progress.report("reading", 0.0)
             cloud = read_scan(path, reading, lambda share: progress.report("reading", share))
-        return cloud, build_map_index(cloud, index_options_of(job.options), progress=progress.report)
+        return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:
         """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""
-        digest = index_config_digest(index_options_of(job.options))
+        digest = index_config_digest(job.options.index)
         self._cache.put_index(job.map, digest, encoded)
         try:
             # Afterwards: whoever removes a revision changes its record first and forgets its index last.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from core.index.map_index import MapIndex
-from core.scan import encode_ply
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from service.jobs import MAX_SAMPLE_POINTS
 from service.worker.answer_body import json_safe

@@ -17,8 +17,9 @@ import core.results
 import core.scan.point_cloud
 from core.geometry.pose import FRAMES, Pose
 from core.geometry.projection import pixel_directions, project, unproject
+from core.options import ScanOptions
 from core.panorama.panorama import Panorama
-from core.scan import ScanOptions, read_scan
+from core.scan.reading import read_scan
 from tests.core.painted_box import rotation_of
 
 H, W = 64, 128

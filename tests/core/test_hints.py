@@ -9,8 +9,9 @@ from core.errors import OptionsError
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
+from core.options import Hints
 from core.panorama.panorama import Panorama
-from core.results import Hints, Localization
+from core.results import Localization
 from tests.core.found_pose import assert_found
 
 HINTS_THAT_HOLD = {

@@ -10,10 +10,11 @@ from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
 from core.index.map_builder import build_map_index
 from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
 from core.localizer import Localizer
+from core.options import Hints, IndexOptions
 from core.panorama.panorama import Panorama
-from core.results import Hints, Localization
+from core.results import Localization
 from core.scan.point_cloud import PointCloud
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of

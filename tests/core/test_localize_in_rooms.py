@@ -7,10 +7,11 @@ import pytest
 
 from core.geometry.pose import Pose, pose_error
 from core.index.map_builder import build_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
 from core.localizer import Localizer
+from core.options import Hints, IndexOptions
 from core.pictures import draw_map_preview, draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
-from core.results import Hints, Localization
+from core.results import Localization
 from lab.rooms import (
     Scene,
     SceneSpec,

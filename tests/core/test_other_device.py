@@ -7,8 +7,9 @@ import torch
 
 from core.geometry.pose import pose_error
 from core.index.map_builder import build_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
 from core.localizer import Localizer
+from core.options import IndexOptions
 from core.panorama.panorama import Panorama
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 from tests.core.painted_box import PaintedBox

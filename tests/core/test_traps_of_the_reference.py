@@ -10,11 +10,11 @@ import core.index.map_builder
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import project, sample_bilinear
 from core.index.map_builder import build_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
+from core.options import Hints, IndexOptions
 from core.panorama.panorama import Panorama
 from core.panorama.pyramid import PanoramaPyramid
 from core.paper.sampling_loss import SamplingProblem, sampling_loss
-from core.results import Hints
 from tests.core.painted_box import PaintedBox
 
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob
+from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryOptions, RegisterJob, RegisterOptions
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
@@ -79,11 +79,12 @@ def query(name: str, maps: tuple[str, ...] = ("map_a",), timeout_s: float = 30, 
         panorama=json.dumps(script).encode(),
         mask=None,
         maps=tuple(MapRef(map_id, 1) for map_id in maps),
-        options={},
+        options=QueryOptions(timeout_s),
         deadline_unix_s=time.time() + timeout_s,
     )
 
 
 def registration(name: str, **script: Any) -> RegisterJob:
-    """Return a registration whose options tell the scripted worker what to do."""
-    return RegisterJob(MapRef(name, 1), f"maps/{name}/1/scan.ply", "scan.ply", script, f"register-{name}")
+    """Return a registration whose scan is named as the script of the worker."""
+    scan_name = json.dumps(script)
+    return RegisterJob(MapRef(name, 1), f"maps/{name}/1/scan.ply", scan_name, RegisterOptions(), f"register-{name}")

@@ -33,9 +33,10 @@ class ScriptedWorker:
         return WorkerReply(LocalizeOutcome(body, {}), worker=self._name, duration_s=0.1, resident_bytes=1234)
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
-        if job.options.get("crash"):
+        script = json.loads(job.scan_name)
+        if script.get("crash"):
             os.kill(os.getpid(), signal.SIGKILL)
-        time.sleep(job.options.get("seconds", 0.0))
+        time.sleep(script.get("seconds", 0.0))
         self._index(job.map).touch()
         stats = {"pid": os.getpid(), "nice": os.nice(0)}
         return WorkerReply(RegisterOutcome(stats, [], b""), worker=self._name)

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from core.geometry.pose import Pose, PoseError, pose_error
-from core.scan import encode_ply
+from core.scan.ply.writer import encode_ply
 from lab.rooms import SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
 
 # A dozen starts suffice for a room of 12 m².

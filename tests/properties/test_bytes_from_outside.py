@@ -15,7 +15,7 @@ from PIL import Image
 from core.errors import CoreError, IndexFormatError, PanoramaError
 from core.index.map_builder import build_map_index
 from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import IndexOptions
+from core.options import IndexOptions
 from core.panorama.reader import read_panorama
 from tests.core.painted_box import PaintedBox
 

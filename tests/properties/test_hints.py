@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.results import Hints
+from core.options import Hints
 from core.search.pose_limits import pose_limits
 from tests.properties.strategies import Array, finite, rotations
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import service.serve, service.ray.remote, service.worker.localization_worker, service.worker.registrar
 from core.index.map_builder import build_map_index
 from core.localizer import Localizer
-from core.scan import read_scan, write_ply
+from core.scan.reading import read_scan
+from core.scan.ply.writer import write_ply
 from tests.core.painted_box import PaintedBox, rotation_of
 from core.geometry.pose import Pose
 import numpy as np

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanDamagedError
-from core.scan.options import METRES_PER_UNIT
+from core.options import METRES_PER_UNIT
 from core.scan.ply.body import PlyBody
 from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
 from core.scan.ply.header import PlyElement, PlyHeader
@@ -65,7 +65,7 @@ def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody) -> Iter
             fraction = min(1.0, (start + CHUNK_ROWS) / len(mesh.positions))
             yield RawChunk(mesh.positions[part], mesh.vertex_colors[part], fraction)
         return
-    most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points, context.options.max_points_read)
+    most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points_used, context.options.max_points)
     num_samples = int(min(max(areas.sum() * (metres / SAMPLE_SPACING_M) ** 2, 1000), most))
     context.note(
         "mesh_sampled",

@@ -19,8 +19,8 @@ import torch
 from core.errors import CoreError
 from core.index.map_builder import build_map_index
 from core.index.map_codec import encode_map_index
-from core.index.map_index import IndexOptions
-from core.scan import read_scan
+from core.options import IndexOptions
+from core.scan.reading import read_scan
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PAGE_LINES = {"VmHWM": "peak", "VmRSS": "resident"}

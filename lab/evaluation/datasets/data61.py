@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from core.index.map_index import IndexOptions
-from core.scan import ScanOptions, read_scan
+from core.options import IndexOptions, ScanOptions
+from core.scan.reading import read_scan
 from lab.evaluation.datasets.dataset_files import camera_from_map_pose, chosen, images_in, read_image
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 

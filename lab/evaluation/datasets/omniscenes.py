@@ -7,8 +7,8 @@ pcd/<room>_<number>.txt                                    x y z red green blue
 
 from pathlib import Path
 
-from core.index.map_index import IndexOptions
-from core.scan import read_scan
+from core.options import IndexOptions
+from core.scan.reading import read_scan
 from lab.evaluation.datasets.dataset_files import camera_from_map_pose, chosen, images_in, read_image
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 

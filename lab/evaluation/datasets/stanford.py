@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.geometry.pose import Pose
-from core.index.map_index import IndexOptions
-from core.scan import read_scan
+from core.options import IndexOptions
+from core.scan.reading import read_scan
 from lab.evaluation.datasets.dataset_files import chosen, images_in, pose_of, read_image, without_black_poles
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 

@@ -12,9 +12,9 @@ import numpy as np
 from PIL import Image
 
 from core.geometry.pose import Pose
-from core.index.map_index import IndexOptions
-from core.scan import thin_cloud
+from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
+from core.scan.voxel_thinning import thin_cloud
 from lab.evaluation.datasets.dataset_files import chosen, read_image
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 

@@ -24,6 +24,7 @@ from service.http.spool import PartRule
 from service.http.uploads import Form, read_form
 from service.http.validation import parse_json
 from service.image_header import read_image_header
+from service.jobs import QueryOptions
 from service.localizations import Document, Query
 from service.maps.selection import MapChoice
 from service.problems import error_responses
@@ -106,7 +107,7 @@ async def _query(request: Request, settings: Settings) -> Query:
         if panorama is None:
             raise _image_missing()
         mask = _image(form, "mask", settings, UnknownMaskError, LargeMaskError)
-    return Query(panorama, mask, maps, _complete(options, settings), current_request_id())
+    return Query(panorama, mask, maps, _checked(options, settings), current_request_id())
 
 
 def _image(
@@ -131,16 +132,15 @@ def _image(
     return data
 
 
-def _complete(options: LocalizeOptions, settings: Settings) -> Document:
-    timeout_s = options.timeout_s if options.timeout_s is not None else settings.timeout_s_of(options.method)
-    if timeout_s > settings.max_timeout_s:
+def _checked(given: LocalizeOptions, settings: Settings) -> QueryOptions:
+    options = given.to_options(settings.timeout_s_of(given.method))
+    if options.timeout_s > settings.max_timeout_s:
         message = (
-            f"expected at most {settings.max_timeout_s:g} seconds, got {timeout_s:g}; ask for less, or let the operator "
+            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; ask for less, or let the operator "
             "raise PANOLOC_MAX_TIMEOUT_S where the service runs"
         )
         raise InvalidOptionsError(f"timeout_s: {message}", [{"field": "timeout_s", "message": message}])
-    artifacts = list(dict.fromkeys(options.artifacts))
-    return {**options.model_dump(mode="json"), "timeout_s": timeout_s, "artifacts": artifacts}
+    return options
 
 
 def _image_missing() -> InvalidOptionsError:

@@ -13,12 +13,12 @@ from service.http.openapi import binary_part, json_part, multipart
 from service.http.request_context import current_request_id
 from service.http.scan_sniffing import check_scan_file, scan_extension
 from service.http.schemas import Map, MapOptions, ScanOptions
-from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.http.schemas.map_options import LONGEST_NAME, MAP_OPTIONS_EXAMPLE
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledScan, disk_error
 from service.http.uploads import Form, read_form
 from service.http.validation import parse_json
-from service.jobs import MapRef, new_id, now
+from service.jobs import MapRef, RegisterOptions, new_id, now
 from service.maps.record import MapRecord, Revision, map_document
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -26,7 +26,6 @@ from service.services import Services, services_of
 router = APIRouter(tags=["maps"])
 
 _RETRY_AFTER_S = 1
-_LONGEST_NAME = 200
 _SCAN_PART = binary_part("The scan: PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS, with colours.")
 _ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
@@ -67,10 +66,10 @@ async def post_map(request: Request) -> Response:
         scan = await _checked_scan(form, services)
         ref = MapRef(new_id("map"), 1)
         try:
-            revision = await _store(services, ref, scan, options.scan_options())
+            revision = await _store(services, ref, scan, options.to_options())
             record = MapRecord(
                 id=ref.id,
-                name=options.name or scan.name[:_LONGEST_NAME] or ref.id,
+                name=options.name or scan.name[:LONGEST_NAME] or ref.id,
                 created_at=(created_at := now()),
                 updated_at=created_at,
                 newest=revision,
@@ -104,7 +103,7 @@ async def put_scan(request: Request, map_id: str) -> Response:
         given = parse_json(ScanOptions, form.single("options"), "options")
         scan = await _checked_scan(form, services)
         ref = services.registry.next_revision(map_id)
-        options = {**services.registry.get(map_id).newest.options, **_given(given)}
+        options = given.over(services.registry.get(map_id).newest.options)
         try:
             revision = await _store(services, ref, scan, options)
             replaced, record = await _replace(services, map_id, revision)
@@ -130,10 +129,6 @@ async def _replace(services: Services, map_id: str, revision: Revision) -> tuple
     return replaced[0], record
 
 
-def _given(options: ScanOptions) -> dict[str, Any]:
-    return options.model_dump(mode="json", include=options.model_fields_set)
-
-
 async def _read(request: Request, services: Services) -> Form:
     rules = {
         "file": PartRule(services.settings.max_upload_bytes, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True),
@@ -151,7 +146,7 @@ async def _checked_scan(form: Form, services: Services) -> SpooledScan:
     return form.scan
 
 
-async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: dict[str, Any]) -> Revision:
+async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: RegisterOptions) -> Revision:
     try:
         key = await services.registry.adopt_scan(ref, f"scan{scan_extension(scan.name)}", scan.path, scan.sha256)
     except OSError as error:

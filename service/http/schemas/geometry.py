@@ -1,13 +1,13 @@
 """Numbers and boxes that many models share. Metres unless a name says otherwise."""
 
-from typing import Annotated, Self
+from typing import Annotated, Self, cast
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-# Nothing on Earth lies farther from the origin of its coordinates; also keeps float32 finite.
-_FARTHEST_M = 1e8
+from core import options
+from core.options import FARTHEST_M
 
-Coordinate = Annotated[float, Field(ge=-_FARTHEST_M, le=_FARTHEST_M, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]
 
 
@@ -34,3 +34,7 @@ class Box(Model):
         if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
             raise ValueError(f"expected min below max on every axis, got min {self.min} and max {self.max}")
         return self
+
+    def to_options(self) -> options.Box:
+        """Return the box as the algorithm takes it."""
+        return cast(options.Box, (tuple(self.min), tuple(self.max)))

@@ -5,11 +5,19 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from core import options
+from core.options import (
+    DEFAULT_HEADING_TOLERANCE_DEG,
+    DEFAULT_RADIUS_M,
+    DEFAULT_TILT_DEG,
+    MAX_TOP_K,
+    Frame,
+    Method,
+    Status,
+)
 from service.http.schemas.geometry import Answer, Box, Model, Vector
 from service.http.schemas.problem import ProblemDocument
-
-Frame = Literal["ros", "opencv", "webxr", "unity"]
-Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
+from service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
 class Hints(Model):
@@ -17,17 +25,19 @@ class Hints(Model):
 
     position_m: Vector | None = Field(None, description="Where the camera is, in the map's own frame.")
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
-        None, description="How far from `position_m` at most; 5 when left out."
+        None, description=f"How far from `position_m` at most; {DEFAULT_RADIUS_M:g} when left out."
     )
     region: Box | None = Field(None, description="Where the camera is, in the map's own frame.")
     upright: bool | None = Field(None, description="The camera is level within `max_tilt_deg`.")
     max_tilt_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(
-        None, description="15 when only `upright` is given."
+        None, description=f"{DEFAULT_TILT_DEG:g} when only `upright` is given."
     )
     heading_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
         None, description="Yaw of the image centre, counter-clockwise about z from +x."
     )
-    heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(None, description="45 when left out.")
+    heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
+        None, description=f"{DEFAULT_HEADING_TOLERANCE_DEG:g} when left out."
+    )
 
     @model_validator(mode="after")
     def _belong_together(self) -> Self:
@@ -39,23 +49,43 @@ class Hints(Model):
             )
         return self
 
+    def to_options(self) -> options.Hints | None:
+        """Return the hints as the algorithm takes them, None when none is given."""
+        given = self.model_dump(exclude_none=True)
+        if self.position_m is not None:
+            given["position_m"] = tuple(self.position_m)
+        if self.region is not None:
+            given["region"] = self.region.to_options()
+        return options.Hints(**given) if given else None
+
 
 class LocalizeOptions(Model):
     """The part `options` of `POST /localize`."""
 
-    frame: Frame = Field("ros", description="Axes of the answer; see docs/api.md.")
-    method: Literal["fast", "paper"] = Field("fast", description="`paper`: the recipe of the paper, slower.")
+    frame: Frame = Field(QueryOptions.frame, description="Axes of the answer; see docs/api.md.")
+    method: Method = Field(QueryOptions.method, description="`paper`: the recipe of the paper, slower.")
     hints: Hints | None = None
-    artifacts: list[Artifact] = Field(default_factory=list, max_length=3, description="Pictures to draw.")
+    artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
-        1,
+        QueryOptions.top_k,
         ge=1,
-        le=20,
+        le=MAX_TOP_K,
         description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",
     )
     timeout_s: Annotated[float, Field(gt=0)] | None = Field(
         None, description="Seconds for the answer, then 504; null: the service's setting, and more for `paper`."
     )
+
+    def to_options(self, timeout_s: float) -> QueryOptions:
+        """Return what the worker has to know. timeout_s: where none is given."""
+        return QueryOptions(
+            timeout_s=timeout_s if self.timeout_s is None else self.timeout_s,
+            method=self.method,
+            frame=self.frame,
+            hints=None if self.hints is None else self.hints.to_options(),
+            artifacts=tuple(dict.fromkeys(self.artifacts)),
+            top_k=self.top_k,
+        )
 
 
 class Position(Answer):
@@ -120,7 +150,7 @@ class Localization(Answer):
     """The answer to a query. A panorama that fits no pose is `not_localized` with `pose: null`, not an error."""
 
     id: str
-    status: Literal["localized", "ambiguous", "not_localized"]
+    status: Status
     map_id: str | None
     map_revision: int | None
     pose: PoseAnswer | None

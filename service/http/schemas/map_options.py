@@ -1,15 +1,22 @@
 """What a caller may say about a map."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, field_validator
 
+from core import options
+from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
 from service.http.schemas.geometry import Box, Model
+from service.jobs import RegisterOptions
+from service.maps.record import options_from_json, options_to_json
 
+LONGEST_NAME = 200
 # No control characters: names and tags end up in logs, terminals and URLs.
 _PRINTABLE = r"^[^\x00-\x1f\x7f]*$"
 
-Name = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200, pattern=_PRINTABLE)]
+Name = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
+]
 Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=64, pattern=_PRINTABLE)]
 Tags = Annotated[list[Tag], Field(max_length=32)]
 
@@ -17,9 +24,9 @@ Tags = Annotated[list[Tag], Field(max_length=32)]
 class StartsOptions(Model):
     """Where the search starts."""
 
-    method: Literal["octree", "grid"] = Field("octree", description="`octree` for rooms, `grid` for open spaces.")
+    method: StartsMethod = Field(IndexOptions.starts_method, description="`octree` for rooms, `grid` for open spaces.")
     spacing_m: float | None = Field(
-        None, ge=0.05, le=50, description="Distance of starts; null: chosen by the service."
+        None, ge=MIN_SPACING_M, le=MAX_SPACING_M, description="Distance of starts; null: chosen by the service."
     )
     region: Box | None = Field(None, description="Where cameras can be; null: everywhere inside the scanned space.")
 
@@ -27,10 +34,23 @@ class StartsOptions(Model):
 class ScanOptions(Model):
     """How to read a scan and what to build from it."""
 
-    unit: Literal["m", "cm", "mm", "ft"] = Field("m", description="Unit of the scan's coordinates.")
-    up_axis: Literal["z", "y"] = Field("z", description="Axis of the scan that points up.")
-    color_kind: Literal["rgb", "labels"] = Field("rgb", description="`labels`: colours are codes of classes.")
+    unit: Unit = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
+    up_axis: UpAxis = Field(options.ScanOptions.up_axis, description="Axis of the scan that points up.")
+    color_kind: ColorKind = Field(options.ScanOptions.color_kind, description="`labels`: colours are codes of classes.")
     starts: StartsOptions = Field(default_factory=lambda: StartsOptions.model_validate({}))
+
+    def to_options(self) -> RegisterOptions:
+        """Return what the worker has to know."""
+        region = None if self.starts.region is None else self.starts.region.to_options()
+        return RegisterOptions(
+            options.ScanOptions(self.unit, self.up_axis, self.color_kind),
+            IndexOptions(self.starts.method, self.starts.spacing_m, region, self.color_kind),
+        )
+
+    def over(self, former: RegisterOptions) -> RegisterOptions:
+        """Return what the worker has to know when fields that are left out are as they were."""
+        given = self.model_dump(mode="json", include=self.model_fields_set)
+        return options_from_json({**options_to_json(former), **given})
 
 
 class Georeference(Model):
@@ -55,10 +75,6 @@ class MapOptions(ScanOptions):
     @classmethod
     def _each_once(cls, tags: list[str]) -> list[str]:
         return list(dict.fromkeys(tags))
-
-    def scan_options(self) -> dict[str, Any]:
-        """Return what the worker has to know, JSON-safe."""
-        return self.model_dump(mode="json", include=set(ScanOptions.model_fields))
 
 
 class MapPatch(Model):

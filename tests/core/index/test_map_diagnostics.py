@@ -5,7 +5,8 @@ import pytest
 
 from core.index.map_builder import build_map_index
 from core.index.map_diagnostics import map_diagnostics
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
+from core.options import IndexOptions
 from core.scan.point_cloud import Diagnostic, PointCloud
 from tests.core.painted_box import PaintedBox
 

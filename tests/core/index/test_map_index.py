@@ -10,7 +10,8 @@ from core.config import IndexConfig, SearchConfig
 from core.errors import CancelledError, IndexFormatError, OptionsError
 from core.index.map_builder import build_map_index, index_config_digest
 from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import INDEX_VERSION, IndexOptions, MapIndex
+from core.index.map_index import INDEX_VERSION, MapIndex
+from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 

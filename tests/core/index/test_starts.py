@@ -5,8 +5,8 @@ import pytest
 
 from core.config import StartsConfig
 from core.errors import OptionsError
-from core.index.map_index import IndexOptions
 from core.index.starts import grid_starts, octree_starts
+from core.options import IndexOptions
 from tests.core.painted_box import PaintedBox
 
 

@@ -11,8 +11,9 @@ from core.config import LocalizerConfig, PaperConfig
 from core.errors import DeadlineExceededError
 from core.geometry.pose import Pose
 from core.index.map_builder import build_map_index
-from core.index.map_index import IndexOptions, MapIndex
+from core.index.map_index import MapIndex
 from core.localizer import Localizer
+from core.options import IndexOptions
 from core.results import Localization
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox

@@ -13,10 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.errors import CoreError, ScanDamagedError
-from core.scan import ScanOptions, encode_ply, read_scan
+from core.options import ScanOptions
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
-OPTIONS = ScanOptions(max_points=500)
+OPTIONS = ScanOptions(max_points_used=500)
 RNG = np.random.default_rng(11)
 CLOUD = PointCloud(
     np.round(RNG.random((40, 3)) * 5, 3).astype(np.float32), RNG.integers(0, 256, (40, 3), dtype=np.uint8)
@@ -144,7 +146,9 @@ def test_changed_bytes_give_a_cloud_or_a_core_error(
         except CoreError as error:
             message = str(error)
         else:
-            message = "" if len(cloud) > OPTIONS.max_points or not np.isfinite(cloud.positions).all() else "a cloud"
+            message = (
+                "" if len(cloud) > OPTIONS.max_points_used or not np.isfinite(cloud.positions).all() else "a cloud"
+            )
     assert len(message) > 5
 
 

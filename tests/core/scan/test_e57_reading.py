@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.scan import read_scan
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 libe57 = pytest.importorskip("pye57.libe57")
 pye57 = pytest.importorskip("pye57")

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from core.errors import ScanDamagedError, ScanFormatError
-from core.scan import ScanOptions, encode_ply, read_scan
+from core.options import ScanOptions
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 

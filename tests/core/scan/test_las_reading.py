@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from core.errors import ScanContentError, ScanDamagedError, ScanError
-from core.scan import read_scan
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 Compare = Callable[..., None]
 

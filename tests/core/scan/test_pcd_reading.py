@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.scan import read_scan
 from core.scan.pcd.lzf import decompress_lzf
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 Compare = Callable[..., None]

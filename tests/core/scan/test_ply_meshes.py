@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from core.errors import ScanDamagedError
-from core.scan import ScanOptions, read_scan
+from core.options import ScanOptions
+from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 CORNERS = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0)]
@@ -39,7 +40,7 @@ def floor(encoding: str, faces: list[list[int]], left: int = 0, right: int = 200
 def test_a_sparse_mesh_is_sampled_evenly_with_mixed_colours(
     scan_file: ScanFile, encoding: str, faces: list[list[int]]
 ) -> None:
-    cloud = read_scan(scan_file("mesh.ply", floor(encoding, faces)), ScanOptions(max_points=3000))
+    cloud = read_scan(scan_file("mesh.ply", floor(encoding, faces)), ScanOptions(max_points_used=3000))
     assert [note.code for note in cloud.diagnostics if note.code.startswith("mesh")] == ["mesh_sampled"]
     assert 2500 < len(cloud) <= 3000
     low, high = cloud.bounds
@@ -51,7 +52,7 @@ def test_a_sparse_mesh_is_sampled_evenly_with_mixed_colours(
 
 def test_labels_are_not_mixed_while_sampling(scan_file: ScanFile) -> None:
     path = scan_file("mesh.ply", floor("ascii", [[0, 1, 2], [0, 2, 3]], left=40, right=200))
-    cloud = read_scan(path, ScanOptions(max_points=2000, color_kind="labels"))
+    cloud = read_scan(path, ScanOptions(max_points_used=2000, color_kind="labels"))
     assert set(cloud.colors[:, 0].tolist()) == {40, 200}
     assert (cloud.colors[cloud.positions[:, 0] < 1, 0] == 40).all()
     assert (cloud.colors[cloud.positions[:, 0] > 3, 0] == 200).all()
@@ -61,7 +62,7 @@ def test_face_colours_serve_where_vertices_have_none(scan_file: ScanFile) -> Non
     elements = VERTEX.format(4) + "element face 2\nproperty list uchar int vertex_index\n" + RGB
     body = "".join(" ".join(map(str, corner)) + "\n" for corner in CORNERS) + "3 0 1 2 255 0 0\n3 0 2 3 0 0 255\n"
     path = scan_file("mesh.ply", f"ply\nformat ascii 1.0\n{elements}end_header\n{body}")
-    cloud = read_scan(path, ScanOptions(max_points=1000))
+    cloud = read_scan(path, ScanOptions(max_points_used=1000))
     is_lower = cloud.positions[:, 1] / 3 < cloud.positions[:, 0] / 4 - 0.05
     assert (cloud.colors[is_lower] == [255, 0, 0]).all()
     assert 0.3 < is_lower.mean() < 0.7

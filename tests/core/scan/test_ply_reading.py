@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.scan import ScanOptions, encode_ply, read_scan, write_ply
+from core.options import ScanOptions
+from core.scan.ply.writer import encode_ply, write_ply
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 Compare = Callable[..., None]

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from core.errors import CancelledError, OptionsError, ScanContentError
-from core.scan import ScanOptions, encode_ply, read_scan
+from core.options import ScanOptions
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 
@@ -122,7 +124,7 @@ def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_uni
 
 
 def test_thinning_is_said_with_its_voxel_size(cloud: PointCloud, scan_file: ScanFile) -> None:
-    read = read_scan(scan_file("scan.ply", encode_ply(cloud)), ScanOptions(max_points=20))
+    read = read_scan(scan_file("scan.ply", encode_ply(cloud)), ScanOptions(max_points_used=20))
     assert len(read) <= 20
     assert "60 points were thinned to" in next(note.message for note in read.diagnostics if note.code == "thinned")
 
@@ -146,7 +148,7 @@ def test_what_the_progress_callback_raises_passes_through(cloud: PointCloud, sca
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"unit": "inch"}, {"up_axis": "x"}, {"color_kind": "gray"}, {"max_points": 0}, {"max_points_read": -1}]
+    "wrong", [{"unit": "inch"}, {"up_axis": "x"}, {"color_kind": "gray"}, {"max_points_used": 0}, {"max_points": -1}]
 )
 def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(OptionsError, match=next(iter(wrong))):
@@ -156,7 +158,7 @@ def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> Non
 def test_reading_a_ply_imports_no_heavy_library(cloud: PointCloud, scan_file: ScanFile) -> None:
     path = scan_file("scan.ply", encode_ply(cloud))
     program = (
-        "import sys; from pathlib import Path; from core.scan import read_scan; read_scan(Path(sys.argv[1])); "
+        "import sys; from pathlib import Path; from core.scan.reading import read_scan; read_scan(Path(sys.argv[1])); "
         "print(sorted({'open3d', 'torch', 'laspy', 'pye57'} & set(sys.modules)))"
     )
     root = Path(__file__).parents[3]

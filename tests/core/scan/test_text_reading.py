@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from core.errors import ScanContentError, ScanDamagedError, ScanFormatError
-from core.scan import ScanOptions, read_scan
+from core.options import ScanOptions
 from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 Compare = Callable[..., None]
@@ -151,7 +152,7 @@ def test_a_header_that_names_no_colour_is_said(scan_file: ScanFile) -> None:
 
 def test_more_points_than_allowed_are_refused_while_reading(cloud: PointCloud, scan_file: ScanFile) -> None:
     with pytest.raises(ScanContentError, match="at most 59 are read"):
-        read_scan(scan_file("scan.xyz", table(cloud)), ScanOptions(max_points_read=59))
+        read_scan(scan_file("scan.xyz", table(cloud)), ScanOptions(max_points=59))
 
 
 def test_a_file_of_many_blocks_keeps_every_line(scan_file: ScanFile) -> None:

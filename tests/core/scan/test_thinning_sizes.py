@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.scan import thin_cloud
 from core.scan.point_cloud import PointCloud
+from core.scan.voxel_thinning import thin_cloud
 
 
 @pytest.mark.parametrize("share", [0.4, 0.8, 0.97])

@@ -7,7 +7,7 @@ import pytest
 
 from core.errors import OptionsError
 from core.geometry.pose import Pose
-from core.scan import read_scan
+from core.scan.reading import read_scan
 from lab.benchmark.painted_room import PaintedRoom
 from lab.benchmark.scan_file import write_room_scan
 

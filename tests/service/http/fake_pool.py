@@ -64,7 +64,7 @@ class FakePool:
         if self.fail_localize:
             raise self.fail_localize.pop(0)
         body = {**answer_body(), "map_id": job.maps[0].id, "map_revision": job.maps[0].revision}
-        return LocalizeOutcome(body, {name: PNG + name.encode() for name in job.options["artifacts"]})
+        return LocalizeOutcome(body, {name: PNG + name.encode() for name in job.options.artifacts})
 
     async def register(self, job: RegisterJob) -> RegisterOutcome:
         self.registrations.append(job)

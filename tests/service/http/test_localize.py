@@ -67,9 +67,10 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
     (job,) = running.pool.jobs
     assert job.request_id == "abc"
     assert (job.maps[0].id, job.maps[0].revision) == (map_id, 1)
-    assert job.options["frame"] == "ros"
-    assert job.options["hints"]["heading_deg"] == 90
-    assert job.options["hints"]["radius_m"] is None
+    assert job.options.frame == "ros"
+    assert job.options.hints is not None
+    assert job.options.hints.heading_deg == 90
+    assert job.options.hints.radius_m is None
     assert 0 < job.deadline_unix_s - time.time() <= 7
 
 
@@ -90,7 +91,7 @@ async def test_the_papers_recipe_has_minutes_when_the_caller_names_no_time(
     services.settings = services.settings.model_copy(update=settings)
     await running.localize(await running.ready_map(), options=json.dumps(options))
     (job,) = running.pool.jobs
-    assert job.options["timeout_s"] == timeout_s
+    assert job.options.timeout_s == timeout_s
     assert 0 < job.deadline_unix_s - time.time() <= timeout_s
 
 

@@ -8,6 +8,7 @@ import httpx
 import pytest
 import redis
 
+from core.options import IndexOptions, ScanOptions
 from service.errors import CacheDownError, WorkerError
 from service.http.schemas import Map, MapPage
 from tests.service.http.fake_pool import PNG, no_worker
@@ -38,12 +39,8 @@ async def test_the_worker_gets_the_scan_as_it_came_and_every_option(running: Run
     job = running.pool.registrations[0]
     assert running.storage.read(job.scan_key) == SCAN
     assert job.scan_key.endswith("/1/scan.ply")
-    assert job.options == {
-        "unit": "ft",
-        "up_axis": "z",
-        "color_kind": "rgb",
-        "starts": {"method": "octree", "spacing_m": 0.5, "region": None},
-    }
+    assert job.options.scan == ScanOptions(unit="ft", up_axis="z", color_kind="rgb")
+    assert job.options.index == IndexOptions("octree", 0.5, None, "rgb")
 
 
 async def test_progress_moves_while_a_worker_is_at_it(running: RunningService) -> None:
@@ -138,8 +135,8 @@ async def test_a_new_scan_is_built_while_the_old_one_serves(running: RunningServ
     running.pool.register_gate.set()
     body = await running.settled(map_id)
     assert (body["revision"], body["serving_revision"]) == (2, 2)
-    assert running.pool.registrations[1].options["unit"] == "cm"
-    assert running.pool.registrations[1].options["up_axis"] == "y"
+    assert running.pool.registrations[1].options.scan.unit == "cm"
+    assert running.pool.registrations[1].options.scan.up_axis == "y"
 
 
 async def test_the_replaced_revision_leaves_storage_and_cache(

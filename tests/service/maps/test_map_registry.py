@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
-from service.jobs import MapRef
+from service.jobs import MapRef, RegisterOptions
 from service.maps.record import MapRecord, Revision, key_of, read_record
 from service.maps.registry import MapRegistry, decode_cursor, encode_cursor
 from service.storage import FolderStorage
 
-REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", {"unit": "m"})
+REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", RegisterOptions())
 
 
 def record(name: str, created_at: str = "2026-01-01T00:00:00.000000Z", tags: tuple[str, ...] = ()) -> MapRecord:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from service.errors import NoWorkerError
-from service.jobs import LocalizeJob, MapRef, RegisterJob
+from service.jobs import LocalizeJob, MapRef, QueryOptions, RegisterJob, RegisterOptions
 from service.ray.admission import Admission
 from service.ray.pool import RayPool
 
@@ -60,7 +60,9 @@ class SilentServing:
 
 
 def job(timeout_s: float = 60) -> LocalizeJob:
-    return LocalizeJob("loc_1", "req_1", b"", None, (MapRef("map_1", 1),), {}, time.time() + timeout_s)
+    return LocalizeJob(
+        "loc_1", "req_1", b"", None, (MapRef("map_1", 1),), QueryOptions(timeout_s), time.time() + timeout_s
+    )
 
 
 async def until(holds: Any) -> None:
@@ -104,7 +106,7 @@ def test_afterwards_nothing_is_taken_and_the_end_waits_for_nothing() -> None:
         with pytest.raises(NoWorkerError, match="the service ends"):
             await pool.localize(job())
         with pytest.raises(NoWorkerError, match="the service ends"):
-            await pool.register(RegisterJob(MapRef("map_1", 1), "key", "scan.ply", {}, "req_1"))
+            await pool.register(RegisterJob(MapRef("map_1", 1), "key", "scan.ply", RegisterOptions(), "req_1"))
         began = time.monotonic()
         await pool.stop(drain_s=30)
         assert time.monotonic() - began < 5

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.geometry.pose import Frame, Pose
-from core.results import Candidate, Localization, Status
+from core.geometry.pose import Pose
+from core.options import Frame, Status
+from core.results import Candidate, Localization
 from service.jobs import MapRef
 from service.worker.answer_body import json_safe, localization_body, pose_body
 

@@ -15,14 +15,15 @@ import torch
 
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
+from core.options import IndexOptions, ScanOptions
 from core.panorama.panorama import Panorama
 from core.results import Candidate, Localization
-from core.scan import encode_ply
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from service.cache import WorkerCache
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
-from service.jobs import LocalizeJob, MapRef, RegisterJob
+from service.jobs import LocalizeJob, MapRef, QueryOptions, RegisterJob, RegisterOptions
 from service.maps.record import MapRecord, Revision, key_of, write_record
 from service.storage import FolderStorage
 from service.worker.localization_worker import LocalizationWorker
@@ -31,8 +32,7 @@ from service.worker.plan import WorkerSettings
 from service.worker.registrar import Registrar
 
 MAP = MapRef("map_box", 1)
-OPTIONS: dict[str, Any] = {"unit": "m", "up_axis": "z", "color_kind": "rgb",
-                           "starts": {"method": "grid", "spacing_m": 1.5, "region": None}}  # fmt: skip
+OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 1.5))
 
 
 class MadeUpLocalizer:
@@ -99,7 +99,7 @@ def store_box(storage: FolderStorage) -> RegisterJob:
 
 
 def query(panorama: bytes | None = None, seconds: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
-    options: dict[str, Any] = {"frame": "ros", "method": "fast", "hints": None, "artifacts": ["overlay"], "top_k": 3}
+    options = QueryOptions(seconds, artifacts=("overlay",), top_k=3)
     return LocalizeJob(
         "loc_1", "req_2", panorama or grey_png(), None, maps, options, deadline_unix_s=time.time() + seconds
     )
@@ -129,9 +129,8 @@ def test_a_registered_map_is_in_redis_and_describes_itself(place: Place) -> None
 
 def test_a_map_whose_starts_lie_beside_the_scan_becomes_ready_with_diagnostics(place: Place) -> None:
     assert place.registrar.register(place.job).outcome.diagnostics == []  # type: ignore[union-attr]
-    beside = {"min": [30.0, 30.0, 0.5], "max": [32.0, 33.0, 1.5]}
-    options = {**OPTIONS, "starts": {**OPTIONS["starts"], "region": beside}}
-    reply = place.registrar.register(replace(place.job, options=options))
+    beside = replace(OPTIONS.index, region=((30.0, 30.0, 0.5), (32.0, 33.0, 1.5)))
+    reply = place.registrar.register(replace(place.job, options=replace(OPTIONS, index=beside)))
     assert reply.outcome is not None
     assert [each["code"] for each in reply.outcome.diagnostics] == ["starts_see_little", "region_outside_scan"]
     assert {each["severity"] for each in reply.outcome.diagnostics} == {"warning"}

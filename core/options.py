@@ -1,0 +1,120 @@
+"""What a caller may choose: how a scan is read, how its map is built, what narrows a query, and the words for it.
+
+Neither torch nor numpy, so that whoever takes requests can make these values without loading the algorithm. Every default
+and every limit of a choice stands here once.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from core.errors import OptionsError
+
+Vector = tuple[float, float, float]
+Box = tuple[Vector, Vector]
+
+Method = Literal["fast", "paper"]
+Status = Literal["localized", "ambiguous", "not_localized"]
+Frame = Literal["ros", "opencv", "webxr", "unity"]
+Unit = Literal["m", "cm", "mm", "ft"]
+UpAxis = Literal["z", "y"]
+ColorKind = Literal["rgb", "labels"]
+StartsMethod = Literal["octree", "grid"]
+
+METRES_PER_UNIT: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+
+FARTHEST_M = 1e8
+"""Of any coordinate: nothing on Earth lies farther from the origin of its frame, geocentric ones included."""
+MIN_SPACING_M, MAX_SPACING_M = 0.05, 50.0
+"""Of the distance of starts."""
+MAX_TOP_K = 20
+"""Poses that one answer may hold; the search keeps 32 candidates, and those close together are one pose."""
+MAX_PIXELS = 100_000_000
+"""Of an image that is decoded, where nobody says otherwise."""
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """How to read a scan.
+
+    unit: length unit of the file's coordinates. up_axis: the axis that points up in the file.
+    color_kind: "labels" are colour codes of classes and never averaged.
+    max_points: a file with more points is refused before anything is allocated.
+    max_points_used: how many points may remain after voxel thinning.
+    format: file extension ("ply", ".laz"), used when the path has none.
+
+    Raises OptionsError for a value out of its range.
+    """
+
+    unit: Unit = "m"
+    up_axis: UpAxis = "z"
+    color_kind: ColorKind = "rgb"
+    max_points: int = 200_000_000
+    max_points_used: int = 500_000
+    format: str | None = None
+
+    def __post_init__(self) -> None:
+        _check_choice("unit", self.unit, Unit)
+        _check_choice("up_axis", self.up_axis, UpAxis)
+        _check_choice("color_kind", self.color_kind, ColorKind)
+        for name, value in (("max_points", self.max_points), ("max_points_used", self.max_points_used)):
+            if value < 1:
+                raise OptionsError(f"{name}: expected at least 1, got {value}")
+
+
+@dataclass(frozen=True)
+class IndexOptions:
+    """What the operator may choose for a map.
+
+    starts_method: "octree" (rooms) or "grid" (open spaces). spacing_m: distance of starts, metres; None: from the configuration.
+    region: (min, max) in the scan's own frame, metres, where cameras can be. color_kind: "rgb" or semantic "labels".
+
+    Raises OptionsError for a value out of its range.
+    """
+
+    starts_method: StartsMethod = "octree"
+    spacing_m: float | None = None
+    region: Box | None = None
+    color_kind: ColorKind = "rgb"
+
+    def __post_init__(self) -> None:
+        _check_choice("starts.method", self.starts_method, StartsMethod)
+        _check_choice("color_kind", self.color_kind, ColorKind)
+        if self.spacing_m is not None and not MIN_SPACING_M <= self.spacing_m <= MAX_SPACING_M:
+            raise OptionsError(
+                f"starts.spacing_m: expected {MIN_SPACING_M:g} to {MAX_SPACING_M:g} metres, got {self.spacing_m}"
+            )
+        if self.region is not None and not all(low < high for low, high in zip(*self.region, strict=True)):
+            raise OptionsError(f"starts.region: expected min below max on every axis, got {self.region}")
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What the caller knows beforehand; every field narrows the search and is never exceeded by the answer.
+
+    position_m: (x, y, z) in the map's own frame, metres, with `radius_m` around it.
+    region: ((min x, y, z), (max x, y, z)) in the map's own frame, metres.
+    upright: the camera is level within `max_tilt_deg`.
+    heading_deg: yaw of the image centre, counter-clockwise about z from +x, within `heading_tolerance_deg`.
+    """
+
+    position_m: Vector | None = None
+    radius_m: float | None = None
+    region: Box | None = None
+    upright: bool = False
+    max_tilt_deg: float | None = None
+    heading_deg: float | None = None
+    heading_tolerance_deg: float | None = None
+
+
+DEFAULT_RADIUS_M = 5.0
+"""Of a hinted position without a radius."""
+DEFAULT_TILT_DEG = 15.0
+"""Of a camera that is said to be upright, no more."""
+DEFAULT_HEADING_TOLERANCE_DEG = 45.0
+"""Of a hinted heading without a tolerance."""
+
+
+def _check_choice(name: str, value: str, choices: Any) -> None:
+    allowed = get_args(choices)
+    if value not in allowed:
+        raise OptionsError(f"{name}: expected {', '.join(allowed[:-1])} or {allowed[-1]}, got {value!r}")
