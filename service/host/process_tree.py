@@ -1,4 +1,4 @@
-"""The processes below one process, and how much memory they really take together. Linux only: reads /proc."""
+"""The processes below one process. Linux only: reads /proc."""
 
 import contextlib
 from collections import defaultdict
@@ -22,26 +22,6 @@ def process_name(pid: int) -> str:
     words = Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")
     # Ray renames its workers to "ray::Something" in the first word.
     return words[0].strip() if words[0].startswith("ray::") else Path(words[0]).name
-
-
-def proportional_bytes(pid: int) -> int:
-    """Return the proportional set size of one process: its own pages plus its share of the common ones.
-
-    Raises OSError when the process is gone or belongs to somebody else.
-    """
-    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return int(line.split()[1]) * 1024
-    raise OSError(f"/proc/{pid}/smaps_rollup: no line with Pss")
-
-
-def family_bytes(pid: int) -> dict[str, int]:
-    """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <name>"`."""
-    found: dict[str, int] = {}
-    for member in [pid, *descendants(pid)]:
-        with contextlib.suppress(OSError):
-            found[f"{member} {process_name(member)}"] = proportional_bytes(member)
-    return found
 
 
 def _children_by_parent() -> defaultdict[int, list[int]]:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from docs.settings_table import settings_table, with_current_table
 from service.settings import Settings
-from service.settings_table import settings_table, with_current_table
 from tests.docs.documentation import ROOT
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import redis
 
-from service.host.process_tree import family_bytes
+from lab.process_memory import family_bytes
 from tests.integration.running_service import RunningService, eventually, free_port, is_running
 from tests.integration.small_room import OPTIONS, small_room
 

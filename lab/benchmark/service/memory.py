@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from lab.benchmark.request import BenchRequest
 from lab.benchmark.timing import Say
-from service.host.process_tree import family_bytes
+from lab.process_memory import family_bytes
 
 _SAMPLE_S = 0.5
 

@@ -11,13 +11,13 @@ import httpx
 import pytest
 import torch
 
+from lab.background_service import BackgroundService
 from lab.benchmark.method.parts import CORE_PARTS
 from lab.benchmark.request import BenchRequest
 from lab.benchmark.service import measured_service
 from lab.benchmark.service.memory import by_name, measure_memory
 from lab.benchmark.service.parts import SERVICE_PARTS
 from lab.commands.bench import Part
-from service.cli.background_service import BackgroundService
 from service.cli.exit_codes import ExitCode
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with, problem

@@ -1,20 +1,16 @@
-"""`panoloc demo`: its room, its comparison with the truth, and the service that it starts."""
+"""`panoloc demo`: its room and its comparison with the truth."""
 
 import json
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 
 from core.geometry.pose import Pose
 from lab.commands import demo_scene
 from lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
-from service.cli.background_service import BackgroundService, StartError, start_in_background, wait_until_ready
-from service.client.client import PanolocClient
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
@@ -65,35 +61,6 @@ def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeServic
     done = panoloc("demo", "--folder", tmp_path / "demo", "--url", "http://example.org:8000")
     assert done.code == 1
     assert "only one on this machine can be started" in done.err
-
-
-def test_a_service_that_ends_while_it_starts_shows_the_end_of_its_log(fake: FakeService, tmp_path: Path) -> None:
-    log = tmp_path / "service.log"
-    log.write_text("first line\nport 8000 is in use\n")
-    ended = subprocess.Popen([sys.executable, "-c", "raise SystemExit(3)"])
-    ended.wait()
-    with (
-        PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
-        pytest.raises(StartError, match=r"exit code 3(.|\n)*port 8000 is in use"),
-    ):
-        wait_until_ready(client, BackgroundService(ended, log), lambda text: None)
-
-
-def test_waiting_tells_what_the_service_waits_for(fake: FakeService, tmp_path: Path) -> None:
-    not_yet = [httpx.Response(503, json={"status": "starting", "title": "x", "waiting_for": ["a worker"]})]
-
-    def handle(request: httpx.Request) -> httpx.Response:
-        return not_yet.pop() if not_yet else fake.handle(request)
-
-    heard: list[str] = []
-    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(handle)) as client:
-        wait_until_ready(client, None, heard.append)
-    assert heard == ["the service waits for a worker"]
-
-
-def test_only_plain_http_on_this_machine_can_be_started(tmp_path: Path) -> None:
-    with pytest.raises(StartError):
-        start_in_background("https://localhost:8000", tmp_path / "log")
 
 
 @pytest.mark.slow

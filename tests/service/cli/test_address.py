@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.background_service import StartError, start_in_background
 from service.host.address import why_not_free
 from tests.service.cli.commands import Panoloc
 
@@ -55,10 +54,3 @@ def test_serve_says_at_once_which_address_is_taken_and_what_to_do(
     for said in (f"127.0.0.1:{taken} is taken", "Stop", "--port", "PANOLOC_PORT"):
         assert said in done.err
     assert not (tmp_path / "data").exists()
-
-
-def test_no_service_is_started_in_the_background_where_another_program_listens(taken: int, tmp_path: Path) -> None:
-    log = tmp_path / "demo" / "service.log"
-    with pytest.raises(StartError, match=rf"127\.0\.0\.1:{taken} is taken(.|\n)*--url"):
-        start_in_background(f"http://127.0.0.1:{taken}", log)
-    assert not log.exists()

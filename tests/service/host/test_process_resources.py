@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from lab.process_memory import proportional_bytes
 from service.host.process_resources import num_sockets, num_usable_cpus, return_freed_memory
-from service.host.process_tree import proportional_bytes
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_what_was_freed_below_something_that_stays_goes_back_to_the_system() -> 
 def test_what_was_freed_is_kept_until_it_is_asked_back() -> None:
     script = (
         "import os; from service.host.process_resources import keep_freed_memory, return_freed_memory\n"
-        "from service.host.process_tree import proportional_bytes as size\n"
+        "from lab.process_memory import proportional_bytes as size\n"
         "keep_freed_memory()\n"
         "block = bytearray(b'x' * 20_000_000); del block\n"  # would be mapped on its own, and unmapped
         "kept = size(os.getpid()); return_freed_memory(); print(kept - size(os.getpid()))"

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from service.client.client import JsonObject, PanolocClient
-from service.client.errors import ClientError, UnreachableError, WaitTimeoutError
+from service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
 from service.host.address import why_not_free
 
 # Starting Ray takes 10 to 20 s on a small machine; a cold disk doubles that.

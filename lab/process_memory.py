@@ -1,0 +1,26 @@
+"""How much memory processes really take together. Linux only: reads /proc."""
+
+import contextlib
+from pathlib import Path
+
+from service.host.process_tree import descendants, process_name
+
+
+def proportional_bytes(pid: int) -> int:
+    """Return the proportional set size of one process: its own pages plus its share of the common ones.
+
+    Raises OSError when the process is gone or belongs to somebody else.
+    """
+    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
+        if line.startswith("Pss:"):
+            return int(line.split()[1]) * 1024
+    raise OSError(f"/proc/{pid}/smaps_rollup: no line with Pss")
+
+
+def family_bytes(pid: int) -> dict[str, int]:
+    """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <name>"`."""
+    found: dict[str, int] = {}
+    for member in [pid, *descendants(pid)]:
+        with contextlib.suppress(OSError):
+            found[f"{member} {process_name(member)}"] = proportional_bytes(member)
+    return found

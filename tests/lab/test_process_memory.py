@@ -1,0 +1,28 @@
+import os
+import subprocess
+import sys
+
+import pytest
+
+from lab.process_memory import family_bytes, proportional_bytes
+
+
+def test_a_process_that_touches_more_memory_counts_more() -> None:
+    script = "data = bytearray(50_000_000); print('ready', flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        bytes_held = proportional_bytes(child.pid)
+        family = family_bytes(os.getpid())
+        child.kill()
+    assert 50_000_000 < bytes_held < 90_000_000
+    assert sum(family.values()) > bytes_held
+
+
+def test_a_process_that_is_gone_has_no_memory() -> None:
+    with subprocess.Popen(["/bin/true"]) as child:
+        child.wait()
+    with pytest.raises(OSError, match=str(child.pid)):
+        proportional_bytes(child.pid)
