@@ -8,7 +8,7 @@
     │   ├── MapNotFoundError          no map under this id or tag
     │   ├── LocalizationNotFoundError no localization under this id, or its time is over
     │   ├── MapNotReadyError          the map is still being built
-    │   ├── MapFailedError            the map could not be built and serves nothing
+    │   ├── MapUnusableError          the map could not be built and serves nothing
     │   ├── MapLimitError             as many maps as allowed
     │   ├── UploadTooLargeError       too many bytes
     │   ├── ImageTooLargeError        too many pixels, by the image's header
@@ -73,7 +73,7 @@ class MapNotReadyError(RequestError):
         self.retry_after_s = retry_after_s
 
 
-class MapFailedError(RequestError):
+class MapUnusableError(RequestError):
     """The map could not be built and no earlier revision serves."""
 
 

@@ -29,7 +29,7 @@ _OVERDUE_S = 10.0
 
 
 @dataclass(frozen=True)
-class Query:
+class LocalizeRequest:
     """What a caller asks."""
 
     panorama: bytes
@@ -59,13 +59,13 @@ class Localizations:
         self._metrics = metrics
         self._under_way: set[asyncio.Task[Document]] = set()
 
-    async def answer(self, query: Query) -> Document:
-        """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapFailedError and what the pool raises."""
+    async def answer(self, query: LocalizeRequest) -> Document:
+        """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and what the pool raises."""
         chosen = query.maps.resolve(self._registry)
         await self._cache.check()
         return await self._answer(query, chosen, new_id("loc"))
 
-    async def begin(self, query: Query) -> Document:
+    async def begin(self, query: LocalizeRequest) -> Document:
         """Begin a query whose answer is fetched later, and return its state. Raises as `answer` does."""
         chosen = query.maps.resolve(self._registry)
         pending = {"id": new_id("loc"), "status": "queued", "created_at": now(), "error": None}
@@ -110,7 +110,7 @@ class Localizations:
             task.cancel()
         await asyncio.gather(*under_way, return_exceptions=True)
 
-    async def _answer(self, query: Query, chosen: ChosenMaps, localization_id: str) -> Document:
+    async def _answer(self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str) -> Document:
         began = time.monotonic()
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
@@ -127,7 +127,7 @@ class Localizations:
         return body
 
     async def _outcome(
-        self, query: Query, chosen: ChosenMaps, localization_id: str
+        self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str
     ) -> tuple[LocalizeOutcome, ChosenMaps]:
         timeout_s = query.options.timeout_s
         deadline_unix_s = time.time() + timeout_s
@@ -158,7 +158,7 @@ class Localizations:
             if not self._registry.has(ref.id):
                 await self._cache.forget_map(ref.id)
 
-    async def _answer_later(self, query: Query, chosen: ChosenMaps, pending: Document) -> Document:
+    async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
         await self._put_pending({**pending, "status": "running"}, query)
         try:
             return await self._answer(query, chosen, pending["id"])
@@ -171,7 +171,7 @@ class Localizations:
                 await self._cache.put_localization(pending["id"], failed)
             raise
 
-    async def _put_pending(self, pending: Document, query: Query) -> None:
+    async def _put_pending(self, pending: Document, query: LocalizeRequest) -> None:
         timeout_s = query.options.timeout_s
         state = {**pending, "due_unix_s": time.time() + timeout_s}
         await self._cache.put_localization(

@@ -76,7 +76,7 @@ PROBLEMS: dict[str, Problem] = {
     "MapNotReadyError": Problem(
         "map-not-ready", "The map is still being built", 409, "Poll the map and try again once it is ready."
     ),
-    "MapFailedError": Problem(
+    "MapUnusableError": Problem(
         "map-failed", "The map could not be built", 409, "Read the map's error; upload a new scan."
     ),
     "MapLimitError": Problem(

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from lab.background_service import BackgroundService, start_in_background, wait_until_ready
 from lab.commands.core_errors import core_errors_shown
 from service.cli.answer_files import AnswerFolder
-from service.cli.background_service import BackgroundService, start_in_background, wait_until_ready
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.progress import show_waiting
 from service.cli.register import upload_and_wait
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_summary
-from service.client.client import JsonObject, PanolocClient
+from service.client import JsonObject, PanolocClient
 from service.jobs import ARTIFACTS
 
 if TYPE_CHECKING:

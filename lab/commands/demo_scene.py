@@ -11,7 +11,7 @@ from PIL import Image
 from core.geometry.pose import Pose, pose_error
 from core.scan.ply.writer import write_ply
 from lab.rooms import SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
-from service.client.client import JsonObject
+from service.client import JsonObject
 
 ROOM_AREA_M2 = 24.0
 ROOM_FAMILY = "nordic"

@@ -20,7 +20,7 @@ from lab.rooms.capture.free_space import RotationKind, random_rotation, sample_p
 from lab.rooms.capture.intruders import add_person, show_hand
 from lab.rooms.capture.scanning import Scan, scan_scene, scan_with_truth
 from lab.rooms.capture.spherical_camera import View, take_panorama, take_view
-from lab.rooms.case_folder import Query, write_case, write_case_folder
+from lab.rooms.case_folder import PosedPanorama, write_case, write_case_folder
 from lab.rooms.cases import Case, Suite, make_case
 from lab.rooms.materials.labels import LABEL_COLORS
 from lab.rooms.scenes.changes import change_scene
@@ -39,7 +39,7 @@ __all__ = [
     "WHITE_BALANCE",
     "CameraLook",
     "Case",
-    "Query",
+    "PosedPanorama",
     "RotationKind",
     "Scan",
     "Scene",

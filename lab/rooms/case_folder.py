@@ -19,7 +19,7 @@ _CONVENTION = "x_map = rotation @ x_camera + position_m; camera: x forward (imag
 
 
 @dataclass(frozen=True, eq=False)
-class Query:
+class PosedPanorama:
     """A panorama with its pose; name becomes the file's name without ending; tags describe it."""
 
     name: str
@@ -32,7 +32,7 @@ def write_case_folder(
     folder: Path,
     name: str,
     cloud: PointCloud,
-    queries: Sequence[Query],
+    queries: Sequence[PosedPanorama],
     *,
     source: str = "procedural scene",
     color_kind: str = "rgb",
@@ -68,7 +68,7 @@ def write_case_folder(
 
 def write_case(case: Case, folder: Path) -> Path:
     """Write a case of a suite and its change truth (changed_pixels.png, changed_points.npy); return truth.json."""
-    query = Query(case.name, case.panorama, case.pose, ("procedural", case.color_kind))
+    query = PosedPanorama(case.name, case.panorama, case.pose, ("procedural", case.color_kind))
     path = write_case_folder(folder, case.name, case.cloud, [query], color_kind=case.color_kind)
     Image.fromarray(case.changed_pixels.astype(np.uint8) * np.uint8(255)).save(folder / "changed_pixels.png")
     np.save(folder / "changed_points.npy", case.changed_points)

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from service.client.client import JsonObject, PanolocClient
+from service.client import JsonObject, PanolocClient
 
 
 class AnswerFolder:

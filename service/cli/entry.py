@@ -11,7 +11,7 @@ from rich.markup import escape
 from service.cli import localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
 from service.cli.session import Session
-from service.client.errors import ApiProblemError, ClientError, MapFailedError, UnreachableError
+from service.client import ApiProblemError, ClientError, MapFailedError, UnreachableError
 
 
 def _exit_with(code: int | None, **_: Any) -> None:

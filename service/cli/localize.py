@@ -13,8 +13,7 @@ from service.cli.answer_files import AnswerFolder
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.progress import show_waiting
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.client.client import JsonObject, PanolocClient
-from service.client.errors import ApiProblemError
+from service.client import ApiProblemError, JsonObject, PanolocClient
 from service.jobs import ARTIFACTS, PAPER_TIMEOUT_S
 
 Point = tuple[float, float, float]
@@ -89,12 +88,14 @@ def localize(
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:
-        query = Query(session, client, tuple(map_id or ()), tag, mask, options, AnswerFolder(out) if out else None)
-        return worst_of([query.run(panorama, several=len(panoramas) > 1) for panorama in panoramas])
+        command = _Localize(
+            session, client, tuple(map_id or ()), tag, mask, options, AnswerFolder(out) if out else None
+        )
+        return worst_of([command.run(panorama, several=len(panoramas) > 1) for panorama in panoramas])
 
 
 @dataclass(frozen=True)
-class Query:
+class _Localize:
     """What all panoramas of one command have in common."""
 
     session: Session

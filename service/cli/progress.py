@@ -14,8 +14,7 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 
-from service.client.client import JsonObject
-from service.client.upload_progress import UploadProgress
+from service.client import JsonObject, UploadProgress
 
 
 @contextmanager

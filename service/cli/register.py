@@ -9,8 +9,7 @@ import typer
 from service.cli.progress import show_registration, show_upload
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_summary
-from service.client.client import JsonObject, PanolocClient
-from service.client.errors import UnreachableError
+from service.client import JsonObject, PanolocClient, UnreachableError
 
 
 class Unit(StrEnum):

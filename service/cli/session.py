@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from service.cli.tables import alternatives_table, answer_summary, picture_links
-from service.client.client import JsonObject, PanolocClient
+from service.client import JsonObject, PanolocClient
 
 _PIPE_WIDTH = 500
 

@@ -6,7 +6,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from service.client.client import JsonObject
+from service.client import JsonObject
 
 _STATUS_STYLES = {
     "ready": "green",

@@ -1,1 +1,26 @@
-"""A client of the HTTP API."""
+"""A client of the HTTP API, for programs: `PanolocClient`, what it answers with and what it raises."""
+
+from service.client.client import JsonObject, PanolocClient
+from service.client.errors import (
+    ApiProblemError,
+    ClientError,
+    InvalidUrlError,
+    MapFailedError,
+    UnexpectedReplyError,
+    UnreachableError,
+    WaitTimeoutError,
+)
+from service.client.upload_progress import UploadProgress
+
+__all__ = [
+    "ApiProblemError",
+    "ClientError",
+    "InvalidUrlError",
+    "JsonObject",
+    "MapFailedError",
+    "PanolocClient",
+    "UnexpectedReplyError",
+    "UnreachableError",
+    "UploadProgress",
+    "WaitTimeoutError",
+]

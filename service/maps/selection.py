@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from service.errors import InvalidOptionsError, MapFailedError, MapNotFoundError, MapNotReadyError
+from service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from service.jobs import MapRef
 from service.maps.record import MapRecord
 from service.maps.registry import MapRegistry
@@ -40,7 +40,7 @@ class MapChoice:
         """Return the revisions that answer now.
 
         Every map that is named has to be ready; of a tag's maps those that are. Raises MapNotFoundError,
-        MapNotReadyError and MapFailedError.
+        MapNotReadyError and MapUnusableError.
         """
         if self.tag is None:
             return ChosenMaps(tuple(serving_ref(registry.get(map_id)) for map_id in self.map_ids))
@@ -59,13 +59,13 @@ class MapChoice:
 
 
 def serving_ref(record: MapRecord) -> MapRef:
-    """Return the revision that answers now. Raises MapNotReadyError and MapFailedError."""
+    """Return the revision that answers now. Raises MapNotReadyError and MapUnusableError."""
     ref = record.serving_ref
     if ref is not None:
         return ref
     if record.newest.status == "failed":
         reason = (record.newest.error or {}).get("detail", "see its error")
-        raise MapFailedError(f"expected a map that is ready, but {record.id} failed: {reason}")
+        raise MapUnusableError(f"expected a map that is ready, but {record.id} failed: {reason}")
     raise MapNotReadyError(
         f"expected a map that is ready, but {record.id} is still being built; poll GET /maps/{record.id}",
         _RETRY_AFTER_S,

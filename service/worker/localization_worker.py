@@ -45,7 +45,7 @@ class LocalizationWorker:
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         """Answer one query, or say which indexes have to be built again first."""
         began = time.monotonic()
-        query = _Query(job, self._localizer, self._settings)
+        query = _RunningQuery(job, self._localizer, self._settings)
         outcome, failure = guarded(lambda: query.answer(self._index_of))
         return WorkerReply(
             outcome=outcome,
@@ -77,7 +77,7 @@ class _IndexMissingError(Exception):
     """Redis does not have the index; not an error to anybody outside."""
 
 
-class _Query:
+class _RunningQuery:
     """One query on its way through a worker: what it costs, and what it lacks."""
 
     def __init__(self, job: LocalizeJob, localizer: Localizer, settings: WorkerSettings) -> None:

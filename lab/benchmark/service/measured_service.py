@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.geometry.pose import Pose
+from lab.background_service import BackgroundService, start_in_background, wait_until_ready
 from lab.benchmark.method.whole_query import encode_jpeg
 from lab.benchmark.painted_room import PaintedRoom
 from lab.benchmark.request import BenchRequest
 from lab.benchmark.rooms import spacing_for
 from lab.benchmark.scan_file import write_room_scan
 from lab.benchmark.timing import Say
-from service.cli.background_service import BackgroundService, start_in_background, wait_until_ready
 from service.cli.session import Session
-from service.client.client import JsonObject, PanolocClient
+from service.client import JsonObject, PanolocClient
 from service.host.lifeline import Lifeline
 
 LOG_FILE = "service.log"

@@ -10,7 +10,7 @@ from lab.benchmark.service.memory import measure_memory
 from lab.benchmark.service.query_load import LoadFigures, send_queries
 from lab.benchmark.timing import Say
 from service.cli.session import Session
-from service.client.errors import ClientError
+from service.client import ClientError
 
 Figures = dict[str, Any]
 

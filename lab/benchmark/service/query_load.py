@@ -14,8 +14,7 @@ from core.geometry.pose import Pose, pose_error
 from lab.benchmark.service.measured_service import KnownPanorama, MeasuredService
 from lab.benchmark.timing import Spread, spread_of
 from service.cli.session import Session
-from service.client.client import JsonObject
-from service.client.errors import ClientError
+from service.client import ClientError, JsonObject
 
 ANSWER_TIMEOUT_S = 600.0
 

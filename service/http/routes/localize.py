@@ -25,7 +25,7 @@ from service.http.uploads import Form, read_form
 from service.http.validation import parse_json
 from service.image_header import read_image_header
 from service.jobs import QueryOptions
-from service.localizations import Document, Query
+from service.localizations import Document, LocalizeRequest
 from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import services_of
@@ -90,7 +90,7 @@ async def localize(
     return JSONResponse(await _while_connected(request, services.localizations.answer(query)))
 
 
-async def _query(request: Request, settings: Settings) -> Query:
+async def _query(request: Request, settings: Settings) -> LocalizeRequest:
     image_rule = PartRule(settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES")
     rules = {
         "image": image_rule,
@@ -107,7 +107,7 @@ async def _query(request: Request, settings: Settings) -> Query:
         if panorama is None:
             raise _image_missing()
         mask = _image(form, "mask", settings, UnknownMaskError, LargeMaskError)
-    return Query(panorama, mask, maps, _checked(options, settings), current_request_id())
+    return LocalizeRequest(panorama, mask, maps, _checked(options, settings), current_request_id())
 
 
 def _image(

@@ -15,7 +15,7 @@ from core.geometry.pose import Pose
 from core.judge.confidence import FEATURES
 from lab.commands import evaluation_run
 from lab.commands.evaluation_run import EvaluationRequest
-from lab.rooms import Query, write_case_folder
+from lab.rooms import PosedPanorama, write_case_folder
 from service.cli.entry import app
 from service.cli.exit_codes import ExitCode
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -39,7 +39,7 @@ def one_thread(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def cases(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cases")
     box, pose = PaintedBox(seed=3), Pose(rotation_of(20.0, 3.0), np.array([1.7, 2.4, 1.4]))
-    write_case_folder(folder / "box", "box", box.scan(6_000), [Query("q", box.panorama(pose, 128), pose)])
+    write_case_folder(folder / "box", "box", box.scan(6_000), [PosedPanorama("q", box.panorama(pose, 128), pose)])
     return folder
 
 

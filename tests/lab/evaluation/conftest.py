@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from core.geometry.pose import Pose
-from lab.rooms import Query, write_case_folder
+from lab.rooms import PosedPanorama, write_case_folder
 from tests.core.conftest import box, box_index, box_panorama, box_pose, localizer
 from tests.core.painted_box import PaintedBox, rotation_of
 
@@ -23,6 +23,8 @@ def box_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, seed, yaws in (("first", 3, (20.0, 130.0)), ("second", 44, (70.0,))):
         box = PaintedBox(seed=seed)
         poses = [Pose(rotation_of(yaw, 3.0), np.array([1.7, 2.4, 1.4])) for yaw in yaws]
-        queries = [Query(f"q{k}", box.panorama(pose, 128), pose, ("box", f"q{k}")) for k, pose in enumerate(poses)]
+        queries = [
+            PosedPanorama(f"q{k}", box.panorama(pose, 128), pose, ("box", f"q{k}")) for k, pose in enumerate(poses)
+        ]
         write_case_folder(root / name, name, box.scan(6_000), queries)
     return root
