@@ -17,7 +17,7 @@ from core.judge.hypotheses import Hypothesis, MethodResult, distinct_places
 from core.options import MAX_TOP_K, Hints, Method, Status
 from core.panorama.panorama import Panorama
 from core.paper.paper_method import PaperMethod
-from core.results import Candidate, Localization
+from core.results import Candidate, Evidence, Localization, SearchSummary
 from core.search.map_search import make_search_rotations
 from core.stage_clock import StageClock
 
@@ -78,22 +78,15 @@ class Localizer:
         self, result: MethodResult, maps: Sequence[MapIndex], method: Method, top_k: int, clock: StageClock
     ) -> Localization:
         """Turn hypotheses into an answer with confidence, accuracy and change maps."""
-        search: dict[str, Any] = {
-            "method": method,
-            "num_maps": len(maps),
-            "num_starts": result.num_starts,
-            "num_rotations": self.config.search.num_rotations if method == "fast" else self.config.paper.num_rotations,
-            "num_poses": result.num_poses,
-        }
+        sizes = self.config.search if method == "fast" else self.config.paper
+        search = SearchSummary(method, len(maps), result.num_starts, sizes.num_rotations, result.num_poses)
         if not result.hypotheses:
             warning = (
                 "no pose within the hints fits after refinement; widen them or leave them out"
                 if result.num_poses
                 else "the hints leave no pose to search; widen them or leave them out"
             )
-            return Localization(
-                "not_localized", None, (), None, None, None, None, None, None, clock.timings_s, search, (warning,)
-            )
+            return Localization("not_localized", search, clock.timings_s, warnings=(warning,))
         with clock.stage("confidence"):
             places = distinct_places(result.hypotheses)
             candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
@@ -104,18 +97,11 @@ class Localizer:
         if result.comparison is not None and result.cloud is not None:
             with clock.stage("change"):
                 changes = change_maps(result.comparison, result.cloud, places[0].rotation, places[0].position)
-        search |= {
-            "color_model": candidates[0].color_model,
-            "sampling_loss": places[0].loss,
-            "iterations": places[0].iterations,
-            "score": places[0].score,
-            "runner_up_score": max((h.score for h in places[1:]), default=None),
-            "measures": places[0].measures,
-            "formal_radii": None if formal is None else list(formal),
-        }
         shown = len(candidates) if status == "ambiguous" else top_k
         return Localization(
             status=status,
+            search=search,
+            timings_s=clock.timings_s,
             best=candidates[0],
             alternatives=tuple(candidates[1:shown]),
             accuracy_position_m=position_m,
@@ -124,8 +110,7 @@ class Localizer:
             map_changed_fraction=changes.map_changed_fraction if changes else None,
             score_map_2d=changes.score_map_2d if changes else None,
             score_points=changes.point_scores if changes else None,
-            timings_s=clock.timings_s,
-            search=search,
+            evidence=Evidence(places[0].measures, max((h.score for h in places[1:]), default=None), formal),
         )
 
     def _candidate(self, hypothesis: Hypothesis, places: Sequence[Hypothesis], maps: Sequence[MapIndex]) -> Candidate:

@@ -1,15 +1,14 @@
 """What a localization returns."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.geometry.pose import Pose
-from core.options import Status
+from core.options import Method, Status
 
 
 @dataclass(frozen=True)
@@ -30,6 +29,34 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class SearchSummary:
+    """What was searched.
+
+    num_maps: that were given. num_starts, over all maps, and num_poses, scored in all passes: what the hints left.
+    num_rotations: of a search without hints.
+    """
+
+    method: Method
+    num_maps: int
+    num_starts: int
+    num_rotations: int
+    num_poses: int
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What confidence and accuracy of the best candidate rest on, for those who fit or evaluate them.
+
+    measures: the judge's figures by name. runner_up_score: of the best candidate at another place; None without one.
+    formal_radii: of position (metres) and orientation (degrees), by the curvature of the loss alone; None where a method gives none.
+    """
+
+    measures: Mapping[str, float]
+    runner_up_score: float | None
+    formal_radii: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
 class Localization:
     """The answer to one query.
 
@@ -37,21 +64,22 @@ class Localization:
     nothing could be searched. alternatives: other candidates, best first, each elsewhere than the ones before it.
     accuracy_position_m, accuracy_orientation_deg: 68 % radii. score_map_2d: (h, w) float32 in 0..1, per pixel of the
     down-scaled panorama, 1 = matches the scan. score_points: works out `point_scores`.
-    timings_s: seconds per stage. search: counts and figures for the caller's log (JSON-safe values).
+    timings_s: seconds per stage. evidence: None without a best candidate.
     """
 
     status: Status
-    best: Candidate | None
-    alternatives: tuple[Candidate, ...]
-    accuracy_position_m: float | None
-    accuracy_orientation_deg: float | None
-    panorama_changed_fraction: float | None
-    map_changed_fraction: float | None
-    score_map_2d: NDArray[np.float32] | None
-    score_points: Callable[[], NDArray[np.float32]] | None
-    timings_s: dict[str, float]
-    search: dict[str, Any]
-    warnings: tuple[str, ...] = field(default=())
+    search: SearchSummary
+    timings_s: Mapping[str, float]
+    best: Candidate | None = None
+    alternatives: tuple[Candidate, ...] = ()
+    accuracy_position_m: float | None = None
+    accuracy_orientation_deg: float | None = None
+    panorama_changed_fraction: float | None = None
+    map_changed_fraction: float | None = None
+    score_map_2d: NDArray[np.float32] | None = None
+    score_points: Callable[[], NDArray[np.float32]] | None = None
+    evidence: Evidence | None = None
+    warnings: tuple[str, ...] = ()
 
     @cached_property
     def point_scores(self) -> NDArray[np.float32] | None:

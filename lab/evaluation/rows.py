@@ -24,7 +24,8 @@ class Row:
     group: suite or data set. scan: the map searched; query: the panorama, `scan/name` of where it belongs. cross: the panorama belongs to
     another map, so that `not_localized` is the only right answer. digest: of the method's configuration.
     Errors are None without a pose and for crosses. formal_*: radii before the fit of the confidence, from the curvature alone.
-    search: what the method says about its search (score, runner_up_score, measures, …). change: metrics of the change maps by name.
+    search: counts of the search, and what confidence rests on (score, runner_up_score, measures, …).
+    change: metrics of the change maps by name.
     error: class and message of the exception that ended the call, when one did.
     """
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import torch
 
@@ -169,7 +169,10 @@ def _row_of(
     change: dict[str, float],
     facts: dict[str, object],
 ) -> Row:
-    formal = answer.search.get("formal_radii")
+    search = asdict(answer.search)
+    if answer.best is not None and answer.evidence is not None:
+        search |= {"score": answer.best.score, "sampling_loss": answer.best.sampling_loss, **asdict(answer.evidence)}
+    formal = search.pop("formal_radii", None)
     error = None if answer.best is None or known[-1] else query.error_of(answer.best.pose)
     return Row(
         *known,
@@ -185,7 +188,7 @@ def _row_of(
         panorama_changed_fraction=answer.panorama_changed_fraction,
         map_changed_fraction=answer.map_changed_fraction,
         timings_s={name: round(value, 5) for name, value in answer.timings_s.items()},
-        search=answer.search,
+        search=search,
         change=change,
         facts=facts,
     )

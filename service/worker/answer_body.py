@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -96,13 +97,9 @@ def _alternative_body(candidate: Candidate, maps: Sequence[MapRef], frame: Frame
 
 
 def _search_body(localization: Localization) -> Body:
-    best = localization.best
-    if best is None:
-        return dict(localization.search)
-    return {
-        "color_model": best.color_model,
-        "sampling_loss": best.sampling_loss,
-        "score": best.score,
-        "num_iterations": best.num_iterations,
-        **localization.search,
-    }
+    best, evidence = localization.best, localization.evidence
+    body = asdict(localization.search)
+    if best is not None:
+        body |= {"color_model": best.color_model, "sampling_loss": best.sampling_loss, "score": best.score}
+        body |= {"iterations": best.num_iterations, "num_iterations": best.num_iterations}
+    return body if evidence is None else body | asdict(evidence)

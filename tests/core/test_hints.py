@@ -37,7 +37,7 @@ def test_a_hint_that_holds_narrows_the_search_and_keeps_the_answer(
     assert found.status == "localized"
     assert_found(found, box_pose)
     if name != "position without a radius":  # whose default radius covers the box
-        assert found.search["num_poses"] < answer.search["num_poses"]
+        assert found.search.num_poses < answer.search.num_poses
 
 
 HINTS_THAT_DO_NOT_HOLD = {

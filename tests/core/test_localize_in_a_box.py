@@ -58,18 +58,14 @@ def test_an_unchanged_place_has_hardly_changed(answer: Localization) -> None:
 def test_an_answer_carries_losses_iterations_timings_and_the_runner_up(answer: Localization) -> None:
     assert {"prepare", "search", "refine", "judge"} <= set(answer.timings_s)
     assert all(seconds >= 0 for seconds in answer.timings_s.values())
-    assert {
-        "num_starts",
-        "num_rotations",
-        "num_poses",
-        "sampling_loss",
-        "iterations",
-        "score",
-        "runner_up_score",
-    } <= set(answer.search)
     # The first pass spares most poses.
-    assert 0 < answer.search["num_poses"] < answer.search["num_starts"] * answer.search["num_rotations"]
+    assert 0 < answer.search.num_poses < answer.search.num_starts * answer.search.num_rotations
+    assert (answer.search.method, answer.search.num_maps) == ("fast", 1)
     assert answer.best is not None
+    assert answer.evidence is not None
+    assert answer.evidence.runner_up_score is not None
+    assert answer.best.score > answer.evidence.runner_up_score
+    assert answer.evidence.formal_radii is not None
     assert 0 <= answer.best.sampling_loss <= 1
     assert answer.best.num_iterations > 0
 
@@ -165,7 +161,7 @@ def test_of_several_maps_the_right_one_is_named(
     assert found.status == "localized"
     assert found.best is not None
     assert found.best.map_position == right
-    assert found.search["num_maps"] == 2
+    assert found.search.num_maps == 2
     assert_found(found, box_pose)
 
 

@@ -43,7 +43,7 @@ def paper_answer(
 
 def test_the_paper_method_lands_near_in_a_tiny_cloud(paper_answer: Localization, box_pose: Pose) -> None:
     assert_found(paper_answer, box_pose, 0.3, 10.0)
-    assert paper_answer.search["method"] == "paper"
+    assert paper_answer.search.method == "paper"
 
 
 def test_the_paper_method_ranks_by_the_sampling_loss(paper_answer: Localization) -> None:
@@ -71,7 +71,7 @@ def test_the_paper_method_runs_without_each_of_its_parts(
     found = Localizer(config, device="cpu").localize(box.panorama(box_pose, 128), [tiny_index], method="paper")
     assert found.best is not None
     assert math.isfinite(found.best.sampling_loss)
-    assert found.search["num_poses"] > 0
+    assert found.search.num_poses > 0
 
 
 def test_the_paper_method_stops_soon_after_its_deadline(box: PaintedBox, box_pose: Pose, tiny_index: MapIndex) -> None:

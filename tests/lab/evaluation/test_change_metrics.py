@@ -9,13 +9,13 @@ from core.config import PaperConfig
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.panorama.panorama import Panorama
-from core.results import Localization
+from core.results import Localization, SearchSummary
 from lab.evaluation import KnownQuery
 from lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
 from lab.evaluation.paper_change_maps import PaperChangeMaps, paper_change_maps
 from tests.core.painted_box import PaintedBox
 
-EMPTY = Localization("localized", None, (), None, None, None, None, None, None, {}, {})
+EMPTY = Localization("localized", SearchSummary("fast", 1, 1, 1, 1), {})
 
 
 def test_flags_follow_their_points_into_the_order_of_the_index(box: PaintedBox, box_index: MapIndex) -> None:

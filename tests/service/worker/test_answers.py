@@ -10,7 +10,7 @@ import pytest
 
 from core.geometry.pose import Pose
 from core.options import Frame, Status
-from core.results import Candidate, Localization
+from core.results import Candidate, Evidence, Localization, SearchSummary
 from service.jobs import MapRef
 from service.worker.answer_body import json_safe, localization_body, pose_body
 
@@ -43,10 +43,9 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
         accuracy_orientation_deg=0.3,
         panorama_changed_fraction=0.18,
         map_changed_fraction=np.float32(0.25),  # type: ignore[arg-type]
-        score_map_2d=None,
-        score_points=None,
         timings_s={"search": 0.06, "refine": 0.4},
-        search={"num_starts": np.int64(412), "runner_up": math.nan},
+        search=SearchSummary("fast", 2, np.int64(412), 2304, 900_000),  # type: ignore[arg-type]
+        evidence=Evidence({"correlation": math.nan, "coverage": 0.9}, None, (0.004, 0.1)),
         warnings=("dark image",),
     )
 
@@ -68,9 +67,25 @@ def test_a_localized_panorama_names_its_map_and_pose() -> None:
     assert body["accuracy"] == {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68}
     assert body["change"] == {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.25}
     assert body["timings_s"] == {"decode": 0.03, "search": 0.06, "refine": 0.4}
-    assert body["search"]["num_starts"] == 412
-    assert body["search"]["sampling_loss"] == 0.11
     assert body["warnings"] == ["dark image"]
+
+
+def test_the_search_of_an_answer_has_the_figures_of_search_and_best_pose_and_what_confidence_rests_on() -> None:
+    assert body_of(localization())["search"] == {
+        "method": "fast",
+        "num_maps": 2,
+        "num_starts": 412,
+        "num_rotations": 2304,
+        "num_poses": 900_000,
+        "color_model": "none",
+        "sampling_loss": 0.11,
+        "score": 5.0,
+        "iterations": 60,
+        "num_iterations": 60,
+        "measures": {"correlation": None, "coverage": 0.9},
+        "runner_up_score": None,
+        "formal_radii": [0.004, 0.1],
+    }
 
 
 def test_an_alternative_says_which_map_it_lies_in() -> None:
@@ -89,10 +104,13 @@ def test_without_a_fitting_pose_the_best_guess_leads_the_alternatives() -> None:
 
 
 def test_when_nothing_could_be_searched_the_answer_is_empty_but_complete() -> None:
-    nothing = replace(localization("not_localized"), best=None, alternatives=(), accuracy_position_m=None)
+    nothing = replace(
+        localization("not_localized"), best=None, evidence=None, alternatives=(), accuracy_position_m=None
+    )
     body = body_of(nothing)
     assert body["pose"] is None
     assert body["alternatives"] == []
+    assert set(body["search"]) == {"method", "num_maps", "num_starts", "num_rotations", "num_poses"}
     assert body["confidence"] == 0.0
 
 

@@ -17,7 +17,7 @@ from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.options import IndexOptions, ScanOptions
 from core.panorama.panorama import Panorama
-from core.results import Candidate, Localization
+from core.results import Candidate, Localization, SearchSummary
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from service.cache import WorkerCache
@@ -46,7 +46,8 @@ class MadeUpLocalizer:
     def localize(self, panorama: Panorama, maps: Sequence[MapIndex], **options: Any) -> Localization:
         self.calls.append(options)
         best = Candidate(Pose(np.eye(3), maps[0].start_positions[0]), 0, 0.9, 1.0, 0.1, "none", 10)
-        return Localization("localized", best, (), 0.01, 0.1, 0.0, 0.0, None, None, {"search": 0.01}, {})
+        search = SearchSummary("fast", len(maps), 1, 1, 1)
+        return Localization("localized", search, {"search": 0.01}, best, (), 0.01, 0.1, 0.0, 0.0)
 
 
 @dataclass
