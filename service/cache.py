@@ -27,7 +27,7 @@ from redis.exceptions import BusyLoadingError, OutOfMemoryError, ReadOnlyError
 from redis.retry import Retry
 
 from service.errors import CacheDownError
-from service.jobs import MapRef
+from service.jobs import ARTIFACTS, MapRef
 
 _TIMEOUT_S = 5.0
 _RETRIES = 3
@@ -99,14 +99,21 @@ class Cache:
             found = await self._redis.mget([_progress_key(ref) for ref in wanted])
         return {ref: json.loads(value) for ref, value in zip(wanted, found, strict=True) if value is not None}
 
-    async def put_localization(
-        self, localization_id: str, body: Mapping[str, Any], map_ids: Iterable[str] = (), lifetime_s: int | None = None
+    async def put_state(self, localization_id: str, state: Mapping[str, Any], extra_s: float = 0.0) -> None:
+        """Store the state of a localization; extra_s: seconds for which it is kept beyond the lifetime of an answer."""
+        async with _down_is_said_async():
+            lifetime_s = self._result_lifetime_s + int(extra_s)
+            await self._redis.set(_localization_key(localization_id), _json(state), ex=lifetime_s)
+
+    async def put_answer(
+        self, localization_id: str, body: Mapping[str, Any], pictures: Mapping[str, bytes], map_ids: Iterable[str]
     ) -> None:
-        """Store the state or the answer of a localization; map_ids: the maps with which it is deleted."""
-        lifetime_s = lifetime_s or self._result_lifetime_s
-        now = time.time()
+        """Store an answer with its PNGs by name; map_ids: the maps with which it is deleted."""
+        lifetime_s, now = self._result_lifetime_s, time.time()
         async with _down_is_said_async(), self._redis.pipeline(transaction=False) as pipe:
-            pipe.set(f"localization:{localization_id}", json.dumps(body, allow_nan=False), ex=lifetime_s)
+            for name, data in pictures.items():
+                pipe.set(_picture_key(localization_id, name), data, ex=lifetime_s)
+            pipe.set(_localization_key(localization_id), _json(body), ex=lifetime_s)
             for map_id in map_ids:
                 pipe.zremrangebyscore(f"of_map:{map_id}", "-inf", now)
                 pipe.zadd(f"of_map:{map_id}", {localization_id: now + lifetime_s})
@@ -116,46 +123,39 @@ class Cache:
     async def get_localization(self, localization_id: str) -> dict[str, Any] | None:
         """Return what was stored last, None when there is nothing (any more)."""
         async with _down_is_said_async():
-            found = await self._redis.get(f"localization:{localization_id}")
+            found = await self._redis.get(_localization_key(localization_id))
         return None if found is None else dict(json.loads(found))
-
-    async def put_pictures(self, localization_id: str, pictures: Mapping[str, bytes]) -> None:
-        """Store PNGs by name for as long as an answer lives."""
-        async with _down_is_said_async(), self._redis.pipeline(transaction=False) as pipe:
-            for name, data in pictures.items():
-                pipe.set(f"picture:{localization_id}:{name}", data, ex=self._result_lifetime_s)
-            await pipe.execute()
 
     async def get_picture(self, localization_id: str, name: str) -> bytes | None:
         """Return one PNG, None when there is none (any more)."""
         async with _down_is_said_async():
-            found: Any = await self._redis.get(f"picture:{localization_id}:{name}")
+            found: Any = await self._redis.get(_picture_key(localization_id, name))
         return None if found is None else bytes(found)
 
     async def forget_revision(self, ref: MapRef) -> None:
         """Delete index and progress of one revision."""
         async with _down_is_said_async():
-            await self._delete_matching(f"index:{ref.id}:{ref.revision}:*")
-            await self._redis.delete(_progress_key(ref))
+            await self._redis.unlink(_progress_key(ref), *await self._keys(f"index:{ref.id}:{ref.revision}:*"))
 
     async def forget_map(self, map_id: str) -> None:
         """Delete indexes, progress, answers and pictures of one map."""
         async with _down_is_said_async():
-            await self._delete_matching(f"index:{map_id}:*")
-            await self._delete_matching(f"progress:{map_id}:*")
             members: Any = await self._redis.zrange(f"of_map:{map_id}", 0, -1)
-            for localization_id in map(bytes.decode, members):
-                await self._delete_matching(f"picture:{localization_id}:*")
-                await self._redis.delete(f"localization:{localization_id}")
-            await self._redis.delete(f"of_map:{map_id}")
+            answers = [
+                key
+                for each in map(bytes.decode, members)
+                for key in (_localization_key(each), *(_picture_key(each, name) for name in ARTIFACTS))
+            ]
+            # Of the map itself: its indexes and what its registrations are at.
+            own = await self._keys(f"*:{map_id}:*")
+            await self._redis.unlink(f"of_map:{map_id}", *answers, *own)
 
     async def close(self) -> None:
         """Close the connections."""
         await self._redis.aclose()
 
-    async def _delete_matching(self, pattern: str) -> None:
-        async for key in self._redis.scan_iter(match=pattern, count=1000):
-            await self._redis.unlink(key)
+    async def _keys(self, pattern: str) -> list[bytes]:
+        return [key async for key in self._redis.scan_iter(match=pattern, count=1000)]
 
 
 def _index_key(ref: MapRef, digest: str) -> str:
@@ -164,6 +164,18 @@ def _index_key(ref: MapRef, digest: str) -> str:
 
 def _progress_key(ref: MapRef) -> str:
     return f"progress:{ref.id}:{ref.revision}"
+
+
+def _localization_key(localization_id: str) -> str:
+    return f"localization:{localization_id}"
+
+
+def _picture_key(localization_id: str, name: str) -> str:
+    return f"picture:{localization_id}:{name}"
+
+
+def _json(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, allow_nan=False)
 
 
 def _down(error: Exception) -> CacheDownError:

@@ -62,14 +62,18 @@ class Localizations:
     async def answer(self, query: LocalizeRequest) -> Document:
         """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and what the pool raises."""
         chosen = query.maps.resolve(self._registry)
+        # What a worker computes for a Redis that is away cannot be kept, and may take it minutes.
         await self._cache.check()
         return await self._answer(query, chosen, new_id("loc"))
 
     async def begin(self, query: LocalizeRequest) -> Document:
         """Begin a query whose answer is fetched later, and return its state. Raises as `answer` does."""
         chosen = query.maps.resolve(self._registry)
-        pending = {"id": new_id("loc"), "status": "queued", "created_at": now(), "error": None}
-        await self._put_pending(pending, query)
+        localization_id = new_id("loc")
+        pending = {"id": localization_id, "status": "queued", "created_at": now(), "error": None}
+        # By the time that anybody can ask for it, its work has begun.
+        running = {**pending, "status": "running", "due_unix_s": time.time() + query.options.timeout_s}
+        await self._cache.put_state(localization_id, running, extra_s=query.options.timeout_s)
         task = asyncio.create_task(self._answer_later(query, chosen, pending))
         self._under_way.add(task)
         task.add_done_callback(self._under_way.discard)
@@ -118,8 +122,7 @@ class Localizations:
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
         body = self._body(localization_id, outcome, chosen, time.monotonic() - began)
-        await self._cache.put_pictures(localization_id, outcome.artifacts)
-        await self._cache.put_localization(localization_id, body, [ref.id for ref in chosen.refs])
+        await self._cache.put_answer(localization_id, body, outcome.artifacts, [ref.id for ref in chosen.refs])
         await self._forget_deleted(chosen)
         if self._settings.keep_images:
             await self._keep(localization_id, query.panorama)
@@ -159,7 +162,6 @@ class Localizations:
                 await self._cache.forget_map(ref.id)
 
     async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
-        await self._put_pending({**pending, "status": "running"}, query)
         try:
             return await self._answer(query, chosen, pending["id"])
         except Exception as error:
@@ -168,15 +170,8 @@ class Localizations:
             failed = {**pending, "status": "failed", "error": problem_document(error, query.request_id)}
             # Without Redis nobody can ask for the state either.
             with contextlib.suppress(ServiceError):
-                await self._cache.put_localization(pending["id"], failed)
+                await self._cache.put_state(pending["id"], failed)
             raise
-
-    async def _put_pending(self, pending: Document, query: LocalizeRequest) -> None:
-        timeout_s = query.options.timeout_s
-        state = {**pending, "due_unix_s": time.time() + timeout_s}
-        await self._cache.put_localization(
-            pending["id"], state, lifetime_s=self._settings.result_ttl_s + int(timeout_s)
-        )
 
     def _body(self, localization_id: str, outcome: LocalizeOutcome, chosen: ChosenMaps, total_s: float) -> Document:
         stages = {name: seconds for name, seconds in outcome.body["timings_s"].items() if name != "total"}

@@ -163,6 +163,7 @@ async def test_redis_away_is_503_and_back_is_200_without_a_restart(tmp_path: Pat
         for reply in (await running.localize(map_id), await running.client.get("/localizations/loc_x")):
             assert (reply.status_code, reply.json()["type"]) == (503, "/problems/cache-down")
             assert int(reply.headers["retry-after"]) >= 1
+        assert running.pool.jobs == []  # no worker computes for a caller who gets nothing
         assert (await running.client.delete(f"/maps/{map_id}")).status_code == 503
         assert (await running.client.get("/health/ready")).json()["waiting_for"] == ["Redis"]
         assert (await running.client.get(f"/maps/{map_id}")).json()["status"] == "ready"
