@@ -1,15 +1,18 @@
 """The judge at the true pose and at poses beside it."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from core.geometry.pose import Pose
+from core.geometry.projection import pixel_solid_angles
 from core.geometry.rotations import rotation_from_vector
 from core.index.map_index import MapIndex
-from core.judge.agreement import agreement
+from core.judge.agreement import Agreement, agreement
 from core.panorama.panorama import Panorama
 from core.panorama.pyramid import PanoramaPyramid
 from core.views.comparison import Comparison, compare
@@ -53,3 +56,48 @@ def test_the_judge_does_not_see_a_growing_tone_curve(
     position = torch.from_numpy(box_pose.position).float()[None]
     relit = compare(box_index.render_cloud, level, rotation, position, 64, False)
     assert float(agreement(relit, 64).score[0]) == pytest.approx(float(agreement(comparisons, 64).score[0]), abs=0.06)
+
+
+HEIGHT = 64
+SOLID = pixel_solid_angles(HEIGHT, 2 * HEIGHT).expand(-1, 2 * HEIGHT)
+
+
+def judged(scan: torch.Tensor, panorama: torch.Tensor, weights: torch.Tensor) -> Agreement:
+    """Measure one pair of images (H, W, 3) with weights (H, W)."""
+    sides: Any = SimpleNamespace(
+        scan=scan.flatten(0, 1)[None], panorama=panorama.flatten(0, 1)[None], weights=weights.flatten()[None]
+    )
+    return agreement(sides, HEIGHT)
+
+
+def texture(width: int) -> torch.Tensor:
+    """Return black and white pixels (H, width, 3) at random."""
+    return (torch.rand((HEIGHT, width, 3), generator=torch.Generator().manual_seed(1)) > 0.5).float()
+
+
+def test_the_same_agreement_on_a_quarter_of_the_sphere_counts_half() -> None:
+    image = texture(HEIGHT // 2).repeat(1, 4, 1)  # every quarter is alike
+    quarter = SOLID.clone()
+    quarter[:, HEIGHT // 2 :] = 0
+    whole, part = judged(image, image, SOLID), judged(image, image, quarter)
+    assert float(whole.coverage) == pytest.approx(1, abs=1e-4)
+    assert float(part.coverage) == pytest.approx(0.25, abs=1e-4)
+    assert float(part.correlation) == pytest.approx(float(whole.correlation), abs=1e-4)
+    assert float(part.score) == pytest.approx(float(whole.score) / 2, abs=1e-3)
+
+
+def test_a_patch_counts_by_what_is_seen_of_it() -> None:
+    scan = texture(2 * HEIGHT)
+    panorama, weights = scan.clone(), SOLID.clone()
+    right = slice(HEIGHT, None)
+    panorama[:, right] = 1 - panorama[:, right]  # the opposite of the scan
+    assert float(judged(scan, panorama, weights).patch_correlation) == pytest.approx(0, abs=0.01)
+    weights[:, right] /= 3
+    assert float(judged(scan, panorama, weights).patch_correlation) == pytest.approx(0.5, abs=0.01)
+
+
+def test_where_nothing_is_seen_nothing_agrees() -> None:
+    scan = texture(2 * HEIGHT)
+    found = judged(scan, scan, torch.zeros_like(SOLID))
+    assert float(found.score) == 0
+    assert float(found.coverage) == pytest.approx(0, abs=1e-9)

@@ -1,5 +1,8 @@
 """Confidence and error radii: what may move them, and which way."""
 
+import math
+from typing import Any
+
 import pytest
 import torch
 
@@ -8,6 +11,7 @@ from core.judge.confidence import (
     ConfidenceModel,
     RadiusModel,
     error_radii,
+    features_of,
     formal_radii,
     load_confidence_model,
 )
@@ -45,3 +49,63 @@ def test_less_agreement_never_means_a_smaller_error_radius() -> None:
 def test_without_a_curvature_there_is_no_error_radius() -> None:
     hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3))
     assert error_radii(formal_radii(hypothesis), {}, load_confidence_model()) == (None, None)
+
+
+def judged(score: float = 1.2, **measures: float) -> Any:
+    """Return a hypothesis with some of the judge's measures, the others 0.1 to 0.5 each."""
+    names = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "coverage")
+    usual = {name: 0.1 * (k + 1) for k, name in enumerate(names)}
+    return Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=score, measures=usual | measures)
+
+
+@pytest.mark.parametrize(
+    ("best_elsewhere", "margin"),
+    [
+        (1.1, 0.1),
+        (1.3, -0.1),  # the other place is the better one
+        (0.4, 0.5),  # further behind says nothing more
+        (0.0, 0.2),  # nobody knows: neither a good sign nor a bad one
+        (1e-6, 0.5),
+    ],
+)
+def test_the_margin_is_what_the_best_other_place_is_behind(best_elsewhere: float, margin: float) -> None:
+    assert features_of(judged(), best_elsewhere)["margin"] == pytest.approx(margin)
+
+
+def test_the_signs_of_confidence_are_the_judges_measures_and_the_logarithm_of_the_coverage() -> None:
+    found = features_of(judged(coverage=0.25), 0.9)
+    assert set(found) == set(FEATURES)
+    assert [found[name] for name in FEATURES[:4]] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert found["log_coverage"] == pytest.approx(math.log(0.25))
+    assert features_of(judged(coverage=0.0), 0.9)["log_coverage"] == pytest.approx(math.log(1e-3))
+
+
+def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:
+    flat = RadiusModel(0.0, 0.0, 0.0)
+    model = ConfidenceModel(0.5, {name: 0.1 * (k + 1) for k, name in enumerate(FEATURES)}, 0.5, flat, flat)
+    features = {name: 1.0 - 0.2 * k for k, name in enumerate(FEATURES)}
+    logit = 0.5 + sum(0.1 * (k + 1) * (1.0 - 0.2 * k) for k in range(len(FEATURES)))
+    assert model.probability(features) == pytest.approx(1 / (1 + math.exp(-logit)))
+
+
+def test_a_radius_follows_the_formal_one_by_its_power_and_falls_with_agreement() -> None:
+    model = RadiusModel(log_factor=0.3, formal_power=0.5, agreement_rate=2.0)
+    assert model.radius(0.04, 0.7) == pytest.approx(math.exp(0.3) * 0.2 * math.exp(-1.4))
+    assert model.radius(0.0, 0.7) == pytest.approx(math.exp(0.3) * 1e-9**0.5 * math.exp(-1.4))
+
+
+def test_error_radii_use_the_model_of_their_own_and_no_turn_is_more_than_half_a_one() -> None:
+    position, orientation = RadiusModel(0.0, 1.0, 0.0), RadiusModel(math.log(2), 1.0, 1.0)
+    model = ConfidenceModel(0.0, {}, 0.5, position, orientation)
+    found = error_radii((0.03, 5.0), {"patch_correlation": 0.5}, model)
+    assert found == (pytest.approx(0.03), pytest.approx(10 * math.exp(-0.5)))
+    assert error_radii((0.03, 500.0), {"patch_correlation": 0.5}, model)[1] == 180.0
+
+
+def test_formal_radii_are_those_of_independent_residuals() -> None:
+    curvature = torch.diag(torch.tensor([1.0, 4.0, 16.0, 25.0, 100.0, 400.0]))
+    hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=curvature, residual_scale=0.2)
+    found = formal_radii(hypothesis)
+    assert found is not None
+    assert found[0] == pytest.approx(0.2 * math.sqrt(1 / 25 + 1 / 100 + 1 / 400), rel=1e-6)
+    assert found[1] == pytest.approx(math.degrees(0.2 * math.sqrt(1 + 1 / 4 + 1 / 16)), rel=1e-6)

@@ -19,3 +19,24 @@ def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:
         slope, intercept = np.polyfit(source[:, channel], target[:, channel], 1, w=np.sqrt(weights))
         assert float(gain[0, channel]) == pytest.approx(slope, abs=0.02)
         assert float(offset[0, channel]) == pytest.approx(intercept, abs=0.02)
+
+
+@pytest.mark.parametrize(("slope", "expected"), [(10.0, 3.0), (2.9, 2.9), (0.4, 0.4), (0.1, 0.3), (-1.0, 0.3)])
+def test_gains_stay_within_what_cameras_do_and_the_offset_still_meets_the_mean(slope: float, expected: float) -> None:
+    source = torch.linspace(0, 1, 200).expand(3, -1).T[None]
+    gain, offset = fit_gain_offset(source, slope * source + 0.2, torch.ones((1, 200)))
+    assert gain[0].tolist() == pytest.approx([expected] * 3, abs=0.03)
+    assert (gain * 0.5 + offset)[0].tolist() == pytest.approx([slope * 0.5 + 0.2] * 3, abs=1e-5)
+
+
+def test_where_there_is_no_contrast_the_gain_is_one() -> None:
+    source = torch.full((1, 50, 3), 0.4)
+    gain, offset = fit_gain_offset(source, source + 0.1, torch.ones((1, 50)))
+    assert gain[0].tolist() == pytest.approx([1.0] * 3, abs=1e-4)
+    assert offset[0].tolist() == pytest.approx([0.1] * 3, abs=1e-4)
+
+
+def test_without_a_point_light_stays_as_it_is() -> None:
+    gain, offset = fit_gain_offset(torch.rand((1, 50, 3)), torch.rand((1, 50, 3)), torch.zeros((1, 50)))
+    assert gain[0].tolist() == pytest.approx([1.0] * 3)
+    assert offset[0].tolist() == pytest.approx([0.0] * 3)

@@ -1,0 +1,62 @@
+"""The judge's measures against loops over their definitions."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from core.geometry.projection import pixel_solid_angles
+from core.judge.agreement import Agreement, agreement
+from tests.reference import judge_twin as twin
+
+HEIGHT, ROWS = 16, 4
+COUNT = HEIGHT * 2 * HEIGHT
+
+
+@pytest.fixture(scope="module")
+def pairs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return scans and panoramas (3, S, 3) that have something in common, and weights (3, S), whole patches of them zero."""
+    rng = np.random.default_rng(0)
+    scan = rng.uniform(size=(3, COUNT, 3))
+    panorama = np.clip(np.array([0.8, 0.3, 0.5])[:, None, None] * scan + 0.4 * rng.uniform(size=scan.shape), 0, 1)
+    solid = pixel_solid_angles(HEIGHT, 2 * HEIGHT).expand(-1, 2 * HEIGHT).flatten().double().numpy()
+    weights = solid * (rng.uniform(size=(3, COUNT)) < np.array([1.0, 0.7, 0.5])[:, None])
+    weights[1].reshape(HEIGHT, 2 * HEIGHT)[:8, :20] = 0
+    scan[2, :40] = 1.0  # the last step of brightness has an upper end
+    return scan, panorama, weights
+
+
+def measured(scan: np.ndarray, panorama: np.ndarray, weights: np.ndarray) -> Agreement:
+    names = ("scan", "panorama", "weights")
+    sides = {name: torch.from_numpy(each).float() for name, each in zip(names, (scan, panorama, weights), strict=True)}
+    comparison: Any = SimpleNamespace(**sides)
+    return agreement(comparison, HEIGHT, ROWS)
+
+
+def test_every_measure_agrees_with_its_definition(pairs: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    found = measured(*pairs)
+    for k, (scan, panorama, weights) in enumerate(zip(*pairs, strict=True)):
+        expected = {
+            "correlation": twin.correlation(scan, panorama, weights),
+            "patch_correlation": twin.patch_correlation(scan, panorama, weights, HEIGHT, HEIGHT // ROWS),
+            "mutual_information": twin.mutual_information(scan, panorama, weights),
+            "inlier_share": twin.inlier_share(scan, panorama, weights),
+            "coverage": weights.sum() / (4 * math.pi),
+        }
+        for name, value in expected.items():
+            assert float(getattr(found, name)[k]) == pytest.approx(value, rel=1e-4, abs=1e-6), name
+
+
+def test_candidates_are_ranked_by_both_correlations_and_by_how_much_could_be_compared(
+    pairs: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    found = measured(*pairs)
+    for k, (scan, panorama, weights) in enumerate(zip(*pairs, strict=True)):
+        sum_of_both = twin.correlation(scan, panorama, weights) + twin.patch_correlation(
+            scan, panorama, weights, HEIGHT, HEIGHT // ROWS
+        )
+        expected = sum_of_both * math.sqrt(weights.sum() / (4 * math.pi))
+        assert float(found.score[k]) == pytest.approx(expected, rel=1e-4)
