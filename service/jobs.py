@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Literal, Protocol, get_args
 
-from core.options import Frame, Hints, IndexOptions, Method, ScanOptions
+from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, Status
 
 Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
 ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
-"""The pictures that a query may ask for; keys of `LocalizeOutcome.artifacts`."""
+"""The pictures that a query may ask for; keys of `LocalizeOutcome.pictures`."""
 
 PAPER_TIMEOUT_S = 600.0
 """Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
@@ -70,15 +70,43 @@ class LocalizeJob:
 
 
 @dataclass(frozen=True)
-class LocalizeOutcome:
-    """The answer to one query.
+class FoundPose:
+    """One pose that was found, in plain values.
 
-    body: the 200 body of `POST /localize` without `id`, `artifacts` and `timings_s.queue`/`total`, which the HTTP
-    process adds. artifacts: PNG bytes by name, those of `options.artifacts` that could be drawn.
+    map: that it lies in. confidence: 0..1. position_m: [x, y, z]; quaternion_xyzw: [x, y, z, w]; matrix: 4 x 4, row by row;
+    all three `map_from_camera` in the axes that the query asked for. yaw_deg, pitch_deg, roll_deg: in the map's own frame (z up).
     """
 
-    body: dict[str, Any]
-    artifacts: dict[str, bytes]
+    map: MapRef
+    confidence: float
+    position_m: list[float]
+    quaternion_xyzw: list[float]
+    matrix: list[list[float]]
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+
+@dataclass(frozen=True)
+class LocalizeOutcome:
+    """What was found for one query, in values that survive JSON; `service.answer` makes the answer of it.
+
+    best: the most probable pose, also when the status is `not_localized`; None only when nothing could be searched.
+    alternatives: others, best first. accuracy: 68 % radii. timings_s: seconds of the worker by stage. search: figures for the
+    caller's log. pictures: PNGs by name, those of `options.artifacts` that could be drawn.
+    """
+
+    status: Status
+    best: FoundPose | None
+    alternatives: tuple[FoundPose, ...] = ()
+    accuracy_position_m: float | None = None
+    accuracy_orientation_deg: float | None = None
+    panorama_changed_fraction: float | None = None
+    map_changed_fraction: float | None = None
+    timings_s: dict[str, float] = field(default_factory=dict)
+    search: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    pictures: dict[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,14 @@ import asyncio
 import contextlib
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import structlog
 
+from service.answer import Document, answer_document
 from service.cache import Cache
 from service.errors import DeadlineError, LocalizationNotFoundError, ServiceError
 from service.image_header import read_image_header
-from service.jobs import ARTIFACTS, LocalizeJob, LocalizeOutcome, QueryOptions, WorkerPool, new_id, now
+from service.jobs import LocalizeJob, LocalizeOutcome, QueryOptions, WorkerPool, new_id, now
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
 from service.metrics import Metrics
@@ -20,7 +20,6 @@ from service.settings import Settings
 from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
-Document = dict[str, Any]
 
 # A refusal comes at once; what is still under way after this has been accepted.
 _ADMISSION_S = 0.05
@@ -121,8 +120,9 @@ class Localizations:
         except ServiceError as error:
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
-        body = self._body(localization_id, outcome, chosen, time.monotonic() - began)
-        await self._cache.put_answer(localization_id, body, outcome.artifacts, [ref.id for ref in chosen.refs])
+        total_s = time.monotonic() - began
+        body = answer_document(localization_id, outcome, query.options.frame, total_s=total_s, warnings=chosen.warnings)
+        await self._cache.put_answer(localization_id, body, outcome.pictures, [ref.id for ref in chosen.refs])
         await self._forget_deleted(chosen)
         if self._settings.keep_images:
             await self._keep(localization_id, query.panorama)
@@ -173,25 +173,9 @@ class Localizations:
                 await self._cache.put_state(pending["id"], failed)
             raise
 
-    def _body(self, localization_id: str, outcome: LocalizeOutcome, chosen: ChosenMaps, total_s: float) -> Document:
-        stages = {name: seconds for name, seconds in outcome.body["timings_s"].items() if name != "total"}
-        waited_s = max(0.0, total_s - outcome.body["timings_s"].get("total", sum(stages.values())))
-        return {
-            "id": localization_id,
-            **outcome.body,
-            "artifacts": {name: picture_path(localization_id, name) for name in ARTIFACTS if name in outcome.artifacts},
-            "timings_s": {"queue": round(waited_s, 6), **stages, "total": round(total_s, 6)},
-            "warnings": [*outcome.body["warnings"], *chosen.warnings],
-        }
-
     async def _keep(self, localization_id: str, panorama: bytes) -> None:
         kind = read_image_header(panorama).kind
         await asyncio.to_thread(self._storage.put, f"panoramas/{localization_id}.{kind}", panorama)
-
-
-def picture_path(localization_id: str, name: str) -> str:
-    """Return the path of one PNG of an answer."""
-    return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"
 
 
 def _unknown(localization_id: str, lifetime_s: int) -> LocalizationNotFoundError:

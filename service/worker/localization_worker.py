@@ -22,8 +22,8 @@ from service.cache import WorkerCache
 from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from service.storage import open_storage
-from service.worker.answer_body import localization_body
 from service.worker.map_catalog import MapCatalog
+from service.worker.outcomes import localize_outcome
 from service.worker.plan import WorkerSettings
 from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
@@ -105,8 +105,7 @@ class _RunningQuery:
             timeout_s=self._remaining_s(),
         )
         pictures = self._timed("pictures", lambda: _pictures(panorama, maps, localization, options.artifacts))
-        body = localization_body(localization, self._job.maps, options.frame, self._timings_s)
-        return LocalizeOutcome(body, pictures)
+        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
         found = []
@@ -140,7 +139,7 @@ def _pictures(
 ) -> dict[str, bytes]:
     """Return the PNGs that show a person whether a pose is right, by the names in `wanted`: "score_map_2d", "score_map_3d", "overlay".
 
-    Without any pose there is nothing to draw, so the result is empty; the body says why.
+    Without any pose there is nothing to draw, so the result is empty; the outcome says why.
     """
     if localization.best is None:
         return {}

@@ -21,8 +21,8 @@ from service.host.process_resources import num_usable_cpus
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
 from service.storage import open_storage
 from service.worker.map_catalog import MapCatalog
+from service.worker.outcomes import sample_ply, starts_of, stats_of
 from service.worker.plan import WorkerSettings
-from service.worker.registration_outcome import sample_ply, starts_of, stats_of
 from service.worker.registration_progress import RegistrationProgress
 from service.worker.reply import WorkerReply, guarded
 

@@ -29,8 +29,8 @@ class ScriptedWorker:
         time.sleep(script.get("seconds", 0.0))
         if "fail" in script:
             return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
-        body = {"pid": os.getpid(), "request_id": job.request_id}
-        return WorkerReply(LocalizeOutcome(body, {}), worker=self._name, duration_s=0.1, resident_bytes=1234)
+        outcome = LocalizeOutcome("localized", None, search={"pid": os.getpid(), "request_id": job.request_id})
+        return WorkerReply(outcome, worker=self._name, duration_s=0.1, resident_bytes=1234)
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         script = json.loads(job.scan_name)

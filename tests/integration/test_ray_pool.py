@@ -29,25 +29,25 @@ def running() -> Iterator[PoolInThread]:
 
 
 def test_a_query_is_answered_by_another_process(running: PoolInThread) -> None:
-    body = running.localize(query("first")).body
-    assert body["request_id"] == "first"
-    assert body["pid"] in descendants(os.getpid())
+    figures = running.localize(query("first")).search
+    assert figures["request_id"] == "first"
+    assert figures["pid"] in descendants(os.getpid())
     assert running.pool.state().resident_bytes == 1234
 
 
 def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: PoolInThread) -> None:
-    pid = running.localize(query("before-kill")).body["pid"]
+    pid = running.localize(query("before-kill")).search["pid"]
     jobs = [query(f"kill-{number}", seconds=0.2) for number in range(8)]
     begun = [running.begin(running.pool.localize(each)) for each in jobs]
     time.sleep(0.3)
     os.kill(pid, signal.SIGKILL)
-    bodies = [each.result(30).body for each in begun]
-    assert [body["request_id"] for body in bodies] == [each.request_id for each in jobs]
-    assert any(body["pid"] != pid for body in bodies)
+    found = [each.result(30).search for each in begun]
+    assert [figures["request_id"] for figures in found] == [each.request_id for each in jobs]
+    assert any(figures["pid"] != pid for figures in found)
 
 
 def test_a_query_that_kills_its_worker_is_tried_again(running: PoolInThread) -> None:
-    assert running.localize(query("crash", crash_once=True)).body["request_id"] == "crash"
+    assert running.localize(query("crash", crash_once=True)).search["request_id"] == "crash"
 
 
 def test_what_the_worker_could_not_do_becomes_a_service_error(running: PoolInThread) -> None:

@@ -5,11 +5,11 @@ from typing import Any
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
+from service.answer import picture_path
 from service.http.access import require
 from service.http.openapi import picture_response
 from service.http.schemas import Localization, PendingLocalization
 from service.http.schemas.localization import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
-from service.localizations import picture_path
 from service.problems import error_responses
 from service.services import services_of
 

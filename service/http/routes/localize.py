@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
+from service.answer import Document
 from service.errors import (
     ImageTooLargeError,
     InvalidOptionsError,
@@ -25,7 +26,7 @@ from service.http.uploads import Form, read_form
 from service.http.validation import parse_json
 from service.image_header import read_image_header
 from service.jobs import QueryOptions
-from service.localizations import Document, LocalizeRequest
+from service.localizations import LocalizeRequest
 from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import services_of

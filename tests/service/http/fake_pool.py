@@ -7,9 +7,8 @@ from typing import Any
 
 from service.cache import WorkerCache
 from service.errors import NoWorkerError
-from service.http.schemas.localization import LOCALIZATION_EXAMPLE
 from service.http.schemas.maps import MAP_EXAMPLE
-from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
+from service.jobs import FoundPose, LocalizeJob, LocalizeOutcome, MapRef, PoolState, RegisterJob, RegisterOutcome
 
 PNG = b"\x89PNG\r\n\x1a\n a picture"
 INDEX_DIGEST = "0123abcd"
@@ -24,10 +23,12 @@ def ply_of(points: list[tuple[float, float, float]]) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + body
 
 
-def answer_body() -> dict[str, Any]:
-    """Return what a worker adds to an answer."""
-    body = {key: value for key, value in LOCALIZATION_EXAMPLE.items() if key not in ("id", "artifacts")}
-    return {**body, "timings_s": {"decode": 0.03, "search": 0.06}}
+def outcome_in(map_ref: MapRef, pictures: dict[str, bytes]) -> LocalizeOutcome:
+    """Return what a worker finds for every panorama."""
+    rows = [[float(row == column) for column in range(4)] for row in range(4)]
+    best = FoundPose(map_ref, 0.93, [1.2, 0.3, 1.5], [0.0, 0.0, 0.0, 1.0], rows, 0.0, 0.0, 0.0)
+    timings_s, search = {"decode": 0.03, "search": 0.06}, {"num_starts": 412, "color_model": "equalized"}
+    return LocalizeOutcome("localized", best, (), 0.02, 0.3, 0.18, 0.11, timings_s, search, (), pictures)
 
 
 @dataclass
@@ -63,8 +64,7 @@ class FakePool:
         await self._pass(self.localize_gate, "localize")
         if self.fail_localize:
             raise self.fail_localize.pop(0)
-        body = {**answer_body(), "map_id": job.maps[0].id, "map_revision": job.maps[0].revision}
-        return LocalizeOutcome(body, {name: PNG + name.encode() for name in job.options.artifacts})
+        return outcome_in(job.maps[0], {name: PNG + name.encode() for name in job.options.artifacts})
 
     async def register(self, job: RegisterJob) -> RegisterOutcome:
         self.registrations.append(job)

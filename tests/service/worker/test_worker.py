@@ -145,9 +145,10 @@ def test_a_query_takes_the_index_from_redis_once_and_keeps_it(place: Place) -> N
     assert second.index_loads == {"resident": 1}
     assert second.resident_bytes > 100_000
     assert first.outcome is not None
-    assert first.outcome.body["map_id"] == MAP.id
-    assert list(first.outcome.artifacts) == ["overlay"]
-    assert {"load", "decode", "search", "pictures"} <= set(first.outcome.body["timings_s"])
+    assert first.outcome.best is not None
+    assert first.outcome.best.map == MAP
+    assert list(first.outcome.pictures) == ["overlay"]
+    assert {"load", "decode", "search", "pictures"} <= set(first.outcome.timings_s)
 
 
 def test_the_search_gets_the_options_and_what_is_left_of_the_time(place: Place) -> None:

@@ -11,8 +11,9 @@ import pytest
 from core.geometry.pose import Pose
 from core.options import Frame, Status
 from core.results import Candidate, Evidence, Localization, SearchSummary
+from service.answer import answer_document
 from service.jobs import MapRef
-from service.worker.answer_body import json_safe, localization_body, pose_body
+from service.worker.outcomes import json_safe, localize_outcome
 
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
 
@@ -51,7 +52,13 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
 
 
 def body_of(found: Localization, frame: Frame = "ros") -> dict[str, Any]:
-    return localization_body(found, MAPS, frame, {"decode": 0.03})
+    outcome = localize_outcome(found, MAPS, frame, {"decode": 0.03}, {})
+    return answer_document("loc_1", outcome, frame, total_s=0.5, warnings=["map_c is not ready"])
+
+
+def pose_of(pose: Pose, frame: Frame) -> dict[str, Any]:
+    body = body_of(replace(localization(), best=replace(candidate(), pose=pose)), frame)
+    return dict(body["pose"])
 
 
 def test_a_body_survives_strict_json() -> None:
@@ -66,8 +73,8 @@ def test_a_localized_panorama_names_its_map_and_pose() -> None:
     assert body["confidence"] == 0.9
     assert body["accuracy"] == {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68}
     assert body["change"] == {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.25}
-    assert body["timings_s"] == {"decode": 0.03, "search": 0.06, "refine": 0.4}
-    assert body["warnings"] == ["dark image"]
+    assert body["timings_s"] == {"queue": 0.01, "decode": 0.03, "search": 0.06, "refine": 0.4, "total": 0.5}
+    assert body["warnings"] == ["dark image", "map_c is not ready"]
 
 
 def test_the_search_of_an_answer_has_the_figures_of_search_and_best_pose_and_what_confidence_rests_on() -> None:
@@ -121,7 +128,7 @@ def test_an_ambiguous_answer_keeps_its_pose_and_its_alternatives() -> None:
 
 
 def test_angles_are_in_degrees_and_quaternions_have_w_last() -> None:
-    pose = pose_body(Pose(turned_left(90), np.zeros(3)), "ros")
+    pose = pose_of(Pose(turned_left(90), np.zeros(3)), "ros")
     assert pose["yaw_deg"] == pytest.approx(90)
     assert pose["pitch_deg"] == pytest.approx(0)
     assert pose["roll_deg"] == pytest.approx(0)
@@ -131,14 +138,14 @@ def test_angles_are_in_degrees_and_quaternions_have_w_last() -> None:
 
 
 def test_a_pose_in_webxr_has_y_up_and_says_so() -> None:
-    pose = pose_body(Pose(np.eye(3), np.array([1.0, 2.0, 3.0])), "webxr")
+    pose = pose_of(Pose(np.eye(3), np.array([1.0, 2.0, 3.0])), "webxr")
     assert pose["frame"] == "webxr"
     assert pose["map_from_camera"]["position_m"]["y"] == 3.0
     assert pose["yaw_deg"] == pytest.approx(0)
 
 
 def test_the_matrix_is_homogeneous_and_holds_the_same_pose() -> None:
-    transform = pose_body(Pose(turned_left(30), np.array([1.0, 2.0, 3.0])), "ros")["map_from_camera"]
+    transform = pose_of(Pose(turned_left(30), np.array([1.0, 2.0, 3.0])), "ros")["map_from_camera"]
     matrix = np.array(transform["matrix"])
     assert matrix.shape == (4, 4)
     assert matrix[3].tolist() == [0, 0, 0, 1]
