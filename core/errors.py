@@ -5,6 +5,7 @@
     │   ├── ScanFormatError       not a format that is known, or the name and the content disagree
     │   ├── ScanDamagedError      the file ends early or contradicts its own header
     │   └── ScanContentError      readable, but no colour, no finite points, or no extent
+    │       └── ScanTooLargeError more points than allowed
     ├── PanoramaError             the image cannot be localized
     │   ├── PanoramaFormatError   not an image that is known
     │   │   └── MaskFormatError   the same of its mask
@@ -16,8 +17,7 @@
     │       └── MaskShapeError    the mask has another shape than the image, or leaves nothing of it
     ├── OptionsError              a value out of its range
     ├── IndexFormatError          bytes that are not a map index of this version
-    ├── DeadlineExceededError     the deadline passed before a pose was found
-    └── CancelledError            the caller withdrew the work
+    └── DeadlineExceededError     the deadline passed before a pose was found
 
 Every message says what was expected, what came, and what to do.
 """
@@ -41,6 +41,10 @@ class ScanDamagedError(ScanError):
 
 class ScanContentError(ScanError):
     """The file is readable but holds nothing to localize in."""
+
+
+class ScanTooLargeError(ScanContentError):
+    """The file has more points than allowed."""
 
 
 class PanoramaError(CoreError):
@@ -91,5 +95,5 @@ class DeadlineExceededError(CoreError):
     """The deadline passed before the work was done."""
 
 
-class CancelledError(CoreError):
-    """The caller withdrew the work."""
+CUT_SHORT = "The export or the upload was probably cut short: export the scan again and upload it again."
+"""How the message about a scan ends that ends before its time."""

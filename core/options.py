@@ -7,7 +7,7 @@ and every limit of a choice stands here once.
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from core.errors import OptionsError
+from core.errors import OptionsError, ScanTooLargeError
 
 Vector = tuple[float, float, float]
 Box = tuple[Vector, Vector]
@@ -59,6 +59,14 @@ class ScanOptions:
         for name, value in (("max_points", self.max_points), ("max_points_used", self.max_points_used)):
             if value < 1:
                 raise OptionsError(f"{name}: expected at least 1, got {value}")
+
+    def check_num_points(self, num_points: int) -> None:
+        """Raise ScanTooLargeError for more points than may be read."""
+        if num_points > self.max_points:
+            raise ScanTooLargeError(
+                f"expected a scan of at most {self.max_points:,} points, got {num_points:,}; "
+                "thin the scan or split it into parts before uploading"
+            )
 
 
 @dataclass(frozen=True)

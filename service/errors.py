@@ -11,30 +11,26 @@
     │   ├── MapUnusableError          the map could not be built and serves nothing
     │   ├── MapLimitError             as many maps as allowed
     │   ├── UploadTooLargeError       too many bytes
-    │   ├── ImageTooLargeError        too many pixels, by the image's header
-    │   │   └── LargeMaskError        too many pixels of the mask
-    │   ├── TooManyPointsError        too many points, by the scan's header
-    │   ├── UnknownImageError         not a JPEG, PNG or WebP image
-    │   │   └── UnknownMaskError      nor is the mask
-    │   ├── UnknownScanError          not a scan of a known format
-    │   ├── DamagedScanError          the scan contradicts its own header
     │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
     ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
     │   ├── QueueFullError            as many requests wait as may
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
     │   └── StorageFullError          the disk is full
-    ├── DeadlineError                 no answer before the deadline
     ├── StorageError                  what was stored cannot be read back
     │   ├── StoredFileMissingError    nothing under this key
     │   └── StoredFileDamagedError    the bytes do not match their digest
-    └── WorkerError                   an exception of `core`, by the name of its class
+    └── WorkerError                   a worker met a fault that nobody raises on purpose
+
+What is wrong with a scan, an image or the options of a search is an exception of `core.errors`, in every process.
 
 Every message says what was expected, what came, and what to do. `service.problems` turns each class into an HTTP
 problem; a class without a row there fails a test.
 """
 
 from typing import Any
+
+from core.errors import CoreError
 
 
 class ServiceError(Exception):
@@ -85,34 +81,6 @@ class UploadTooLargeError(RequestError):
     """The upload has more bytes than allowed."""
 
 
-class ImageTooLargeError(RequestError):
-    """The image has more pixels than allowed."""
-
-
-class LargeMaskError(ImageTooLargeError):
-    """The mask has more pixels than allowed."""
-
-
-class TooManyPointsError(RequestError):
-    """The scan has more points than allowed."""
-
-
-class UnknownImageError(RequestError):
-    """The upload is not a JPEG, PNG or WebP image."""
-
-
-class UnknownMaskError(UnknownImageError):
-    """The mask is not a JPEG, PNG or WebP image."""
-
-
-class UnknownScanError(RequestError):
-    """The upload is not a scan of a known format."""
-
-
-class DamagedScanError(RequestError):
-    """The scan is empty or contradicts its own header."""
-
-
 class InvalidOptionsError(RequestError):
     """Options or parameters are out of their range.
 
@@ -148,10 +116,6 @@ class StorageFullError(TryAgainError):
     """There is no space left for uploads."""
 
 
-class DeadlineError(ServiceError):
-    """The deadline passed before there was an answer."""
-
-
 class StorageError(ServiceError):
     """What was stored cannot be read back."""
 
@@ -165,11 +129,7 @@ class StoredFileDamagedError(StorageError):
 
 
 class WorkerError(ServiceError):
-    """An exception that a worker raised, by the name of its class.
-
-    kind: name of a class of `core.errors`, or of any other class where the worker met a fault of its own. The message
-    is the original one.
-    """
+    """A worker met a fault of its own. kind: the name of the exception's class; the message is the original one."""
 
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(message)
@@ -177,3 +137,7 @@ class WorkerError(ServiceError):
 
     def __reduce__(self) -> tuple[type["WorkerError"], tuple[str, str]]:
         return WorkerError, (self.kind, str(self))
+
+
+EXPECTED_ERRORS = (ServiceError, CoreError)
+"""The bases of everything that is raised on purpose: what callers are told."""

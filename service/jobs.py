@@ -184,14 +184,14 @@ class WorkerPool(Protocol):
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         """Answer one query; cancelling the call drops it.
 
-        Raises QueueFullError, NoWorkerError, DeadlineError, CacheDownError, or WorkerError for an exception of `core`.
+        Raises QueueFullError, NoWorkerError, CacheDownError, exceptions of `core`, or WorkerError for a worker's own fault.
         """
 
     async def register(self, job: RegisterJob) -> RegisterOutcome:
         """Build the index of one revision and put it into Redis; cancelling the call ends the work.
 
-        Calls wait for each other inside the pool. Raises NoWorkerError and CacheDownError (tried again later), or
-        WorkerError for an exception of `core` (the map has failed).
+        Calls wait for each other inside the pool. Raises NoWorkerError and CacheDownError (tried again later);
+        after an exception of `core` or a WorkerError the map has failed.
         """
 
     def state(self) -> PoolState:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import structlog
 
+from core.errors import DeadlineExceededError
+from core.panorama.image_header import read_image_header
 from service.answer import Document, answer_document
 from service.cache import Cache
-from service.errors import DeadlineError, LocalizationNotFoundError, ServiceError
-from service.image_header import read_image_header
+from service.errors import EXPECTED_ERRORS, LocalizationNotFoundError, ServiceError
 from service.jobs import LocalizeJob, LocalizeOutcome, QueryOptions, WorkerPool, new_id, now
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
@@ -89,7 +90,7 @@ class Localizations:
             raise _unknown(localization_id, self._settings.result_ttl_s)
         due_unix_s = found.pop("due_unix_s", None)
         if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:
-            error = DeadlineError("the service was restarted before there was an answer; localize again")
+            error = DeadlineExceededError("the service was restarted before there was an answer; localize again")
             return {**found, "status": "failed", "error": problem_document(error, found["id"])}
         return found
 
@@ -117,7 +118,7 @@ class Localizations:
         began = time.monotonic()
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
-        except ServiceError as error:
+        except EXPECTED_ERRORS as error:
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
         total_s = time.monotonic() - began
@@ -148,8 +149,10 @@ class Localizations:
                 async with asyncio.timeout(max(0.0, deadline_unix_s - time.time()) + _OVERDUE_S):
                     return await self._pool.localize(job), chosen
             except TimeoutError as error:
-                raise DeadlineError(f"expected an answer within {timeout_s:g} s, got none; allow more time") from error
-            except ServiceError:
+                raise DeadlineExceededError(
+                    f"expected an answer within {timeout_s:g} s, got none; allow more time"
+                ) from error
+            except EXPECTED_ERRORS:
                 # A revision may have been replaced, with its index and its scan, since the query came.
                 former, chosen = chosen, query.maps.resolve(self._registry)
                 if chosen.refs == former.refs:
@@ -165,7 +168,7 @@ class Localizations:
         try:
             return await self._answer(query, chosen, pending["id"])
         except Exception as error:
-            if not isinstance(error, ServiceError):
+            if not isinstance(error, EXPECTED_ERRORS):
                 _log.exception("a query met an unexpected fault")
             failed = {**pending, "status": "failed", "error": problem_document(error, query.request_id)}
             # Without Redis nobody can ask for the state either.

@@ -1,13 +1,14 @@
-"""From exceptions to HTTP problems (RFC 9457): the one table, and the documents made from it.
-
-Exceptions of `core` are known by the names of their classes, because routes do not import `core`.
-"""
+"""From exceptions to HTTP problems (RFC 9457): the one table, and the documents made from it."""
 
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
-from service.errors import InvalidOptionsError, ServiceError, WorkerError
+from core import errors as core
+from core.panorama.image_header import KNOWN_FORMATS as IMAGE_FORMATS
+from core.scan.format_detection import KNOWN_FORMATS as SCAN_FORMATS
+from service import errors as service
+from service.errors import EXPECTED_ERRORS, InvalidOptionsError, WorkerError
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -40,104 +41,96 @@ _BUSY = Problem("try-again", "The service cannot take this now", 503, "Send it a
 _DEADLINE = Problem(
     "deadline-passed", "No answer before the deadline", 504, "Allow more time, or narrow it with hints."
 )
-_NOT_A_SCAN = Problem(
-    "unknown-scan-format", "Not a scan of a known format", 415, "Upload PLY, PCD, LAS, LAZ, E57 or text."
-)
+_NOT_A_SCAN = Problem("unknown-scan-format", "Not a scan of a known format", 415, f"Upload {SCAN_FORMATS}.")
 _BAD_SCAN = Problem("scan-unusable", "The scan cannot become a map", 422, "Export the scan again, as the detail says.")
 _DAMAGED_SCAN = Problem("scan-damaged", "The scan is damaged", 422, "Export or upload the scan again.")
 _NOT_AN_IMAGE = Problem(
-    "unknown-image-format", "Not an image of a known format", 415, "Send JPEG, PNG or WebP.", "image"
+    "unknown-image-format", "Not an image of a known format", 415, f"Send {IMAGE_FORMATS}.", "image"
 )
 _MANY_PIXELS = Problem("too-many-pixels", "The image has too many pixels", 413, "Scale the image down.", "image")
 _BAD_IMAGE = Problem(
     "image-unusable", "The image cannot be localized", 422, "Send an image as the detail describes it.", "image"
 )
 _UNKNOWN_MASK = Problem(
-    "unknown-mask-format", "The mask is not an image of a known format", 415, "Send JPEG, PNG or WebP.", "mask"
+    "unknown-mask-format", "The mask is not an image of a known format", 415, f"Send {IMAGE_FORMATS}.", "mask"
 )
 _LARGE_MASK = Problem("mask-too-many-pixels", "The mask has too many pixels", 413, "Scale the mask down.", "mask")
 
-PROBLEMS: dict[str, Problem] = {
-    # service
-    "ServiceError": _INTERNAL,
-    "RequestError": _MALFORMED,
-    "MalformedRequestError": _MALFORMED,
-    "KeyMissingError": Problem("key-missing", "An API key is needed", 401, "Send `Authorization: Bearer KEY`."),
-    "ScopeMissingError": Problem(
+PROBLEMS: dict[type[Exception], Problem] = {
+    service.ServiceError: _INTERNAL,
+    service.RequestError: _MALFORMED,
+    service.MalformedRequestError: _MALFORMED,
+    service.KeyMissingError: Problem("key-missing", "An API key is needed", 401, "Send `Authorization: Bearer KEY`."),
+    service.ScopeMissingError: Problem(
         "scope-missing", "The API key may not do this", 403, "Use a key with the scope named."
     ),
-    "MapNotFoundError": Problem("map-not-found", "There is no such map", 404, "List the maps with GET /maps."),
-    "LocalizationNotFoundError": Problem(
+    service.MapNotFoundError: Problem("map-not-found", "There is no such map", 404, "List the maps with GET /maps."),
+    service.LocalizationNotFoundError: Problem(
         "localization-not-found",
         "There is no such localization",
         404,
         "Localize again; answers live for a limited time.",
     ),
-    "MapNotReadyError": Problem(
+    service.MapNotReadyError: Problem(
         "map-not-ready", "The map is still being built", 409, "Poll the map and try again once it is ready."
     ),
-    "MapUnusableError": Problem(
+    service.MapUnusableError: Problem(
         "map-failed", "The map could not be built", 409, "Read the map's error; upload a new scan."
     ),
-    "MapLimitError": Problem(
+    service.MapLimitError: Problem(
         "map-limit", "There are as many maps as allowed", 409, "Delete a map, or raise the limit."
     ),
-    "UploadTooLargeError": Problem("upload-too-large", "The upload is too large", 413, "Send fewer bytes."),
-    "ImageTooLargeError": _MANY_PIXELS,
-    "LargeMaskError": _LARGE_MASK,
-    "TooManyPointsError": Problem(
-        "too-many-points", "The scan has too many points", 413, "Thin the scan before uploading."
+    service.UploadTooLargeError: Problem("upload-too-large", "The upload is too large", 413, "Send fewer bytes."),
+    service.InvalidOptionsError: _INVALID,
+    service.TryAgainError: _BUSY,
+    service.QueueFullError: Problem(
+        "queue-full", "Too many requests wait", 429, "Send it again after Retry-After seconds."
     ),
-    "UnknownImageError": _NOT_AN_IMAGE,
-    "UnknownMaskError": _UNKNOWN_MASK,
-    "UnknownScanError": _NOT_A_SCAN,
-    "DamagedScanError": _DAMAGED_SCAN,
-    "InvalidOptionsError": _INVALID,
-    "TryAgainError": _BUSY,
-    "QueueFullError": Problem("queue-full", "Too many requests wait", 429, "Send it again after Retry-After seconds."),
-    "NoWorkerError": Problem(
+    service.NoWorkerError: Problem(
         "no-worker", "No worker can take this now", 503, "Send it again after Retry-After seconds."
     ),
-    "CacheDownError": Problem("cache-down", "Redis does not answer", 503, "Send it again after Retry-After seconds."),
-    "StorageFullError": Problem(
+    service.CacheDownError: Problem(
+        "cache-down", "Redis does not answer", 503, "Send it again after Retry-After seconds."
+    ),
+    service.StorageFullError: Problem(
         "storage-full", "There is no space left", 503, "Ask the operator for space; try again."
     ),
-    "DeadlineError": _DEADLINE,
-    "StorageError": _STORAGE,
-    "StoredFileMissingError": _STORAGE,
-    "StoredFileDamagedError": _STORAGE,
-    "WorkerError": _INTERNAL,
-    # core
-    "CoreError": _INTERNAL,
-    "ScanError": _BAD_SCAN,
-    "ScanFormatError": _NOT_A_SCAN,
-    "ScanDamagedError": _DAMAGED_SCAN,
-    "ScanContentError": _BAD_SCAN,
-    "PanoramaError": _BAD_IMAGE,
-    "PanoramaFormatError": _NOT_AN_IMAGE,
-    "MaskFormatError": _UNKNOWN_MASK,
-    "PanoramaDamagedError": Problem(
+    service.StorageError: _STORAGE,
+    service.StoredFileMissingError: _STORAGE,
+    service.StoredFileDamagedError: _STORAGE,
+    service.WorkerError: _INTERNAL,
+    core.CoreError: _INTERNAL,
+    core.ScanError: _BAD_SCAN,
+    core.ScanFormatError: _NOT_A_SCAN,
+    core.ScanDamagedError: _DAMAGED_SCAN,
+    core.ScanContentError: _BAD_SCAN,
+    core.ScanTooLargeError: Problem(
+        "too-many-points", "The scan has too many points", 413, "Thin the scan before uploading."
+    ),
+    core.PanoramaError: _BAD_IMAGE,
+    core.PanoramaFormatError: _NOT_AN_IMAGE,
+    core.MaskFormatError: _UNKNOWN_MASK,
+    core.PanoramaDamagedError: Problem(
         "image-damaged", "The image is damaged", 422, "Send the image again, whole.", "image"
     ),
-    "MaskDamagedError": Problem("mask-damaged", "The mask is damaged", 422, "Send the mask again, whole.", "mask"),
-    "PanoramaTooLargeError": _MANY_PIXELS,
-    "MaskTooLargeError": _LARGE_MASK,
-    "PanoramaShapeError": Problem(
+    core.MaskDamagedError: Problem("mask-damaged", "The mask is damaged", 422, "Send the mask again, whole.", "mask"),
+    core.PanoramaTooLargeError: _MANY_PIXELS,
+    core.MaskTooLargeError: _LARGE_MASK,
+    core.PanoramaShapeError: Problem(
         "not-a-panorama", "The image is not a full-sphere panorama", 422, "Send a 2:1 equirectangular image.", "image"
     ),
-    "MaskShapeError": Problem(
+    core.MaskShapeError: Problem(
         "mask-unusable",
         "The mask does not fit the panorama",
         422,
         "Send a mask of the panorama's shape that leaves some of it.",
         "mask",
     ),
-    "OptionsError": _INVALID,
-    "IndexFormatError": Problem(
+    core.OptionsError: _INVALID,
+    core.IndexFormatError: Problem(
         "index-unreadable", "The map's index cannot be read", 500, "Delete it from Redis; it is built again."
     ),
-    "DeadlineExceededError": _DEADLINE,
-    "CancelledError": _BUSY,
+    core.DeadlineExceededError: _DEADLINE,
 }
 
 HTTP_PROBLEMS: dict[int, Problem] = {
@@ -150,17 +143,14 @@ HTTP_PROBLEMS: dict[int, Problem] = {
 
 def problem_of(error: BaseException) -> Problem:
     """Return the kind of problem of any exception; one that nobody expected is an internal error."""
-    if isinstance(error, WorkerError):
-        return PROBLEMS.get(error.kind, _INTERNAL)
-    return PROBLEMS.get(type(error).__name__, _INTERNAL) if isinstance(error, ServiceError) else _INTERNAL
+    return next((PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS), _INTERNAL)
 
 
 def problem_document(error: BaseException, request_id: str) -> dict[str, Any]:
     """Return the problem document of an exception. What nobody expected is not told to the caller, but logged."""
-    problem = problem_of(error)
-    expected = isinstance(error, ServiceError) and (problem is not _INTERNAL or not isinstance(error, WorkerError))
+    expected = isinstance(error, EXPECTED_ERRORS) and not isinstance(error, WorkerError)
     detail = str(error) if expected else "an unexpected fault: report it with the request id, the log says more"
-    document = document_with(problem, detail, request_id)
+    document = document_with(problem_of(error), detail, request_id)
     if isinstance(error, InvalidOptionsError) and error.fields:
         document["fields"] = error.fields
     return document

@@ -13,36 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from core.errors import (
-    MaskDamagedError,
-    MaskFormatError,
-    MaskShapeError,
-    MaskTooLargeError,
-    PanoramaDamagedError,
-    PanoramaFormatError,
-    PanoramaShapeError,
-    PanoramaTooLargeError,
-)
+from core.errors import MaskShapeError, PanoramaDamagedError, PanoramaShapeError, PanoramaTooLargeError
 from core.options import MAX_PIXELS
+from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, Upload, check_image
 from core.panorama.panorama import Panorama
 
 _FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
 _MIN_HEIGHT = 64
 _DRAFT_HEIGHT = 512  # nothing looks closer; a JPEG of twice this or more is decoded at a half, a quarter or an eighth
-
-
-@dataclass(frozen=True)
-class _Upload:
-    """One of the two files: its name in messages, and the errors by which callers know which one is at fault."""
-
-    name: str
-    format_error: type[PanoramaFormatError]
-    damaged_error: type[PanoramaDamagedError]
-    too_large_error: type[PanoramaTooLargeError]
-
-
-_IMAGE = _Upload("image", PanoramaFormatError, PanoramaDamagedError, PanoramaTooLargeError)
-_MASK = _Upload("mask", MaskFormatError, MaskDamagedError, MaskTooLargeError)
 
 
 def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = MAX_PIXELS) -> Panorama:
@@ -53,7 +31,7 @@ def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = M
     Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError or PanoramaShapeError; for the mask their
     subclasses MaskFormatError, MaskTooLargeError, MaskDamagedError or MaskShapeError.
     """
-    image = _open(data, _IMAGE, max_pixels)
+    image = _open(data, IMAGE, max_pixels)
     crop = _crop_fields(image, data)
     full_size = image.size
     if _swaps_sides(image):
@@ -63,7 +41,7 @@ def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = M
     if image.format in ("JPEG", "MPO"):
         scale = max(1, image.size[1] // _DRAFT_HEIGHT)
         image.draft("RGB", (image.size[0] // scale, image.size[1] // scale))
-    pixels = _decode(image, _IMAGE)
+    pixels = _decode(image, IMAGE)
     if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
         pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
     color, valid = _color_and_alpha(pixels)
@@ -82,35 +60,23 @@ def read_panorama(data: bytes, mask: bytes | None = None, *, max_pixels: int = M
     return Panorama(color, valid)
 
 
-def _open(data: bytes, upload: _Upload, max_pixels: int) -> Image.Image:
-    if not data:
-        raise upload.format_error(
-            f"{upload.name}: expected a JPEG, PNG or WebP file, got an empty upload; send the file's bytes"
-        )
+def _open(data: bytes, upload: Upload, max_pixels: int) -> Image.Image:
+    check_image(data, upload, max_pixels)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(io.BytesIO(data), formats=_FORMATS)
-    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
-        if isinstance(error, Image.DecompressionBombError):
-            raise upload.too_large_error(
-                f"{upload.name}: expected at most {max_pixels} pixels, got far more; scale it down"
-            ) from error
+            return Image.open(io.BytesIO(data), formats=_FORMATS)
+    except Image.DecompressionBombError as error:  # Pillow's own limit, where the caller allows more than that
+        raise upload.too_large_error(f"{upload.name}: expected fewer pixels ({error}); scale it down") from error
+    except UnidentifiedImageError as error:
         raise upload.format_error(
-            f"{upload.name}: expected a JPEG, PNG or WebP file, got {len(data)} bytes of something else; convert the image first"
+            f"{upload.name}: expected a {KNOWN_FORMATS} image, got one whose header cannot be read; convert it again"
         ) from error
     except (OSError, SyntaxError, ValueError) as error:
         raise upload.damaged_error(f"{upload.name}: the file's header is damaged ({error}); export it again") from error
-    width, height = image.size
-    if width * height > max_pixels:
-        raise upload.too_large_error(
-            f"{upload.name}: expected at most {max_pixels} pixels, got {width} x {height} = {width * height}; scale it down, "
-            "4096 x 2048 is plenty"
-        )
-    return image
 
 
-def _decode(image: Image.Image, upload: _Upload) -> Image.Image:
+def _decode(image: Image.Image, upload: Upload) -> Image.Image:
     try:
         image.load()
         return ImageOps.exif_transpose(image)
@@ -212,7 +178,7 @@ def _place_crop(
     height = max(_MIN_HEIGHT, round(crop.full_height * scale))
     if 2 * height * height > max_pixels:
         raise PanoramaTooLargeError(
-            f"image: expected at most {max_pixels} pixels, got {2 * height} x {height} after placing the GPano crop; scale it down"
+            f"image: expected at most {max_pixels:,} pixels, got {2 * height:,} x {height:,} after placing the GPano crop; scale it down"
         )
     rows, columns = max(1, round(crop.height * scale)), max(1, round(crop.width * scale))
     resized = np.asarray(Image.fromarray(color).resize((columns, rows)))
@@ -226,13 +192,13 @@ def _place_crop(
 
 def _read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[np.bool_]:
     """Return which pixels to ignore, resized to the panorama's shape (h, w)."""
-    image = _open(data, _MASK, max_pixels)
+    image = _open(data, MASK, max_pixels)
     width, height = image.size
     if abs(width * shape[0] - height * shape[1]) > 0.01 * width * shape[0]:
         raise MaskShapeError(
             f"mask: expected the aspect ratio of the image, {shape[1]} x {shape[0]}, got {width} x {height}; make it of the "
             "image's size"
         )
-    decoded = _decode(image, _MASK)
+    decoded = _decode(image, MASK)
     grey = np.asarray(decoded.convert("RGB")).max(axis=2) > 0
     return np.asarray(Image.fromarray(grey).resize((shape[1], shape[0]), Image.Resampling.NEAREST))

@@ -1,10 +1,11 @@
-"""Which scan format a file has: its first bytes decide, its name is the second sign."""
+"""Which scan format a file has: its first bytes decide, its name is the second sign. Needs no numpy."""
 
-from pathlib import Path
+import re
+from pathlib import Path, PurePosixPath
 
 from core.errors import ScanDamagedError, ScanFormatError
 
-_HEAD_BYTES = 4096
+HEAD_BYTES = 4096
 _SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las"}
 _EXTENSION_FORMATS = {
     "ply": "ply",
@@ -19,9 +20,9 @@ _OTHER_MAGIC = {
     b"\xff\xd8\xff": "a JPEG image",
     b"RIFF": "a RIFF file (WebP image, sound or video)",
     b"GIF8": "a GIF image",
-    b"PK\x03\x04": "a ZIP archive: unpack it first",
-    b"\x1f\x8b": "a gzip archive: unpack it first",
-    b"7z\xbc\xaf": "a 7z archive: unpack it first",
+    b"PK\x03\x04": "a ZIP archive: unpack it first and upload what was unpacked",
+    b"\x1f\x8b": "a gzip archive: unpack it first and upload what was unpacked",
+    b"7z\xbc\xaf": "a 7z archive: unpack it first and upload what was unpacked",
     b"%PDF": "a PDF document",
     b"glTF": "a glTF model: export it as a coloured PLY",
     b"\xd0\xcf\x11\xe0": "an Office document",
@@ -32,18 +33,25 @@ KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS"
 
 
 def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
+    """Return what `format_of` says of a file. extension: used when `path` has none, with or without its dot."""
+    with path.open("rb") as stream:
+        head = stream.read(HEAD_BYTES)
+    return format_of(head, path.suffix or extension or "")
+
+
+def format_of(head: bytes, extension: str) -> tuple[str, str | None]:
     """Return the format ("ply", "pcd", "las", "e57" or "text") and a remark when the name says something else.
 
-    extension: used when `path` has none, with or without its dot.
+    head: the first HEAD_BYTES of the file. extension: with or without its dot, or empty.
 
     Raises ScanFormatError when the content is of no known format or contradicts the name without a way to tell who is
     right; ScanDamagedError for an empty file.
     """
-    with path.open("rb") as stream:
-        head = stream.read(_HEAD_BYTES)
     if not head:
-        raise ScanDamagedError(f"The file is empty (0 bytes); expected a scan as {KNOWN_FORMATS}. Upload it again.")
-    named = (path.suffix or extension or "").lower().lstrip(".")[:20]
+        raise ScanDamagedError(
+            f"expected a scan as {KNOWN_FORMATS}, got a file that is empty (0 bytes); upload it again"
+        )
+    named = extension.lower().lstrip(".")[:20]
     expected = _EXTENSION_FORMATS.get(named)
     found = _format_by_magic(head)
     if found is None:
@@ -51,6 +59,12 @@ def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
     if named and expected != found:
         return found, f"The file is named .{named}, but its content is {found.upper()}; it was read as {found.upper()}."
     return found, None
+
+
+def extension_of(name: str) -> str:
+    """Return the extension of a file's name in lower case with its dot, empty when it has none of the usual form."""
+    suffix = PurePosixPath(name.replace("\\", "/")).suffix.lower()
+    return suffix if re.fullmatch(r"\.[a-z0-9]{1,10}", suffix) else ""
 
 
 def _format_by_magic(head: bytes) -> str | None:
@@ -71,12 +85,12 @@ def _text_format(head: bytes, named: str, expected: str | None) -> str:
         if expected in (None, "text"):
             return "text"
         raise ScanFormatError(
-            f"The file is named .{named}, but it does not begin like one: its content is plain text. "
-            f"Give it the extension of its real format ({KNOWN_FORMATS}) or export it again."
+            f"expected a scan as {KNOWN_FORMATS}, got a file named .{named} that does not begin like one: its content is "
+            "plain text; give it the extension of its real format or export it again"
         )
     found = other or f"unknown binary data (first bytes: {head[:8].hex(' ')})"
-    claim = f"is named .{named}, but it " if expected else ""
-    raise ScanFormatError(f"The file {claim}is not a scan; it is {found}. Expected {KNOWN_FORMATS}.")
+    claim = f"a file named .{named} that is " if expected else ""
+    raise ScanFormatError(f"expected a scan as {KNOWN_FORMATS}, got {claim}{found}; export the scan in one of them")
 
 
 def _is_text(head: bytes) -> bool:

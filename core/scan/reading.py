@@ -77,7 +77,7 @@ class _Collector:
     def add(self, chunk: RawChunk) -> None:
         """Take the usable points of `chunk`."""
         self._num_read += len(chunk.positions)
-        self._context.check_limit(self._num_read)
+        self._context.options.check_num_points(self._num_read)
         positions = self._to_map_frame(chunk.positions)
         # The comparison is false for NaN as well.
         usable = _all_true(np.abs(positions) <= FARTHEST_M)

@@ -13,7 +13,6 @@ from core.options import ScanOptions
 from core.scan.point_cloud import Diagnostic
 
 CHUNK_ROWS = 1 << 20
-CUT_SHORT = "The export or the upload was probably cut short: export the scan again and upload it again."
 
 
 @dataclass(frozen=True)
@@ -48,15 +47,7 @@ class ReadingContext:
             raise ScanDamagedError(f"The header announces {num_points} points; expected a positive count.")
         if num_points == 0:
             raise ScanContentError("The file holds no points: its header announces 0. Export the scan again.")
-        self.check_limit(num_points)
-
-    def check_limit(self, num_points: int) -> None:
-        """Raise ScanContentError for more points than may be read."""
-        if num_points > self.options.max_points:
-            raise ScanContentError(
-                f"The file has {num_points:,} points; at most {self.options.max_points:,} are read. "
-                "Thin the scan or split it into parts before uploading."
-            )
+        self.options.check_num_points(num_points)
 
 
 class ScanReader(Protocol):

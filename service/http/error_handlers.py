@@ -1,4 +1,4 @@
-"""Turns every exception that a route may end with into a problem document."""
+"""Turns every exception that a request may end with into a response with a problem document."""
 
 from typing import Any
 
@@ -7,22 +7,29 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 
-from service.errors import InvalidOptionsError, MalformedRequestError, ServiceError, WorkerError
-from service.http.problem_response import plain_problem_response, problem_response
-from service.http.request_context import current_request_id
+from service.errors import (
+    EXPECTED_ERRORS,
+    KeyMissingError,
+    MalformedRequestError,
+    MapNotReadyError,
+    TryAgainError,
+    UploadTooLargeError,
+    WorkerError,
+)
 from service.http.validation import mistakes_error
-from service.problems import HTTP_PROBLEMS, Problem, problem_of
+from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with, problem_document, problem_of
 
 _log = structlog.get_logger(__name__)
 _CLIENT_CLOSED_REQUEST = 499
+_RETRY_AFTER_S = 2
 
 
 def install_error_handlers(app: FastAPI) -> None:
     """Register the handlers; what none of them takes becomes a 500 in `service.http.request_context`."""
     handlers: dict[type[Exception], Any] = {
-        ServiceError: _service_error,
+        **dict.fromkeys(EXPECTED_ERRORS, _expected_error),
         RequestValidationError: _validation_error,
         HTTPException: _http_exception,
         ClientDisconnect: _client_disconnect,
@@ -31,17 +38,40 @@ def install_error_handlers(app: FastAPI) -> None:
         app.add_exception_handler(kind, handler)
 
 
-async def _service_error(request: Request, error: ServiceError) -> Response:
+def problem_response(error: BaseException, request_id: str) -> JSONResponse:
+    """Return the response for any exception, with the headers that its status asks for."""
+    problem = problem_of(error)
+    headers: dict[str, str] = {}
+    if isinstance(error, TryAgainError | MapNotReadyError):
+        headers["Retry-After"] = str(error.retry_after_s)
+    elif problem.status in (429, 503):
+        headers["Retry-After"] = str(_RETRY_AFTER_S)
+    if isinstance(error, KeyMissingError):
+        headers["WWW-Authenticate"] = 'Bearer realm="panoloc"'
+    if isinstance(error, UploadTooLargeError | MalformedRequestError) or problem.status in (413, 415):
+        # The rest of the body is not read.
+        headers["Connection"] = "close"
+    return JSONResponse(problem_document(error, request_id), problem.status, headers, MEDIA_TYPE)
+
+
+def plain_problem_response(
+    problem: Problem, detail: str, request: Request, headers: dict[str, str] | None = None
+) -> JSONResponse:
+    """Return the response for a problem without an exception of ours behind it."""
+    document = document_with(problem, detail, request.state.request_id)
+    return JSONResponse(document, problem.status, headers, MEDIA_TYPE)
+
+
+async def _expected_error(request: Request, error: Exception) -> Response:
     if problem_of(error).status == 500:
         # What callers are not told, the log has to say.
         kind = error.kind if isinstance(error, WorkerError) else type(error).__name__
         _log.error("the service failed", kind=kind, error=str(error))
-    return problem_response(error, current_request_id())
+    return problem_response(error, request.state.request_id)
 
 
 async def _validation_error(request: Request, error: RequestValidationError) -> Response:
-    found: MalformedRequestError | InvalidOptionsError = mistakes_error(error.errors(), skip=1)
-    return problem_response(found, current_request_id())
+    return problem_response(mistakes_error(error.errors(), skip=1), request.state.request_id)
 
 
 async def _http_exception(request: Request, error: HTTPException) -> Response:
@@ -49,7 +79,7 @@ async def _http_exception(request: Request, error: HTTPException) -> Response:
         "http-error", "The request cannot be answered", error.status_code, ""
     )
     detail = f"{problem.title}: got {request.method} {request.url.path[:200]}; {problem.advice}"
-    return plain_problem_response(problem, detail, current_request_id(), dict(error.headers or {}))
+    return plain_problem_response(problem, detail, request, dict(error.headers or {}))
 
 
 async def _client_disconnect(request: Request, error: ClientDisconnect) -> Response:

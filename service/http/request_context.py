@@ -2,13 +2,12 @@
 
 import re
 import time
-from contextvars import ContextVar
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.http.problem_response import problem_response
+from service.http.error_handlers import problem_response
 from service.jobs import new_id
 from service.metrics import Metrics
 
@@ -17,16 +16,9 @@ _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._~:+/=-]{1,128}")
 _HEADER = "X-Request-ID"
 _UNMATCHED = "unmatched"
 
-_current: ContextVar[str] = ContextVar("request_id", default="none")
-
-
-def current_request_id() -> str:
-    """Return the id of the request that is being answered."""
-    return _current.get()
-
 
 class RequestContext:
-    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced."""
+    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced; `request.state` holds it."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
@@ -39,7 +31,7 @@ class RequestContext:
             return
         given = Headers(scope=scope).get(_HEADER, "")
         request_id = given if _ACCEPTABLE_ID.fullmatch(given) else new_id("req")
-        _current.set(request_id)
+        scope.setdefault("state", {})["request_id"] = request_id
         structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(request_id=request_id)
         began, status = time.monotonic(), 0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from core.scan.format_detection import HEAD_BYTES, extension_of, format_of
 from service.errors import StorageFullError, UploadTooLargeError
-from service.http.scan_sniffing import HEAD_BYTES, check_scan_head
 
 MAX_FIELD_BYTES = 64 * 1024
 
@@ -51,7 +51,7 @@ class Spool:
         return len(self._waiting)
 
     def add(self, data: bytes) -> None:
-        """Take more bytes. Raises UploadTooLargeError, and what `check_scan_head` raises as soon as the head is there."""
+        """Take more bytes. Raises UploadTooLargeError, and what `format_of` raises as soon as the head is there."""
         self._num_bytes += len(data)
         if self._num_bytes > self._rule.max_bytes:
             raise too_large(self._part, self._rule)
@@ -82,7 +82,7 @@ class Spool:
         self._path.unlink(missing_ok=True)
 
     def _check_head(self) -> None:
-        check_scan_head(bytes(self._waiting[:HEAD_BYTES]), self._name)
+        format_of(bytes(self._waiting[:HEAD_BYTES]), extension_of(self._name))
         self._head_checked = True
 
 

@@ -52,12 +52,15 @@ class Form:
 
 
 async def read_form(
-    chunks: AsyncIterator[bytes], headers: Mapping[str, str], rules: Mapping[str, PartRule], spool_folder: Path
+    chunks: AsyncIterator[bytes],
+    headers: Mapping[str, str],
+    rules: Mapping[str, PartRule],
+    spool_folder: Path | None = None,
 ) -> Form:
-    """Read a multipart body part by part.
+    """Read a multipart body part by part. spool_folder: needed where a part is spooled.
 
     Raises MalformedRequestError, UploadTooLargeError, InvalidOptionsError (a part that no rule names), StorageFullError,
-    and what `check_scan_head` raises as soon as the head of a scan is there.
+    and what `format_of` raises as soon as the head of a scan is there.
     """
     _check_length(headers, rules)
     reader = _FormReader(_boundary(headers), rules, spool_folder)
@@ -81,7 +84,7 @@ async def read_body(chunks: AsyncIterator[bytes], max_bytes: int = MAX_FIELD_BYT
 
 
 class _FormReader:
-    def __init__(self, boundary: bytes, rules: Mapping[str, PartRule], spool_folder: Path) -> None:
+    def __init__(self, boundary: bytes, rules: Mapping[str, PartRule], spool_folder: Path | None) -> None:
         self._rules = rules
         self._spool_folder = spool_folder
         self._form = Form()
@@ -158,6 +161,7 @@ class _FormReader:
         self._seen.add(self._name)
         self._rule, self._value = rule, bytearray()
         if rule.spooled:
+            assert self._spool_folder is not None
             file_name = options.get(b"filename", b"").decode("utf-8", "replace")
             self._spool = Spool(self._spool_folder, file_name, rule, self._name)
 

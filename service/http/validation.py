@@ -1,10 +1,12 @@
-"""JSON from callers, checked against a model; every mistake is named by its field."""
+"""What callers send, held against models and limits; every mistake is named by its field, every limit by its setting."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from core.errors import PanoramaTooLargeError, ScanTooLargeError
 from service.errors import InvalidOptionsError, MalformedRequestError
 
 ModelType = TypeVar("ModelType", bound=BaseModel)
@@ -34,6 +36,15 @@ def mistakes_error(
     fields = [_field(mistake, skip, where) for mistake in mistakes[:_MOST_MISTAKES]]
     text = "; ".join(f"{each['field']}: {each['message']}" for each in fields)
     return InvalidOptionsError(f"{text}. Correct the fields named, see /docs", fields)
+
+
+@contextmanager
+def limited_by(setting: str) -> Iterator[None]:
+    """Name the setting that is the limit in the message about an upload that passes it."""
+    try:
+        yield
+    except (ScanTooLargeError, PanoramaTooLargeError) as error:
+        raise type(error)(f"{error} (the limit is {setting})") from error
 
 
 def _field(mistake: Any, skip: int, where: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import structlog
 
 from service.cache import Cache
-from service.errors import CacheDownError, MapNotFoundError, NoWorkerError, ServiceError, TryAgainError
+from service.errors import EXPECTED_ERRORS, CacheDownError, MapNotFoundError, NoWorkerError, TryAgainError
 from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
 from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
@@ -97,7 +97,7 @@ class Registrations:
         except MapNotFoundError:
             raise
         except Exception as error:
-            if not isinstance(error, ServiceError):
+            if not isinstance(error, EXPECTED_ERRORS):
                 _log.exception("a registration met an unexpected fault")
             await self._fail(ref, problem_document(error, request_id))
             return "failed"

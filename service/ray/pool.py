@@ -11,7 +11,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from service.errors import DeadlineError, NoWorkerError
+from core.errors import DeadlineExceededError
+from service.errors import NoWorkerError
 from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
@@ -172,7 +173,7 @@ class RayPool:
         except TimeoutError as error:
             if self._loss is not None:
                 raise self._loss_error() from error
-            raise DeadlineError(
+            raise DeadlineExceededError(
                 "no answer within timeout_s; allow more time, or narrow the search with hints"
             ) from error
 

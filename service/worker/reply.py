@@ -1,5 +1,5 @@
-"""What comes back from a worker: values, never exceptions, because an exception of `core` cannot be unpickled where
-`core` is not imported, and Ray wraps exceptions in classes of its own.
+"""What comes back from a worker: values, never exceptions, because Ray wraps exceptions in classes of its own, and the
+exceptions of libraries cannot be unpickled where those are not imported.
 """
 
 import traceback
@@ -7,7 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from service import errors
+import core.errors
+import service.errors
+from core.errors import CoreError
+from service.errors import EXPECTED_ERRORS, ServiceError, WorkerError
 from service.jobs import MapRef
 
 Outcome = TypeVar("Outcome")
@@ -43,20 +46,14 @@ def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure 
     try:
         return work(), None
     except Exception as error:
-        origin = "" if _is_raised_on_purpose(error) else traceback.format_exc()
+        origin = "" if isinstance(error, EXPECTED_ERRORS) else traceback.format_exc()
         return None, WorkerFailure(type(error).__name__, str(error), origin)
 
 
-def error_of(failure: WorkerFailure) -> errors.ServiceError:
-    """Return the exception to raise in the HTTP process: one of the service's own by its name, else a WorkerError."""
-    if failure.kind == "DeadlineExceededError":
-        return errors.DeadlineError(failure.message)
-    own = getattr(errors, failure.kind, None)
-    if isinstance(own, type) and issubclass(own, errors.ServiceError) and own is not errors.WorkerError:
-        return own(failure.message)
-    return errors.WorkerError(failure.kind, failure.message)
-
-
-def _is_raised_on_purpose(error: Exception) -> bool:
-    # By the name of the module: the HTTP process imports this one, and must not import `core`.
-    return any(each.__module__ in ("core.errors", "service.errors") for each in type(error).__mro__)
+def error_of(failure: WorkerFailure) -> ServiceError | CoreError:
+    """Return the exception to raise in the HTTP process: the one that the worker raised on purpose, else a WorkerError."""
+    for module in (core.errors, service.errors):
+        found = getattr(module, failure.kind, None)
+        if isinstance(found, type) and issubclass(found, EXPECTED_ERRORS) and found is not WorkerError:
+            return found(failure.message)
+    return WorkerError(failure.kind, failure.message)

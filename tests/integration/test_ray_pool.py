@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import DeadlineError, QueueFullError, ServiceError
+from core.errors import DeadlineExceededError
+from service.errors import QueueFullError, ServiceError
 from service.host.process_tree import descendants, process_name
 from service.jobs import LocalizeOutcome
 from tests.integration.pool_in_thread import PoolInThread, query, registration
@@ -66,7 +67,7 @@ def test_a_full_queue_turns_the_next_query_away(running: PoolInThread) -> None:
 def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(running: PoolInThread) -> None:
     slow = [query(f"slow-{number}", seconds=0.7) for number in range(2)]
     outcomes = running.localize_all([*slow, query("late", timeout_s=0.4)])
-    assert [type(outcome) for outcome in outcomes] == [LocalizeOutcome, LocalizeOutcome, DeadlineError]
+    assert [type(outcome) for outcome in outcomes] == [LocalizeOutcome, LocalizeOutcome, DeadlineExceededError]
     time.sleep(0.5)
     assert not (running.folder / "late.started").exists()
 

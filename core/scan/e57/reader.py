@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CoreError, ScanContentError, ScanDamagedError, ScanFormatError
+from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
 from core.scan.e57.scan_entry import E57Scan
-from core.scan.reading_context import CUT_SHORT, RawChunk, ReadingContext, no_color_error
+from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
 _HEADER = struct.Struct("<8sIIQQQQ")
 _PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.scan.reading_context import CHUNK_ROWS, CUT_SHORT
+from core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
+from core.scan.reading_context import CHUNK_ROWS
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")

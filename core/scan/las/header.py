@@ -4,9 +4,9 @@ import struct
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from core.errors import ScanDamagedError
+from core.errors import CUT_SHORT, ScanDamagedError
 from core.scan.las.laz_chunks import LazChunks
-from core.scan.reading_context import CUT_SHORT, ReadingContext, no_color_error
+from core.scan.reading_context import ReadingContext, no_color_error
 
 # Size of a record without extra bytes by point format (ASPRS LAS 1.4 R15).
 _RECORD_BYTES = {0: 20, 1: 28, 2: 26, 3: 34, 4: 57, 5: 63, 6: 30, 7: 36, 8: 38, 9: 59, 10: 67}

@@ -3,8 +3,7 @@
 import struct
 from typing import BinaryIO
 
-from core.errors import ScanDamagedError
-from core.scan.reading_context import CUT_SHORT
+from core.errors import CUT_SHORT, ScanDamagedError
 
 _VARIABLE_CHUNKS = 0xFFFFFFFF
 _MAX_CHUNK_BYTES = 1 << 28

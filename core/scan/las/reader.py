@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from core.errors import ScanDamagedError
+from core.errors import CUT_SHORT, ScanDamagedError
 from core.scan.las.header import check_las_header
-from core.scan.reading_context import CHUNK_ROWS, CUT_SHORT, RawChunk, ReadingContext, stack_columns
+from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
 
 
 def read_las(context: ReadingContext) -> Iterator[RawChunk]:

@@ -7,10 +7,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError
+from core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
 from core.scan.pcd.header import PcdHeader, read_pcd_header
 from core.scan.pcd.lzf import MAX_RATIO, decompress_lzf
-from core.scan.reading_context import CHUNK_ROWS, CUT_SHORT, RawChunk, ReadingContext, no_color_error, stack_columns
+from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
 from core.scan.text.table import TextLines
 
 # The decompressed file is held in memory as a whole: its columns lie one behind the other.

@@ -71,7 +71,7 @@ def _list_lengths(values: NDArray[np.float64], element: PlyElement, start: int, 
     for prop in element.properties:
         if position >= end:
             return None
-        if prop.count_dtype is not None:
+        if prop.count_type is not None:
             length = values[position]
             if not 0 <= length < end - position or length != int(length):
                 return None
@@ -85,7 +85,7 @@ def _record_dtype(element: PlyElement, lengths: tuple[int, ...]) -> np.dtype[np.
     fields: list[Any] = []
     remaining = iter(lengths)
     for prop in element.properties:
-        if prop.count_dtype is None:
+        if prop.count_type is None:
             fields.append((prop.name, np.float64))
         else:
             fields += [(f"{prop.name} length", np.float64), (prop.name, np.float64, (next(remaining),))]

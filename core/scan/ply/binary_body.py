@@ -8,9 +8,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
-from core.scan.ply.header import PlyElement, PlyProperty
-from core.scan.reading_context import CUT_SHORT
+from core.errors import CUT_SHORT, ScanDamagedError
+from core.scan.ply.header import PlyElement, PlyProperty, PlyType
 
 BLOCK_BYTES = 1 << 23
 MAX_ROW_BYTES = 1 << 24
@@ -29,7 +28,7 @@ class RowBatch:
 
 def iter_plain_rows(stream: BinaryIO, element: PlyElement, batch_rows: int) -> Iterator[NDArray[np.void]]:
     """Yield the rows of an element without lists as structured arrays."""
-    row_dtype = element.row_dtype
+    row_dtype = _record_dtype(element, ())
     for start in range(0, element.count, batch_rows):
         num_rows = min(batch_rows, element.count - start)
         data = stream.read(num_rows * row_dtype.itemsize)
@@ -62,7 +61,7 @@ def iter_list_rows(stream: BinaryIO, element: PlyElement) -> Iterator[list[RowBa
 def skip_element(stream: BinaryIO, element: PlyElement) -> None:
     """Move `stream` behind a binary element that nobody needs."""
     if not element.has_lists:
-        stream.seek(element.count * element.row_dtype.itemsize, 1)
+        stream.seek(element.count * element.min_row_bytes(is_ascii=False), 1)
         return
     for _ in iter_list_rows(stream, element):
         pass
@@ -80,10 +79,10 @@ def _record_dtype(element: PlyElement, lengths: tuple[int, ...]) -> np.dtype[np.
     fields: list[Any] = []
     remaining = iter(lengths)
     for prop in element.properties:
-        if prop.count_dtype is None:
-            fields.append((prop.name, prop.dtype))
+        if prop.count_type is None:
+            fields.append((prop.name, prop.type.dtype))
         else:
-            fields += [(f"{prop.name} length", prop.count_dtype), (prop.name, prop.dtype, (next(remaining),))]
+            fields += [(f"{prop.name} length", prop.count_type.dtype), (prop.name, prop.type.dtype, (next(remaining),))]
     return np.dtype(fields)
 
 
@@ -119,17 +118,16 @@ def _row_steps(properties: tuple[PlyProperty, ...]) -> list[tuple[int, struct.St
     steps: list[tuple[int, struct.Struct | None, int]] = []
     skip = 0
     for prop in properties:
-        if prop.count_dtype is None:
-            skip += prop.dtype.itemsize
+        if prop.count_type is None:
+            skip += prop.type.num_bytes
             continue
-        steps.append((skip, struct.Struct(_struct_format(prop.count_dtype)), prop.dtype.itemsize))
+        steps.append((skip, struct.Struct(_struct_format(prop.count_type)), prop.type.num_bytes))
         skip = 0
     return [*steps, (skip, None, 0)]
 
 
-def _struct_format(dtype: np.dtype[np.generic]) -> str:
-    is_big = dtype.str[0] == ">"
-    return (">" if is_big else "<") + dtype.char
+def _struct_format(count_type: PlyType) -> str:
+    return count_type.order + np.dtype(count_type.dtype).char
 
 
 def _gather_batches(

@@ -6,11 +6,10 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
 from core.scan.ply import ascii_body, binary_body
 from core.scan.ply.binary_body import RowBatch
 from core.scan.ply.header import PlyElement, PlyHeader
-from core.scan.reading_context import CHUNK_ROWS, CUT_SHORT
+from core.scan.reading_context import CHUNK_ROWS
 from core.scan.text.table import TextLines
 
 
@@ -44,25 +43,6 @@ class PlyBody:
             yield from ascii_body.iter_plain_rows(self._lines, element, CHUNK_ROWS)
         else:
             yield from binary_body.iter_plain_rows(self._stream, element, CHUNK_ROWS)
-
-
-def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
-    """Raise ScanDamagedError when the file cannot hold what its header announces; say so when it holds more."""
-    available = size_bytes - header.size_bytes
-    needed = 0
-    for element in header.elements:
-        row_bytes = element.min_bytes(header.is_ascii) / element.count if element.count else 0
-        needed += element.min_bytes(header.is_ascii)
-        if needed > available:
-            missing = needed - available
-            num_found = max(int(element.count - missing / row_bytes), 0)
-            raise ScanDamagedError(
-                f"The PLY header announces {element.count:,} rows of {element.name!r} (at least {needed:,} bytes of "
-                f"data), but the file holds {available:,} bytes, enough for {num_found:,}. {CUT_SHORT}"
-            )
-    if not header.is_ascii and not any(element.has_lists for element in header.elements) and needed < available:
-        return f"The file holds {available - needed:,} bytes more than its header announces; they were not read."
-    return None
 
 
 def _merge_scalars(batches: list[RowBatch], names: list[str]) -> NDArray[np.void]:

@@ -1,49 +1,55 @@
-"""The header of a PLY file: its elements, their properties, and the checks that need no data."""
+"""The header of a PLY file: its elements, their properties, and the checks that need no data. Needs no numpy."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-
-from core.errors import ScanDamagedError
+from core.errors import CUT_SHORT, ScanDamagedError
+from core.options import ScanOptions
 
 MAX_HEADER_BYTES = 1 << 20
 MAX_ELEMENTS = 64
 MAX_PROPERTIES = 1024
 
 _TYPES = {
-    "char": "i1",
-    "int8": "i1",
-    "uchar": "u1",
-    "uint8": "u1",
-    "short": "i2",
-    "int16": "i2",
-    "ushort": "u2",
-    "uint16": "u2",
-    "int": "i4",
-    "int32": "i4",
-    "uint": "u4",
-    "uint32": "u4",
-    "float": "f4",
-    "float32": "f4",
-    "double": "f8",
-    "float64": "f8",
+    **dict.fromkeys(("char", "int8"), ("i", 1)),
+    **dict.fromkeys(("uchar", "uint8"), ("u", 1)),
+    **dict.fromkeys(("short", "int16"), ("i", 2)),
+    **dict.fromkeys(("ushort", "uint16"), ("u", 2)),
+    **dict.fromkeys(("int", "int32"), ("i", 4)),
+    **dict.fromkeys(("uint", "uint32"), ("u", 4)),
+    **dict.fromkeys(("float", "float32"), ("f", 4)),
+    **dict.fromkeys(("double", "float64"), ("f", 8)),
 }
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 @dataclass(frozen=True)
+class PlyType:
+    """A number in the notation of numpy. order: "<", ">" or "=". kind: "i", "u" or "f"."""
+
+    order: str
+    kind: str
+    num_bytes: int
+
+    @property
+    def dtype(self) -> str:
+        """Return what numpy calls it, such as "<f4"."""
+        return f"{self.order}{self.kind}{self.num_bytes}"
+
+
+@dataclass(frozen=True)
 class PlyProperty:
-    """name: lower case. dtype: with byte order. count_dtype: type of the length of a list, None for a scalar."""
+    """name: lower case. count_type: of the length of a list, None for a scalar."""
 
     name: str
-    dtype: np.dtype[np.generic]
-    count_dtype: np.dtype[np.generic] | None = None
+    type: PlyType
+    count_type: PlyType | None = None
 
     @property
     def min_bytes(self) -> int:
         """Return the bytes that one value takes at least."""
-        return (self.count_dtype or self.dtype).itemsize
+        return (self.count_type or self.type).num_bytes
 
 
 @dataclass(frozen=True)
@@ -57,17 +63,15 @@ class PlyElement:
     @property
     def has_lists(self) -> bool:
         """Tell whether any property is a list, so that rows differ in size."""
-        return any(prop.count_dtype is not None for prop in self.properties)
+        return any(prop.count_type is not None for prop in self.properties)
 
-    @property
-    def row_dtype(self) -> np.dtype[np.void]:
-        """Return the packed record type of a row without lists."""
-        return np.dtype([(prop.name, prop.dtype) for prop in self.properties])
+    def min_row_bytes(self, is_ascii: bool) -> int:
+        """Return the bytes that a row takes at least; as text, a digit and what follows it per value."""
+        return 2 * len(self.properties) if is_ascii else sum(prop.min_bytes for prop in self.properties)
 
     def min_bytes(self, is_ascii: bool) -> int:
         """Return the bytes that the whole table takes at least."""
-        per_row = 2 * len(self.properties) if is_ascii else sum(prop.min_bytes for prop in self.properties)
-        return max(self.count * per_row - int(is_ascii), 0)
+        return max(self.count * self.min_row_bytes(is_ascii) - int(is_ascii), 0)
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,45 @@ def read_ply_header(stream: BinaryIO) -> PlyHeader:
     return PlyHeader(encoding, elements, tuple(comments), size_bytes, len(lines) + 1)
 
 
+def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
+    """Raise ScanDamagedError when the file cannot hold what its header announces; say so when it holds more."""
+    available = size_bytes - header.size_bytes
+    needed = 0
+    for element in header.elements:
+        row_bytes = element.min_row_bytes(header.is_ascii)
+        needed += element.min_bytes(header.is_ascii)
+        if needed > available:
+            num_found = max(int(element.count - (needed - available) / row_bytes), 0)
+            rows = "points" if element.name == "vertex" else f"rows of {element.name!r}"
+            exact = "" if not header.is_ascii and not element.has_lists else "at least "
+            raise ScanDamagedError(
+                f"expected {element.count:,} {rows} of {exact}{row_bytes} bytes by the PLY header, got {available:,} bytes "
+                f"of data, enough for {num_found:,}: the file is cut off. {CUT_SHORT}"
+            )
+    if not header.is_ascii and not any(element.has_lists for element in header.elements) and needed < available:
+        return f"The file holds {available - needed:,} bytes more than its header announces; they were not read."
+    return None
+
+
+def check_ply_file(path: Path, options: ScanOptions) -> None:
+    """Hold a PLY file against its own header, without reading it; other files, and headers that are not understood, pass.
+
+    Raises ScanTooLargeError and ScanDamagedError.
+    """
+    with path.open("rb") as stream:
+        if stream.read(3) != b"ply":
+            return
+        stream.seek(0)
+        try:
+            header = read_ply_header(stream)
+        except ScanDamagedError:
+            return
+    vertices = header.element("vertex")
+    if vertices is not None:
+        options.check_num_points(vertices.count)
+    check_file_size(header, path.stat().st_size)
+
+
 def _header_lines(stream: BinaryIO) -> tuple[list[str], int]:
     start = stream.read(MAX_HEADER_BYTES)
     # The line end of the first line decides: after "end_header" a binary byte may look like one.
@@ -146,15 +189,15 @@ def _add_property(properties: list[PlyProperty], words: list[str], byte_order: s
     types = words[2:4] if is_list else words[1:2]
     if len(words) != (5 if is_list else 3) or any(name not in _TYPES for name in types):
         raise _header_error(f"the property {line[:80]!r} has an unknown form or type")
-    dtypes = [np.dtype(byte_order + _TYPES[name]) for name in types]
-    if is_list and dtypes[0].kind == "f":
+    found = [PlyType(byte_order, *_TYPES[name]) for name in types]
+    if is_list and found[0].kind == "f":
         raise _header_error(f"the list length in {line[:80]!r} must be a whole number type")
     name = words[-1].lower()
     if any(prop.name == name for prop in properties):
         raise _header_error(f"the property {name[:80]!r} is declared twice in one element")
     if len(properties) >= MAX_PROPERTIES:
         raise _header_error(f"an element has more than {MAX_PROPERTIES} properties")
-    properties.append(PlyProperty(name, dtypes[-1], dtypes[0] if is_list else None))
+    properties.append(PlyProperty(name, found[-1], found[0] if is_list else None))
 
 
 def _header_error(what: str) -> ScanDamagedError:

@@ -170,5 +170,5 @@ def _sample_colors(
 
 
 def _index_name(faces: PlyElement) -> str | None:
-    lists = {prop.name for prop in faces.properties if prop.count_dtype is not None}
+    lists = {prop.name for prop in faces.properties if prop.count_type is not None}
     return next((name for name in _INDEX_NAMES if name in lists), None)

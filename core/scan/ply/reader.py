@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from core.errors import ScanContentError
-from core.scan.ply.body import PlyBody, check_file_size
+from core.scan.ply.body import PlyBody
 from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
-from core.scan.ply.header import PlyElement, PlyHeader, read_ply_header
+from core.scan.ply.header import PlyElement, PlyHeader, check_file_size, read_ply_header
 from core.scan.ply.mesh import has_face_colors, has_mesh, read_mesh
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error, stack_columns
 
@@ -50,7 +50,7 @@ def _checked_vertices(context: ReadingContext, header: PlyHeader) -> PlyElement:
     if vertices is None:
         raise ScanContentError("The PLY file holds no points: there is no 'vertex' element. Export the scan again.")
     context.check_point_count(vertices.count)
-    scalars = [prop.name for prop in vertices.properties if prop.count_dtype is None]
+    scalars = [prop.name for prop in vertices.properties if prop.count_type is None]
     if not set(POSITION_NAMES) <= set(scalars):
         raise ScanContentError(
             f"The PLY vertices have no x, y and z; they have {', '.join(scalars)[:200] or 'nothing'}."

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from core.errors import ScanDamagedError
-from core.scan.reading_context import CHUNK_ROWS, CUT_SHORT, RawChunk, ReadingContext
+from core.errors import CUT_SHORT, ScanDamagedError
+from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
 from core.scan.text.layout import HEAD_BYTES, TextLayout, choose_columns, detect_layout
 from core.scan.text.table import TextBlock, TextLines
 

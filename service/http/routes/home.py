@@ -5,8 +5,7 @@ from html import escape
 from fastapi import APIRouter, Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from service.http.problem_response import plain_problem_response
-from service.http.request_context import current_request_id
+from service.http.error_handlers import plain_problem_response
 from service.maps.record import MapRecord
 from service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from service.services import services_of
@@ -52,12 +51,12 @@ async def home(request: Request) -> Response:
 @router.get(
     "/problems/{slug}", summary="What a kind of problem means", response_model=None, responses=error_responses(404)
 )
-async def problem(slug: str) -> Response:
+async def problem(request: Request, slug: str) -> Response:
     """Explain the `type` of a problem document."""
     found = known_problems().get(slug)
     if found is None:
         detail = f"expected the end of a problem's type, got {slug[:80]!r}; one of {', '.join(known_problems())}"
-        return plain_problem_response(HTTP_PROBLEMS[404], detail, current_request_id())
+        return plain_problem_response(HTTP_PROBLEMS[404], detail, request)
     return JSONResponse({"type": found.type, "title": found.title, "status": found.status, "advice": found.advice})
 
 

@@ -8,23 +8,16 @@ from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
+from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, Upload, check_image
 from service.answer import Document
-from service.errors import (
-    ImageTooLargeError,
-    InvalidOptionsError,
-    LargeMaskError,
-    UnknownImageError,
-    UnknownMaskError,
-)
+from service.errors import InvalidOptionsError
 from service.http.access import require
 from service.http.openapi import binary_part, json_part, multipart
-from service.http.request_context import current_request_id
 from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
 from service.http.schemas.localization import LOCALIZATION_EXAMPLE, OPTIONS_EXAMPLE, PENDING_EXAMPLE
 from service.http.spool import PartRule
 from service.http.uploads import Form, read_form
-from service.http.validation import parse_json
-from service.image_header import read_image_header
+from service.http.validation import limited_by, parse_json
 from service.jobs import QueryOptions
 from service.localizations import LocalizeRequest
 from service.maps.selection import MapChoice
@@ -36,7 +29,7 @@ router = APIRouter(tags=["localization"])
 
 _RETRY_AFTER_S = 1
 _PARTS = {
-    "image": binary_part("The panorama: 2:1 equirectangular, or cropped with GPano fields; JPEG, PNG or WebP."),
+    "image": binary_part(f"The panorama: 2:1 equirectangular, or cropped with GPano fields; {KNOWN_FORMATS}."),
     "mask": binary_part("An image of the same shape; pixels that are not zero are ignored."),
     "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
     "tag": {"type": "string", "description": "Instead of `map_id`: all maps that bear this tag."},
@@ -100,36 +93,21 @@ async def _query(request: Request, settings: Settings) -> LocalizeRequest:
         "tag": PartRule(),
         "options": PartRule(),
     }
-    folder = await asyncio.to_thread(services_of(request).storage.spool_folder)
-    with await read_form(request.stream(), request.headers, rules, folder) as form:
+    with await read_form(request.stream(), request.headers, rules) as form:
         options = parse_json(LocalizeOptions, form.single("options"), "options")
         maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
-        panorama = _image(form, "image", settings, UnknownImageError, ImageTooLargeError)
+        panorama = _image(form, IMAGE, settings)
         if panorama is None:
             raise _image_missing()
-        mask = _image(form, "mask", settings, UnknownMaskError, LargeMaskError)
-    return LocalizeRequest(panorama, mask, maps, _checked(options, settings), current_request_id())
+        mask = _image(form, MASK, settings)
+    return LocalizeRequest(panorama, mask, maps, _checked(options, settings), request.state.request_id)
 
 
-def _image(
-    form: Form,
-    name: str,
-    settings: Settings,
-    unknown: type[UnknownImageError],
-    too_large: type[ImageTooLargeError],
-) -> bytes | None:
-    data = form.single(name)
-    if data is None:
-        return None
-    try:
-        header = read_image_header(data)
-    except UnknownImageError as error:
-        raise unknown(f"{name}: {error}") from error
-    if header.width * header.height > settings.max_pixels:
-        raise too_large(
-            f"{name}: expected at most {settings.max_pixels:,} pixels (PANOLOC_MAX_PIXELS), got {header.width:,} x "
-            f"{header.height:,}; scale it down"
-        )
+def _image(form: Form, upload: Upload, settings: Settings) -> bytes | None:
+    data = form.single(upload.name)
+    if data is not None:
+        with limited_by("PANOLOC_MAX_PIXELS"):
+            check_image(data, upload, settings.max_pixels)
     return data
 
 

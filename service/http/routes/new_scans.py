@@ -7,17 +7,18 @@ from typing import Any
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
+from core import options
+from core.scan.format_detection import KNOWN_FORMATS, extension_of
+from core.scan.ply.header import check_ply_file
 from service.errors import InvalidOptionsError
 from service.http.access import require
 from service.http.openapi import binary_part, json_part, multipart
-from service.http.request_context import current_request_id
-from service.http.scan_sniffing import check_scan_file, scan_extension
 from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import LONGEST_NAME, MAP_OPTIONS_EXAMPLE
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledScan, disk_error
 from service.http.uploads import Form, read_form
-from service.http.validation import parse_json
+from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
 from service.maps.record import MapRecord, Revision, map_document
 from service.problems import error_responses
@@ -26,7 +27,7 @@ from service.services import Services, services_of
 router = APIRouter(tags=["maps"])
 
 _RETRY_AFTER_S = 1
-_SCAN_PART = binary_part("The scan: PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS, with colours.")
+_SCAN_PART = binary_part(f"The scan: {KNOWN_FORMATS}, with colours.")
 _ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
         "model": Map,
@@ -80,7 +81,7 @@ async def post_map(request: Request) -> Response:
         except BaseException:
             await services.registry.remove_revision(ref)
             raise
-    return _accepted(services, record)
+    return _accepted(request, record)
 
 
 @router.put(
@@ -111,7 +112,7 @@ async def put_scan(request: Request, map_id: str) -> Response:
             await services.registry.remove_revision(ref)
             raise
     await services.registrations.cancel(map_id, keep=record.newest_ref)
-    reply = _accepted(services, services.registry.get(map_id))
+    reply = _accepted(request, services.registry.get(map_id))
     for each in (replaced, ref):
         await services.registrations.forget(each)
     return reply
@@ -142,21 +143,24 @@ async def _checked_scan(form: Form, services: Services) -> SpooledScan:
     if form.scan is None:
         message = "expected the scan in a part of this name, got none; send -F file=@scan.ply"
         raise InvalidOptionsError(f"file: {message}", [{"field": "file", "message": message}])
-    await asyncio.to_thread(check_scan_file, form.scan.path, services.settings.max_points)
+    with limited_by("PANOLOC_MAX_POINTS"):
+        await asyncio.to_thread(
+            check_ply_file, form.scan.path, options.ScanOptions(max_points=services.settings.max_points)
+        )
     return form.scan
 
 
 async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: RegisterOptions) -> Revision:
     try:
-        key = await services.registry.adopt_scan(ref, f"scan{scan_extension(scan.name)}", scan.path, scan.sha256)
+        key = await services.registry.adopt_scan(ref, f"scan{extension_of(scan.name)}", scan.path, scan.sha256)
     except OSError as error:
         raise disk_error(error) from error
     services.metrics.note_upload(scan.num_bytes)
     return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options)
 
 
-def _accepted(services: Services, record: MapRecord) -> Response:
+def _accepted(request: Request, record: MapRecord) -> Response:
     if record.newest.status == "queued":
-        services.registrations.begin(record.newest_ref, current_request_id())
+        services_of(request).registrations.begin(record.newest_ref, request.state.request_id)
     headers = {"Location": f"/maps/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
     return JSONResponse(map_document(record, None), 202, headers)

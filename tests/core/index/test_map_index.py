@@ -7,13 +7,17 @@ import pytest
 import torch
 
 from core.config import IndexConfig, SearchConfig
-from core.errors import CancelledError, IndexFormatError, OptionsError
+from core.errors import IndexFormatError, OptionsError
 from core.index.map_builder import build_map_index, index_config_digest
 from core.index.map_codec import decode_map_index, encode_map_index
 from core.index.map_index import INDEX_VERSION, MapIndex
 from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
+
+
+class WithdrawnError(Exception):
+    """What a caller may raise who no longer wants the work."""
 
 
 def test_an_index_describes_its_scan(box: PaintedBox, box_index: MapIndex) -> None:
@@ -63,9 +67,9 @@ def test_progress_moves_from_stage_to_stage_and_never_back(box: PaintedBox) -> N
 def test_registration_stops_when_its_progress_says_so(box: PaintedBox) -> None:
     def cancel(stage: str, share: float) -> None:
         if stage == "rendering starts":
-            raise CancelledError("withdrawn")
+            raise WithdrawnError("withdrawn")
 
-    with pytest.raises(CancelledError):
+    with pytest.raises(WithdrawnError):
         build_map_index(box.scan(3000), progress=cancel)
 
 

@@ -211,7 +211,7 @@ def test_a_pixel_more_or_less_than_two_to_one_is_forgiven(size: tuple[int, int])
 
 
 def test_a_bomb_is_refused_before_it_is_decoded() -> None:
-    with pytest.raises(PanoramaTooLargeError, match=r"40000 x 20000|far more"):
+    with pytest.raises(PanoramaTooLargeError, match=r"40,000 x 20,000"):
         read_panorama(png_bomb(40_000, 20_000))
 
 

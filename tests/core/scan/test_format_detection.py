@@ -8,6 +8,7 @@ import pytest
 
 from core.errors import ScanDamagedError, ScanFormatError
 from core.options import ScanOptions
+from core.scan.format_detection import extension_of
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
@@ -74,3 +75,18 @@ def test_an_empty_file_is_said_to_be_empty(scan_file: ScanFile, name: str) -> No
 def test_white_space_is_not_a_scan(scan_file: ScanFile, content: bytes) -> None:
     with pytest.raises(ScanFormatError):
         read_scan(scan_file("scan.xyz", content))
+
+
+@pytest.mark.parametrize(
+    ("name", "extension"),
+    [
+        ("a.PLY", ".ply"),
+        ("a", ""),
+        ("C:\\scans\\a.e57", ".e57"),
+        ("../../a.xyz", ".xyz"),
+        ("a.ply/..", ""),
+        ("a.b c", ""),
+    ],
+)
+def test_only_a_plain_extension_reaches_the_storage(name: str, extension: str) -> None:
+    assert extension_of(name) == extension

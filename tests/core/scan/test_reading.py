@@ -8,13 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import CancelledError, OptionsError, ScanContentError
+from core.errors import OptionsError, ScanContentError
 from core.options import ScanOptions
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
+
+
+class WithdrawnError(Exception):
+    """What a caller may raise who no longer wants the work."""
 
 
 def codes(cloud: PointCloud) -> list[str]:
@@ -141,9 +145,9 @@ def test_progress_rises_from_zero_to_one(scan_file: ScanFile) -> None:
 def test_what_the_progress_callback_raises_passes_through(cloud: PointCloud, scan_file: ScanFile) -> None:
     def cancel(fraction: float) -> None:
         if fraction > 0:
-            raise CancelledError("withdrawn")
+            raise WithdrawnError("withdrawn")
 
-    with pytest.raises(CancelledError, match="withdrawn"):
+    with pytest.raises(WithdrawnError, match="withdrawn"):
         read_scan(scan_file("scan.ply", encode_ply(cloud)), progress=cancel)
 
 

@@ -151,7 +151,7 @@ def test_a_header_that_names_no_colour_is_said(scan_file: ScanFile) -> None:
 
 
 def test_more_points_than_allowed_are_refused_while_reading(cloud: PointCloud, scan_file: ScanFile) -> None:
-    with pytest.raises(ScanContentError, match="at most 59 are read"):
+    with pytest.raises(ScanContentError, match="at most 59 points"):
         read_scan(scan_file("scan.xyz", table(cloud)), ScanOptions(max_points=59))
 
 

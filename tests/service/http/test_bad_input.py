@@ -8,6 +8,7 @@ from unittest.mock import AsyncMock
 
 import pytest
 
+from core.errors import ScanTooLargeError
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.lingering import LingeringClose
 from tests.service.http.fake_pool import ply_of
@@ -261,3 +262,12 @@ def test_a_client_that_sends_first_and_reads_later_learns_why_it_was_refused(
             urllib.request.urlopen(urllib.request.Request(f"{url}/maps", body, headers))
         assert caught.value.code == 413
         assert b"PANOLOC_MAX_UPLOAD_BYTES" in caught.value.read()
+
+
+async def test_a_scan_with_too_many_points_is_the_same_problem_at_the_upload_and_in_the_worker(
+    running: RunningService,
+) -> None:
+    refused = await running.upload(b"ply\nformat ascii 1.0\nelement vertex 999999999\nend_header\n", "a.ply")
+    running.pool.fail_register = [ScanTooLargeError("expected a scan of at most 5 points, got 6; thin the scan")]
+    failed = await running.settled((await running.upload()).json()["id"])
+    assert failed["error"]["type"] == refused.json()["type"] == "/problems/too-many-points"

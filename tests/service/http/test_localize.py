@@ -9,7 +9,16 @@ from typing import Any
 import pytest
 import redis
 
-from service.errors import DeadlineError, QueueFullError, WorkerError
+from core.errors import (
+    DeadlineExceededError,
+    OptionsError,
+    PanoramaDamagedError,
+    PanoramaFormatError,
+    PanoramaShapeError,
+    PanoramaTooLargeError,
+    ScanContentError,
+)
+from service.errors import QueueFullError, StoredFileMissingError, WorkerError
 from service.http.schemas import Localization, PendingLocalization
 from service.jobs import ARTIFACTS
 from tests.service.http.fake_pool import PNG, no_worker
@@ -121,7 +130,7 @@ async def test_several_maps_are_searched_each_once(running: RunningService) -> N
 
 async def test_a_tag_names_the_maps_that_are_ready_and_the_others_are_mentioned(running: RunningService) -> None:
     ready = await running.ready_map('{"tags": ["b7"]}')
-    running.pool.fail_register = [WorkerError("ScanContentError", "no colour")]
+    running.pool.fail_register = [ScanContentError("no colour")]
     failed = (await running.upload(options='{"tags": ["b7"]}')).json()["id"]
     await running.settled(failed)
     body = (await running.localize(None, tag="b7")).json()
@@ -139,7 +148,7 @@ async def test_a_map_that_is_not_ready_is_409_with_a_time_to_come_back(running: 
 
 
 async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningService) -> None:
-    running.pool.fail_register = [WorkerError("ScanContentError", "expected colours, got none")]
+    running.pool.fail_register = [ScanContentError("expected colours, got none")]
     map_id = (await running.upload()).json()["id"]
     await running.settled(map_id)
     reply = await running.localize(map_id)
@@ -151,14 +160,13 @@ async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningS
 @pytest.mark.parametrize(
     ("error", "status"),
     [
-        (WorkerError("PanoramaShapeError", "expected 2:1, got 3:2; crop it"), 422),
-        (WorkerError("PanoramaDamagedError", "expected a whole image, got half; send it again"), 422),
-        (WorkerError("PanoramaTooLargeError", "expected fewer pixels, got more; scale it"), 413),
-        (WorkerError("PanoramaFormatError", "expected an image, got text; convert it"), 415),
-        (WorkerError("OptionsError", "hints.radius_m: expected more than 0"), 422),
-        (WorkerError("DeadlineExceededError", "expected an answer in time"), 504),
+        (PanoramaShapeError("expected 2:1, got 3:2; crop it"), 422),
+        (PanoramaDamagedError("expected a whole image, got half; send it again"), 422),
+        (PanoramaTooLargeError("expected fewer pixels, got more; scale it"), 413),
+        (PanoramaFormatError("expected an image, got text; convert it"), 415),
+        (OptionsError("hints.radius_m: expected more than 0"), 422),
+        (DeadlineExceededError("expected an answer in time"), 504),
         (WorkerError("RuntimeError", "expected"), 500),
-        (DeadlineError("expected an answer in time"), 504),
         (QueueFullError("64 wait", 3), 429),
         (no_worker(), 503),
     ],
@@ -181,7 +189,7 @@ async def test_a_query_that_finds_its_revision_replaced_is_asked_again(running: 
         await asyncio.sleep(0.01)
     await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
     await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
-    running.pool.fail_localize = [WorkerError("StoredFileMissingError", "the scan is gone")]
+    running.pool.fail_localize = [StoredFileMissingError("the scan is gone")]
     running.pool.localize_gate.set()
     assert (await asking).json()["map_revision"] == 2
 
@@ -234,7 +242,7 @@ async def test_an_answer_can_be_fetched_later(running: RunningService) -> None:
 async def test_what_fails_later_says_so_where_the_answer_would_be(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
-    running.pool.fail_localize = [WorkerError("PanoramaShapeError", "expected 2:1, got 3:2")]
+    running.pool.fail_localize = [PanoramaShapeError("expected 2:1, got 3:2")]
     reply = await running.localize(map_id, headers={"Prefer": "respond-async"})
     running.pool.localize_gate.set()
     body = await running.eventually(reply.headers["location"], lambda body: body["status"] == "failed")
@@ -256,3 +264,9 @@ async def test_a_query_that_was_lost_with_the_service_is_said_to_have_failed(
     redis_client.set("localization:loc_x", json.dumps(state))
     body = (await running.client.get("/localizations/loc_x")).json()
     assert (body["status"], body["error"]["status"]) == ("failed", 504)
+
+
+async def test_a_query_needs_no_room_in_the_storage(running: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
+    map_id = await running.ready_map()
+    monkeypatch.setattr(running.storage, "spool_folder", lambda: pytest.fail("a query spools nothing"))
+    assert (await running.localize(map_id)).status_code == 200

@@ -8,8 +8,9 @@ import httpx
 import pytest
 import redis
 
+from core.errors import ScanContentError, ScanDamagedError
 from core.options import IndexOptions, ScanOptions
-from service.errors import CacheDownError, WorkerError
+from service.errors import CacheDownError
 from service.http.schemas import Map, MapPage
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService
@@ -56,7 +57,7 @@ async def test_progress_moves_while_a_worker_is_at_it(running: RunningService) -
 
 
 async def test_a_scan_that_cannot_become_a_map_leaves_a_failed_map_with_a_problem(running: RunningService) -> None:
-    running.pool.fail_register = [WorkerError("ScanContentError", "expected colours, got none; export with colours")]
+    running.pool.fail_register = [ScanContentError("expected colours, got none; export with colours")]
     body = await running.settled((await running.upload()).json()["id"])
     assert body["status"] == "failed"
     assert body["error"]["type"] == "/problems/scan-unusable"
@@ -181,7 +182,7 @@ async def test_a_map_deleted_while_a_new_scan_comes_in_stays_deleted(running: Ru
 
 async def test_a_new_scan_that_fails_leaves_the_old_one_serving(running: RunningService) -> None:
     map_id = await running.ready_map()
-    running.pool.fail_register = [WorkerError("ScanDamagedError", "cut off")]
+    running.pool.fail_register = [ScanDamagedError("cut off")]
     await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
     body = await running.settled(map_id)
     assert (body["status"], body["serving_revision"], body["revision"]) == ("failed", 1, 2)

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.errors import DamagedScanError, MalformedRequestError, StorageFullError, UploadTooLargeError
-from service.http.scan_sniffing import check_scan_file, scan_extension
+from service.errors import MalformedRequestError, StorageFullError, UploadTooLargeError
 from service.http.spool import PartRule, Spool
 from service.http.uploads import Form, read_form
 
@@ -95,63 +94,3 @@ def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
     with pytest.raises(StorageFullError) as caught:
         spool.write_out()
     assert caught.value.retry_after_s >= 10
-
-
-@pytest.mark.parametrize(
-    ("name", "extension"),
-    [
-        ("a.PLY", ".ply"),
-        ("a", ""),
-        ("C:\\scans\\a.e57", ".e57"),
-        ("../../a.xyz", ".xyz"),
-        ("a.ply/..", ""),
-        ("a.b c", ""),
-    ],
-)
-def test_only_a_plain_extension_reaches_the_storage(name: str, extension: str) -> None:
-    assert scan_extension(name) == extension
-
-
-def header_of(properties: str, count: int, more: str = "") -> bytes:
-    lines = [
-        "ply",
-        "format binary_big_endian 1.0",
-        "comment x",
-        f"element vertex {count}",
-        *properties.split(";"),
-        more,
-    ]
-    return "\r\n".join([*filter(None, lines), "end_header"]).encode() + b"\r\n"
-
-
-@pytest.mark.parametrize(
-    ("properties", "stride"),
-    [
-        ("property float x;property float y;property float z", 12),
-        ("property double x;property uchar red;property int8 a", 10),
-    ],
-)
-def test_a_binary_ply_holds_all_its_vertices_or_is_cut_off(tmp_path: Path, properties: str, stride: int) -> None:
-    file = tmp_path / "a.ply"
-    header = header_of(properties, 10, "element face 3\r\nproperty list uchar int vertex_indices")
-    file.write_bytes(header + bytes(10 * stride))
-    check_scan_file(file, max_points=10)
-    file.write_bytes(header + bytes(10 * stride - 1))
-    with pytest.raises(DamagedScanError, match=f"10 points of {stride} bytes"):
-        check_scan_file(file, max_points=10)
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"ply\nformat ascii 1.0\nelement vertex 5\nend_header\n",
-        header_of("property list uchar int x", 5),
-        header_of("property unknown x", 5),
-        b"ply\nno end",
-        b"LASF....",
-    ],
-)
-def test_what_cannot_be_checked_cheaply_is_left_to_the_reader(tmp_path: Path, content: bytes) -> None:
-    file = tmp_path / "a.ply"
-    file.write_bytes(content)
-    check_scan_file(file, max_points=10)

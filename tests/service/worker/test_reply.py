@@ -1,7 +1,9 @@
 import pytest
 
-from core.errors import CoreError, PanoramaShapeError
-from service import errors
+import core.errors
+import service.errors
+from core.errors import PanoramaShapeError
+from service.errors import EXPECTED_ERRORS, WorkerError
 from service.worker.reply import WorkerFailure, error_of, guarded
 
 
@@ -28,18 +30,25 @@ def test_what_ends_the_process_passes_through() -> None:
         guarded(lambda: (_ for _ in ()).throw(KeyboardInterrupt))
 
 
-def test_errors_of_the_service_come_back_as_themselves() -> None:
-    assert isinstance(error_of(WorkerFailure("CacheDownError", "no Redis")), errors.CacheDownError)
-    assert isinstance(error_of(WorkerFailure("MapNotFoundError", "gone")), errors.MapNotFoundError)
+RAISED = [
+    kind
+    for module in (core.errors, service.errors)
+    for kind in vars(module).values()
+    if isinstance(kind, type) and issubclass(kind, EXPECTED_ERRORS) and kind is not WorkerError
+]
 
 
-def test_a_deadline_inside_the_algorithm_is_a_deadline() -> None:
-    assert isinstance(error_of(WorkerFailure("DeadlineExceededError", "late")), errors.DeadlineError)
+@pytest.mark.parametrize("kind", RAISED, ids=lambda kind: kind.__name__)
+def test_what_is_raised_on_purpose_comes_back_as_itself(kind: type[Exception]) -> None:
+    _, failure = guarded(lambda: raise_(kind("expected this, got that")))
+    assert failure is not None
+    error = error_of(failure)
+    assert type(error) is kind
+    assert (str(error), failure.traceback) == ("expected this, got that", "")
 
 
-@pytest.mark.parametrize("kind", [*(each.__name__ for each in CoreError.__subclasses__()), "ZeroDivisionError", "Any"])
+@pytest.mark.parametrize("kind", ["ZeroDivisionError", "Any", "WorkerError", "EXPECTED_ERRORS"])
 def test_everything_else_keeps_its_name(kind: str) -> None:
     error = error_of(WorkerFailure(kind, "message"))
-    if kind != "DeadlineExceededError":
-        assert isinstance(error, errors.WorkerError)
-        assert error.kind == kind
+    assert isinstance(error, WorkerError)
+    assert (error.kind, str(error)) == (kind, "message")

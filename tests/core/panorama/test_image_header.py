@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from service.errors import UnknownImageError
-from service.image_header import read_image_header
+from core.errors import PanoramaFormatError
+from core.panorama.image_header import read_image_header
 
 WRITERS: dict[str, dict[str, Any]] = {
     "png": {"format": "PNG"},
@@ -38,7 +38,7 @@ def test_the_size_is_that_of_the_image(name: str) -> None:
 def test_any_bytes_have_a_size_or_are_no_image(data: bytes, head: bytes) -> None:
     try:
         header = read_image_header(head + data)
-    except UnknownImageError:
+    except PanoramaFormatError:
         return
     assert header.width >= 0
     assert header.height >= 0
@@ -48,7 +48,7 @@ def test_any_bytes_have_a_size_or_are_no_image(data: bytes, head: bytes) -> None
 def test_other_images_are_called_by_their_names(kind: str, said: str) -> None:
     data = io.BytesIO()
     Image.new("RGB", (8, 4)).save(data, kind)
-    with pytest.raises(UnknownImageError, match=said):
+    with pytest.raises(PanoramaFormatError, match=said):
         read_image_header(data.getvalue())
 
 
@@ -61,7 +61,7 @@ def test_other_images_are_called_by_their_names(kind: str, said: str) -> None:
     ],
 )
 def test_what_is_no_image_is_described(data: bytes, said: str) -> None:
-    with pytest.raises(UnknownImageError, match=said):
+    with pytest.raises(PanoramaFormatError, match=said):
         read_image_header(data)
 
 
@@ -112,12 +112,12 @@ def test_bytes_that_fill_up_before_a_marker_are_passed_over(count: int) -> None:
 
 @pytest.mark.parametrize("rest", [b"\xff", b"\xff\xe0", b"\xff\xe0\x00", b"\xff\xe0\x00\x09", frame(0xC0, *SIZE)[:8]])
 def test_a_jpeg_that_ends_before_its_size_is_refused(rest: bytes) -> None:
-    with pytest.raises(UnknownImageError, match="ends within its header"):
+    with pytest.raises(PanoramaFormatError, match="ends within its header"):
         read_image_header(SOI + b"\xff" + rest)
 
 
 def test_a_jpeg_whose_segments_do_not_meet_is_refused() -> None:
-    with pytest.raises(UnknownImageError):
+    with pytest.raises(PanoramaFormatError):
         read_image_header(SOI + segment(0xE0, b"JFIF") + b"\x00" + frame(0xC0, *SIZE))
 
 
@@ -167,12 +167,12 @@ def test_a_webp_says_its_size_in_one_of_three_ways(data: bytes, size: tuple[int,
 @pytest.mark.parametrize("data", [lossless_webp(30, 15), lossy_webp(30, 15), extended_webp(30, 15)])
 def test_a_webp_that_ends_within_its_size_is_refused(data: bytes) -> None:
     read_image_header(data)
-    with pytest.raises(UnknownImageError):
+    with pytest.raises(PanoramaFormatError):
         read_image_header(data[:24])
 
 
 def test_a_webp_of_an_unknown_kind_is_refused() -> None:
-    with pytest.raises(UnknownImageError):
+    with pytest.raises(PanoramaFormatError):
         read_image_header(webp(b"VP9 ", bytes(30)))
 
 
@@ -180,7 +180,7 @@ def test_a_png_says_its_size_in_four_bytes_a_side() -> None:
     data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 70_000, 35_000)
     header = read_image_header(data)
     assert (header.kind, header.width, header.height) == ("png", 70_000, 35_000)
-    with pytest.raises(UnknownImageError):
+    with pytest.raises(PanoramaFormatError):
         read_image_header(data[:-1])
-    with pytest.raises(UnknownImageError):
+    with pytest.raises(PanoramaFormatError):
         read_image_header(data.replace(b"IHDR", b"IDAT"))

@@ -1,9 +1,18 @@
-"""Size and kind of an image from its first bytes, so that a bomb is refused before anything is decoded."""
+"""Size and kind of an image from its first bytes, so that a bomb is refused before anything is decoded. Needs no numpy."""
 
 import struct
 from dataclasses import dataclass
 
-from service.errors import UnknownImageError
+from core.errors import (
+    MaskDamagedError,
+    MaskFormatError,
+    MaskTooLargeError,
+    PanoramaDamagedError,
+    PanoramaFormatError,
+    PanoramaTooLargeError,
+)
+
+KNOWN_FORMATS = "JPEG, PNG or WebP"
 
 _JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE_MARKERS = frozenset({0x01, *range(0xD0, 0xD9)})
@@ -18,8 +27,35 @@ class ImageHeader:
     height: int
 
 
+@dataclass(frozen=True)
+class Upload:
+    """One of the two files of a query: its name in messages, and the errors by which callers know which one is at fault."""
+
+    name: str
+    format_error: type[PanoramaFormatError]
+    damaged_error: type[PanoramaDamagedError]
+    too_large_error: type[PanoramaTooLargeError]
+
+
+IMAGE = Upload("image", PanoramaFormatError, PanoramaDamagedError, PanoramaTooLargeError)
+MASK = Upload("mask", MaskFormatError, MaskDamagedError, MaskTooLargeError)
+
+
+def check_image(data: bytes, upload: Upload, max_pixels: int) -> None:
+    """Look at the header of an upload. Raises its `format_error`, or `too_large_error` for more than `max_pixels` pixels."""
+    try:
+        header = read_image_header(data)
+    except PanoramaFormatError as error:
+        raise upload.format_error(f"{upload.name}: {error}") from error
+    if header.width * header.height > max_pixels:
+        raise upload.too_large_error(
+            f"{upload.name}: expected at most {max_pixels:,} pixels, got {header.width:,} x {header.height:,}; scale it down, "
+            "4096 x 2048 is plenty"
+        )
+
+
 def read_image_header(data: bytes) -> ImageHeader:
-    """Return kind and size of a JPEG, PNG or WebP image. Raises UnknownImageError for anything else."""
+    """Return kind and size of a JPEG, PNG or WebP image. Raises PanoramaFormatError for anything else."""
     try:
         if data.startswith(b"\x89PNG\r\n\x1a\n") and data[12:16] == b"IHDR":
             return ImageHeader("png", *struct.unpack(">II", data[16:24]))
@@ -28,10 +64,10 @@ def read_image_header(data: bytes) -> ImageHeader:
         if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
             return _webp(data)
     except (struct.error, IndexError) as error:
-        raise UnknownImageError(
+        raise PanoramaFormatError(
             f"expected an image, got one that ends within its header ({len(data):,} bytes); send the whole file"
         ) from error
-    raise UnknownImageError(f"expected a JPEG, PNG or WebP image, got {_description(data)}; convert it to one of them")
+    raise PanoramaFormatError(f"expected a {KNOWN_FORMATS} image, got {_description(data)}; convert it to one of them")
 
 
 def _jpeg(data: bytes) -> ImageHeader:
