@@ -1,5 +1,6 @@
-"""What is known of a map, as it is stored and as it is shown: written by the HTTP process alone, read by workers that
-rebuild an index.
+"""One map: what is known of it, as it is stored and as it is shown.
+
+Written by the HTTP process alone, read by workers that rebuild an index.
 
 A record lives in storage under `maps/{id}/map.json` and bears its own digest, because it is replaced in one step.
 """

@@ -16,6 +16,7 @@ from service.errors import NoWorkerError
 from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
+from service.ray.cluster_loss import ClusterLoss
 from service.ray.map_builds import MapBuilds
 from service.ray.serving import RayServing
 from service.worker.reply import WorkerReply, error_of
@@ -28,8 +29,6 @@ _RESTART_PAUSE_S = 5.0
 _MAX_ATTEMPTS = 3
 _LEAVE_S = 10.0
 _MAX_REBUILDS = 2
-# What starting Ray takes on a small machine.
-_START_S = 20
 
 
 class RayPool:
@@ -52,22 +51,21 @@ class RayPool:
         self._workers: dict[str, WorkerReply[Any]] = {}
         self._index_loads: dict[str, int] = {}
         self._num_retries = 0
-        self._limits: set[asyncio.Timeout] = set()
-        self._loss: str | None = None
-        self._on_loss: Callable[[], None] = lambda: None
+        self._loss = ClusterLoss(cluster)
+        self._loss.call(self.begin_drain)
 
     @property
     def loss(self) -> str | None:
         """Return which process of a cluster of our own ended; the service cannot serve any more then. None: all is well."""
-        return self._loss
+        return self._loss.reason
 
     def call_on_loss(self, callback: Callable[[], None]) -> None:
         """Let `callback` be called in the event loop when the cluster is lost; callers are refused by then."""
-        self._on_loss = callback
+        self._loss.call(callback)
 
     async def start(self) -> None:
         """Begin to bring the workers up and return at once; `state` tells when they are."""
-        self._watch = asyncio.gather(self._keep_up(), self._watch_processes())
+        self._watch = asyncio.gather(self._keep_up(), self._loss.watch())
 
     async def stop(self, drain_s: float) -> None:
         """Take nothing more, wait up to `drain_s` for what is under way, then end the workers.
@@ -81,7 +79,7 @@ class RayPool:
         if self._watch is not None:
             self._watch.cancel()
             await asyncio.gather(self._watch, return_exceptions=True)
-        if self._loss is None:
+        if self._loss.reason is None:
             await self._builds.cancel()
             try:
                 async with asyncio.timeout(_LEAVE_S):
@@ -130,8 +128,7 @@ class RayPool:
         return self._outcome(await self._builds.register(job))
 
     def _require_workers(self) -> Any:
-        if self._loss is not None:
-            raise self._loss_error()
+        self._loss.require_none()
         if self._draining or self._handle is None:
             raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
         return self._handle
@@ -162,17 +159,9 @@ class RayPool:
         raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while they computed this answer")
 
     async def _before_deadline(self, work: Any, job: LocalizeJob) -> Any:
-        remaining_s = job.deadline_unix_s - time.time()
         try:
-            async with asyncio.timeout(max(0.0, remaining_s)) as limit:
-                self._limits.add(limit)
-                try:
-                    return await work
-                finally:
-                    self._limits.discard(limit)
+            return await self._loss.wait(work, max(0.0, job.deadline_unix_s - time.time()))
         except TimeoutError as error:
-            if self._loss is not None:
-                raise self._loss_error() from error
             raise DeadlineExceededError(
                 "no answer within timeout_s; allow more time, or narrow the search with hints"
             ) from error
@@ -202,7 +191,7 @@ class RayPool:
             except asyncio.CancelledError:
                 raise
             except Exception as error:
-                if self._is_lost():
+                if self._loss.has_come():
                     return
                 _log.warning("the worker pool is down, starting it again", extra={"error": str(error)}, exc_info=True)
                 self._waiting_for = f"workers ({error})"
@@ -221,36 +210,6 @@ class RayPool:
         handle, staffing = await self._in_ray_thread(self._serving.deploy)
         self._admission.set_num_workers(staffing.num_workers)
         self._handle = handle
-
-    async def _watch_processes(self) -> None:
-        """Look for the end of a Ray process on the side, because whoever waits for an answer of Ray does not learn of it."""
-        while not self._is_lost():
-            await asyncio.sleep(_WATCH_PERIOD_S)
-
-    def _is_lost(self) -> bool:
-        """Tell whether a cluster of our own has lost a process; the first time, refuse all callers and say so.
-
-        Ray does not come back from this within one process: a second cluster starts beside what is left of the first,
-        and queries under way are never answered.
-        """
-        if self._loss is not None:
-            return True
-        self._loss = self._cluster.missing_process()
-        if self._loss is None:
-            return False
-        _log.error(
-            "the service ends: its workers are lost, and only a new process gets others",
-            extra={"error": self._loss, "advice": "let a supervisor start it again; was the machine out of memory?"},
-        )
-        self.begin_drain()
-        for limit in self._limits:
-            if not limit.expired():
-                limit.reschedule(0.0)
-        self._on_loss()
-        return True
-
-    def _loss_error(self) -> NoWorkerError:
-        return NoWorkerError(f"the service ends, because {self._loss}; try again once it runs again", _START_S)
 
     async def _look_after(self) -> None:
         self._num_running = await self._in_ray_thread(self._serving.num_running)

@@ -1,4 +1,4 @@
-"""What runs inside Ray: the replica that answers queries, and the task that builds a map's index.
+"""What runs in Ray's processes: the replica that answers queries, and the tasks that build a map's index.
 
 Imported by Ray's workers and, when the pool starts, by the HTTP process; the algorithm is imported by workers alone.
 """

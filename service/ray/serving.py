@@ -1,4 +1,4 @@
-"""The blocking half of the pool: what is asked of Ray, in the one thread that Ray's processes are tied to."""
+"""Calls of Ray Serve: brings workers up, counts them, submits tasks. Blocking, in the one thread that Ray's processes are tied to."""
 
 import hashlib
 import logging

@@ -1,4 +1,4 @@
-"""The body of a worker that answers queries. Knows nothing of Ray and of HTTP."""
+"""The worker that answers queries: finds the index of the map, decodes the panorama, localizes it, draws the pictures."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""The body of a registration: read the scan, build its index, put it into Redis. Runs in a process of its own."""
+"""The worker that registers maps: reads the scan, builds its index, puts it into Redis. Runs in a process of its own."""
 
 import dataclasses
 import os

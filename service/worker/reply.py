@@ -1,5 +1,7 @@
-"""What comes back from a worker: values, never exceptions, because Ray wraps exceptions in classes of its own, and the
-exceptions of libraries cannot be unpickled where those are not imported.
+"""What comes back from a worker: an outcome, or a failure in its place.
+
+Values, never exceptions, because Ray wraps exceptions in classes of its own, and the exceptions of libraries cannot be
+unpickled where those are not imported.
 """
 
 import traceback
