@@ -15,6 +15,9 @@ Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
 ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
 """The pictures that a query may ask for; keys of `LocalizeOutcome.pictures`."""
 
+LONGEST_NAME, LONGEST_TAG = 200, 64
+"""Characters of a map's name and of a tag."""
+
 PAPER_TIMEOUT_S = 600.0
 """Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
 

@@ -56,16 +56,7 @@ def run_service(settings: Settings) -> int:
 def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:
     """Put the pool together from the settings; nothing starts yet."""
     cluster = RayCluster(settings.ray_address, folder.path / "ray", lifeline)
-    worker_settings = WorkerSettings(
-        redis_url=redis_url,
-        storage_url=settings.storage_url,
-        resident_bytes=settings.resident_bytes,
-        max_pixels=settings.max_pixels,
-        max_points=settings.max_points,
-        max_points_used=settings.max_points_used,
-        index_lifetime_s=settings.index_ttl_s,
-    )
-    serving = RayServing(cluster, WorkerPlan(worker_settings), settings.num_workers)
+    serving = RayServing(cluster, WorkerPlan(WorkerSettings.of(settings, redis_url)), settings.num_workers)
     return RayPool(cluster, serving, Admission(settings.queue_limit), settings.num_registrations)
 
 

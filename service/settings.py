@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import AliasChoices, Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from core.options import MAX_PIXELS, Method, ScanOptions
 from service.api_keys import ApiKeys
 from service.jobs import PAPER_TIMEOUT_S
 
@@ -33,18 +34,20 @@ class Settings(BaseSettings):
     )
     max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
     max_image_bytes: int = Field(64 * 2**20, ge=1, description="Bytes of one uploaded panorama or mask.")
-    max_pixels: int = Field(100_000_000, ge=1, description="Pixels of a panorama; checked before it is decoded.")
-    max_points: int = Field(200_000_000, ge=1, description="Points of a scan; a scan with more is refused.")
-    max_points_used: int = Field(500_000, ge=1, description="Points of a scan that remain after thinning.")
+    max_pixels: int = Field(MAX_PIXELS, ge=1, description="Pixels of a panorama; checked before it is decoded.")
+    max_points: int = Field(ScanOptions.max_points, ge=1, description="Points of a scan; a scan with more is refused.")
+    max_points_used: int = Field(
+        ScanOptions.max_points_used, ge=1, description="Points of a scan that remain after thinning."
+    )
     max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
     default_timeout_s: float = Field(
         60.0,
         gt=0,
-        description="Seconds for a query that names no `timeout_s` itself; `method: paper` gets at least "
-        f"{PAPER_TIMEOUT_S:g}, as far as the next setting allows.",
+        description="Seconds for a query that names no `timeout_s` itself, at least "
+        f"{PAPER_TIMEOUT_S:g} for `method: paper`; as far as the next setting allows.",
     )
-    max_timeout_s: float = Field(600.0, gt=0, description="Longest `timeout_s` that a query may ask for.")
+    max_timeout_s: float = Field(PAPER_TIMEOUT_S, gt=0, description="Longest `timeout_s` that a query may ask for.")
     result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
     index_ttl_s: int = Field(
         30 * 24 * 3600, ge=60, description="Seconds for which Redis keeps a map index after its last use."
@@ -77,11 +80,10 @@ class Settings(BaseSettings):
         """Return the API keys and what each may do."""
         return ApiKeys.parse(self.api_keys)
 
-    def timeout_s_of(self, method: str) -> float:
+    def timeout_s_of(self, method: Method) -> float:
         """Return the seconds for a query of this method that names none itself."""
-        if method == "paper":
-            return min(max(self.default_timeout_s, PAPER_TIMEOUT_S), self.max_timeout_s)
-        return self.default_timeout_s
+        wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if method == "paper" else self.default_timeout_s
+        return min(wanted, self.max_timeout_s)
 
     @property
     def storage_url(self) -> str:

@@ -2,52 +2,38 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
+from core.options import MAX_TOP_K, Frame, Method
+from core.panorama.image_header import KNOWN_FORMATS
 from service.cli.answer_files import AnswerFolder
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.progress import show_waiting
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.client import ApiProblemError, JsonObject, PanolocClient
-from service.jobs import ARTIFACTS, PAPER_TIMEOUT_S
+from service.jobs import ARTIFACTS, QueryOptions
 
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]
 
 
-class Frame(StrEnum):
-    """Axes in which the pose is given."""
-
-    ros = "ros"
-    opencv = "opencv"
-    webxr = "webxr"
-    unity = "unity"
-
-
-class Method(StrEnum):
-    """How the pose is searched."""
-
-    fast = "fast"
-    paper = "paper"
-
-
 def localize(
     ctx: typer.Context,
     panoramas: Annotated[
-        list[Path], typer.Argument(exists=True, dir_okay=False, readable=True, help="Panoramas (2:1 JPEG, PNG, WebP).")
+        list[Path],
+        typer.Argument(exists=True, dir_okay=False, readable=True, help=f"Panoramas (2:1; {KNOWN_FORMATS})."),
     ],
     map_id: Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")] = None,
     tag: Annotated[str | None, typer.Option(help="Search all maps that bear this tag instead.")] = None,
     out: Annotated[
         Path | None, typer.Option(file_okay=False, help="Folder for the answers and score-map pictures.")
     ] = None,
-    frame: Annotated[Frame, typer.Option(help="Axes in which the pose is given.")] = Frame.ros,
-    method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = Method.fast,
+    frame: Annotated[Frame, typer.Option(help="Axes in which the pose is given.")] = QueryOptions.frame,
+    method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = QueryOptions.method,
     mask: Annotated[
         Path | None, typer.Option(exists=True, dir_okay=False, help="Image; its non-zero pixels are ignored.")
     ] = None,
@@ -62,12 +48,14 @@ def localize(
     heading_tolerance: Annotated[
         float | None, typer.Option(help="Hint: --heading is right within this, degrees.")
     ] = None,
-    top_k: Annotated[int, typer.Option(min=1, max=32, help="Poses to return, alternatives included.")] = 1,
+    top_k: Annotated[
+        int, typer.Option(min=1, max=MAX_TOP_K, help="Poses to return, alternatives included.")
+    ] = QueryOptions.top_k,
     timeout: Annotated[
         float | None,
         typer.Option(
             min=0.1,
-            help=f"Seconds until the service gives up; its own setting when left out, {PAPER_TIMEOUT_S:g} for paper.",
+            help="Seconds until the service gives up; when left out, as many as it allows by itself: more for paper.",
         ),
     ] = None,
     url: UrlOption = DEFAULT_URL,
@@ -80,11 +68,10 @@ def localize(
             param_hint="--map",
         )
     hints = _hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
-    options: JsonObject = {"frame": frame.value, "method": method.value, "top_k": top_k}
+    options: JsonObject = {"frame": frame, "method": method, "top_k": top_k}
     options["artifacts"] = list(ARTIFACTS) if out else []
     options |= {"hints": hints} if hints else {}
-    timeout_s = PAPER_TIMEOUT_S if timeout is None and method is Method.paper else timeout
-    options |= {"timeout_s": timeout_s} if timeout_s else {}
+    options |= {"timeout_s": timeout} if timeout else {}
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:

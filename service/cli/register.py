@@ -1,38 +1,16 @@
 """`panoloc register`: upload a scan and wait until it can be localized in."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from core.options import ColorKind, ScanOptions, Unit, UpAxis
 from service.cli.progress import show_registration, show_upload
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_summary
 from service.client import JsonObject, PanolocClient, UnreachableError
-
-
-class Unit(StrEnum):
-    """Units that a scan may be in."""
-
-    m = "m"
-    cm = "cm"
-    mm = "mm"
-    ft = "ft"
-
-
-class UpAxis(StrEnum):
-    """Axes that may point up in a scan."""
-
-    z = "z"
-    y = "y"
-
-
-class ColorKind(StrEnum):
-    """What the colours of a scan mean."""
-
-    rgb = "rgb"
-    labels = "labels"
+from service.jobs import LONGEST_NAME
 
 
 def register(
@@ -42,11 +20,11 @@ def register(
     ],
     name: Annotated[str | None, typer.Option(help="Name for people; the file's name when not given.")] = None,
     tag: Annotated[list[str] | None, typer.Option(help="Tag to find the map by; repeatable.")] = None,
-    unit: Annotated[Unit, typer.Option(help="Unit of the scan's coordinates.")] = Unit.m,
-    up_axis: Annotated[UpAxis, typer.Option(help="Axis of the scan that points up.")] = UpAxis.z,
+    unit: Annotated[Unit, typer.Option(help="Unit of the scan's coordinates.")] = ScanOptions.unit,
+    up_axis: Annotated[UpAxis, typer.Option(help="Axis of the scan that points up.")] = ScanOptions.up_axis,
     color_kind: Annotated[
         ColorKind, typer.Option(help="Photographic colours, or colour codes of semantic labels.")
-    ] = ColorKind.rgb,
+    ] = ScanOptions.color_kind,
     wait: Annotated[bool, typer.Option(help="Wait until the map is ready.")] = True,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
@@ -55,11 +33,11 @@ def register(
     session: Session = ctx.obj
     session.json_output = json
     options: JsonObject = {
-        "name": name or scan.stem,
+        "name": name or scan.stem[:LONGEST_NAME],
         "tags": tag or [],
-        "unit": unit.value,
-        "up_axis": up_axis.value,
-        "color_kind": color_kind.value,
+        "unit": unit,
+        "up_axis": up_axis,
+        "color_kind": color_kind,
     }
     with session.client(url) as client:
         place = upload_and_wait(session, client, scan, options, wait=wait)

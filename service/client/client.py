@@ -152,9 +152,10 @@ class PanolocClient:
     ) -> JsonObject:
         """Send a panorama and return the answer; `status` says whether a pose was found.
 
-        Either `map_ids` or `tag` names the maps. options: the `options` of `POST /localize`.
+        Either `map_ids` or `tag` names the maps. options: the `options` of `POST /localize`; without a `timeout_s` the
+        service's own rule says how long it takes, which may be many minutes, and so the answer is waited for.
         """
-        deadline_s = float((options or {}).get("timeout_s") or READ_TIMEOUT_S)
+        deadline_s = (options or {}).get("timeout_s")
         fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
         fields |= {"tag": tag} if tag else {}
         fields |= {"options": json.dumps(options)} if options else {}
@@ -163,7 +164,8 @@ class PanolocClient:
             files: JsonObject = {"image": (_sendable(panorama.name), image, _image_type(panorama))}
             if mask is not None:
                 files["mask"] = (_sendable(mask.name), stack.enter_context(mask.open("rb")), _image_type(mask))
-            limits = httpx.Timeout(deadline_s + DEADLINE_MARGIN_S, connect=CONNECT_TIMEOUT_S)
+            wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
+            limits = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
             reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)
         return _json_object(_checked(reply))
 

@@ -6,10 +6,13 @@ Both travel with the worker, also to another machine.
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
 from service.worker.reply import WorkerReply
+
+if TYPE_CHECKING:
+    from service.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -23,12 +26,25 @@ class WorkerSettings:
 
     redis_url: str
     storage_url: str
+    resident_bytes: int
+    max_pixels: int
+    max_points: int
+    max_points_used: int
+    index_lifetime_s: int
     workers_per_machine: int = 1
-    resident_bytes: int = 2 * 2**30
-    max_pixels: int = 100_000_000
-    max_points: int = 200_000_000
-    max_points_used: int = 500_000
-    index_lifetime_s: int = 30 * 24 * 3600
+
+    @classmethod
+    def of(cls, settings: "Settings", redis_url: str) -> "WorkerSettings":
+        """Return what the settings of the service say. redis_url: the one that it uses, which may be its own."""
+        return cls(
+            redis_url=redis_url,
+            storage_url=settings.storage_url,
+            resident_bytes=settings.resident_bytes,
+            max_pixels=settings.max_pixels,
+            max_points=settings.max_points,
+            max_points_used=settings.max_points_used,
+            index_lifetime_s=settings.index_ttl_s,
+        )
 
 
 class QueryWorker(Protocol):

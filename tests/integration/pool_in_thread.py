@@ -16,6 +16,7 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
 from service.ray.serving import RayServing
+from service.settings import Settings
 from service.worker.plan import WorkerPlan, WorkerSettings
 
 Result = TypeVar("Result")
@@ -33,7 +34,11 @@ class PoolInThread:
         self.redis = EmbeddedRedis(folder, self.lifeline)
         self.redis.start()
         scripted = "tests.integration.scripted_worker:ScriptedWorker"
-        plan = WorkerPlan(WorkerSettings(redis_url or self.redis.url, str(folder)), worker=scripted, registrar=scripted)
+        plan = WorkerPlan(
+            WorkerSettings.of(Settings(data_dir=folder), redis_url or self.redis.url),
+            worker=scripted,
+            registrar=scripted,
+        )
         cluster = RayCluster(ray_address, folder / "ray", self.lifeline)
         self.pool = self.run(self._build(cluster, RayServing(cluster, plan, None)))
         self.run(self.pool.start())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import DeadlineExceededError
+from core.errors import DeadlineExceededError, PanoramaShapeError
 from service.errors import QueueFullError, ServiceError
 from service.host.process_tree import descendants, process_name
 from service.jobs import LocalizeOutcome
@@ -51,8 +51,8 @@ def test_a_query_that_kills_its_worker_is_tried_again(running: PoolInThread) -> 
     assert running.localize(query("crash", crash_once=True)).search["request_id"] == "crash"
 
 
-def test_what_the_worker_could_not_do_becomes_a_service_error(running: PoolInThread) -> None:
-    with pytest.raises(ServiceError, match="as the script says"):
+def test_what_the_worker_raises_on_purpose_is_raised_here_as_well(running: PoolInThread) -> None:
+    with pytest.raises(PanoramaShapeError, match="as the script says"):
         running.localize(query("bad", fail="PanoramaShapeError"))
 
 

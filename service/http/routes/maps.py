@@ -16,6 +16,7 @@ from service.http.schemas import Map, MapPage, MapPatch
 from service.http.schemas.maps import MAP_EXAMPLE
 from service.http.uploads import read_body
 from service.http.validation import parse_json
+from service.jobs import LONGEST_TAG
 from service.maps.record import MapRecord, map_document
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -39,7 +40,7 @@ _log = structlog.get_logger(__name__)
 )
 async def list_maps(
     request: Request,
-    tag: Annotated[str | None, Query(description="Only maps that bear this tag.", max_length=64)] = None,
+    tag: Annotated[str | None, Query(description="Only maps that bear this tag.", max_length=LONGEST_TAG)] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Maps on a page.")] = 50,
     cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=512)] = None,
 ) -> Response:

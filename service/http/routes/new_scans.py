@@ -14,12 +14,12 @@ from service.errors import InvalidOptionsError
 from service.http.access import require
 from service.http.openapi import binary_part, json_part, multipart
 from service.http.schemas import Map, MapOptions, ScanOptions
-from service.http.schemas.map_options import LONGEST_NAME, MAP_OPTIONS_EXAMPLE
+from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledScan, disk_error
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
-from service.jobs import MapRef, RegisterOptions, new_id, now
+from service.jobs import LONGEST_NAME, MapRef, RegisterOptions, new_id, now
 from service.maps.record import MapRecord, Revision, map_document
 from service.problems import error_responses
 from service.services import Services, services_of

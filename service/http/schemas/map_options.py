@@ -2,23 +2,22 @@
 
 from typing import Annotated, Any
 
-from pydantic import Field, StringConstraints, field_validator
+from pydantic import AfterValidator, Field, StringConstraints
 
 from core import options
 from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
 from service.http.schemas.geometry import Box, Model
-from service.jobs import RegisterOptions
+from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 from service.maps.record import options_from_json, options_to_json
 
-LONGEST_NAME = 200
 # No control characters: names and tags end up in logs, terminals and URLs.
 _PRINTABLE = r"^[^\x00-\x1f\x7f]*$"
 
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
 ]
-Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=64, pattern=_PRINTABLE)]
-Tags = Annotated[list[Tag], Field(max_length=32)]
+Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_TAG, pattern=_PRINTABLE)]
+Tags = Annotated[list[Tag], Field(max_length=32), AfterValidator(lambda tags: list(dict.fromkeys(tags)))]
 
 
 class StartsOptions(Model):
@@ -71,11 +70,6 @@ class MapOptions(ScanOptions):
     tags: Tags = Field(default_factory=list, description="A query may name a tag instead of maps.")
     georeference: Georeference | None = None
 
-    @field_validator("tags")
-    @classmethod
-    def _each_once(cls, tags: list[str]) -> list[str]:
-        return list(dict.fromkeys(tags))
-
 
 class MapPatch(Model):
     """The body of `PATCH /maps/{id}`: fields left out stay as they are; `georeference: null` removes it."""
@@ -83,11 +77,6 @@ class MapPatch(Model):
     name: Name = ""
     tags: Tags = Field(default_factory=list)
     georeference: Georeference | None = None
-
-    @field_validator("tags")
-    @classmethod
-    def _each_once(cls, tags: list[str]) -> list[str]:
-        return list(dict.fromkeys(tags))
 
     def changes(self) -> dict[str, Any]:
         """Return the fields that were given, JSON-safe."""

@@ -3,8 +3,11 @@
 import json
 from pathlib import Path
 
+import httpx
 import pytest
 
+from core.options import MAX_TOP_K
+from service.http.schemas import LocalizeOptions
 from service.jobs import PAPER_TIMEOUT_S
 from service.settings import Settings
 from tests.service.cli.commands import Panoloc
@@ -114,9 +117,9 @@ def test_several_maps_and_all_options_reach_the_service(
 
 @pytest.mark.parametrize(
     ("arguments", "timeout_s"),
-    [([], None), (["--method", "paper"], 600), (["--method", "paper", "--timeout", "12"], 12)],
+    [([], None), (["--method", "paper"], None), (["--method", "paper", "--timeout", "12"], 12)],
 )
-def test_the_papers_recipe_is_given_minutes_unless_told_otherwise(
+def test_the_service_says_how_long_a_query_may_take_unless_the_user_does(
     panoloc: Panoloc, fake: FakeService, panorama: Path, arguments: list[str], timeout_s: float | None
 ) -> None:
     assert panoloc("localize", panorama, "--map", "map_1", *arguments).code == 0
@@ -125,6 +128,32 @@ def test_the_papers_recipe_is_given_minutes_unless_told_otherwise(
 
 def test_a_service_that_nobody_has_configured_allows_what_the_papers_recipe_is_given() -> None:
     assert Settings.model_fields["max_timeout_s"].default >= PAPER_TIMEOUT_S
+
+
+@pytest.mark.parametrize(("top_k", "code"), [(MAX_TOP_K, 0), (MAX_TOP_K + 1, 2)])
+def test_the_command_asks_for_no_more_poses_than_the_service_gives(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, top_k: int, code: int
+) -> None:
+    assert panoloc("localize", panorama, "--map", "map_1", "--top-k", top_k).code == code
+    for sent in fake.parts.get("options", []):
+        LocalizeOptions.model_validate_json(sent)
+    assert LocalizeOptions.model_json_schema()["properties"]["top_k"]["maximum"] == MAX_TOP_K
+
+
+@pytest.mark.parametrize(("arguments", "read_s"), [([], None), (["--timeout", 12], 42)])
+def test_an_answer_is_waited_for_as_long_as_the_service_may_take(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, arguments: list[object], read_s: float | None
+) -> None:
+    waited: list[float | None] = []
+    answer = fake.handle
+
+    def noting(request: httpx.Request) -> httpx.Response:
+        waited.append(request.extensions["timeout"]["read"])
+        return answer(request)
+
+    fake.handle = noting  # type: ignore[method-assign]
+    assert panoloc("localize", panorama, "--map", "map_1", *arguments).code == 0
+    assert waited == [read_s]
 
 
 def test_a_tag_stands_for_all_its_maps(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:

@@ -89,6 +89,7 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
         ({}, {}, 60),
         ({"method": "paper"}, {}, 600),
         ({"method": "paper"}, {"max_timeout_s": 300}, 300),
+        ({}, {"max_timeout_s": 30}, 30),
         ({"method": "paper"}, {"default_timeout_s": 900, "max_timeout_s": 1800}, 900),
         ({"method": "paper", "timeout_s": 7}, {}, 7),
     ],

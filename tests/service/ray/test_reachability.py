@@ -8,6 +8,7 @@ import pytest
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.ray.reachability import leave_token, missing_here
+from service.settings import Settings
 from service.worker.plan import WorkerSettings
 
 
@@ -17,7 +18,7 @@ def settings() -> Iterator[WorkerSettings]:
         lifeline = Lifeline()
         server = EmbeddedRedis(Path(folder), lifeline)
         server.start()
-        yield WorkerSettings(redis_url=server.url, storage_url=folder)
+        yield WorkerSettings.of(Settings(data_dir=Path(folder)), server.url)
         server.stop()
         lifeline.close()
 

@@ -25,6 +25,7 @@ from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.jobs import LocalizeJob, MapRef, QueryOptions, RegisterJob, RegisterOptions
 from service.maps.record import MapRecord, Revision, key_of, write_record
+from service.settings import Settings
 from service.storage import FolderStorage
 from service.worker.localization_worker import LocalizationWorker
 from service.worker.map_catalog import MapCatalog
@@ -69,7 +70,7 @@ def place() -> Iterator[Place]:
         server.start()
         storage = FolderStorage(folder / "data")
         job = store_box(storage)
-        settings = WorkerSettings(redis_url=server.url, storage_url=str(folder / "data"))
+        settings = WorkerSettings.of(Settings(data_dir=folder / "data"), server.url)
         cache, localizer = WorkerCache(server.url, index_lifetime_s=60), MadeUpLocalizer()
         yield Place(
             Registrar(settings, MapCatalog(storage), cache),
