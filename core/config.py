@@ -1,86 +1,159 @@
-"""Configuration: one frozen dataclass per step, each default in one place with its source."""
+"""Configuration: one frozen dataclass per step, each default in one place with its unit and its source.
+
+Where no other source is named, a figure was chosen by measurement on cases with known poses (docs/experiments.md).
+"""
 
 import hashlib
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, replace
+
+
+@dataclass(frozen=True)
+class PoseDistance:
+    """Two poses that are nearer to each other than both of these are one."""
+
+    distance_m: float
+    angle_deg: float
+
+
+@dataclass(frozen=True)
+class ContrastConfig:
+    """Local contrast (see `core.light.local_contrast`)."""
+
+    darkest: float = 0.03  # colour, added before the logarithm: below it there is only noise
+    sampled_rows: int = 64  # of a large image these say as much of the surroundings as all of it
+    rows: int = 16  # of the image in which surroundings are averaged; they are smooth
+    concentration: float = 40.0  # of the weights around a direction: a standard deviation of 9 degrees
+    scale: float = 0.5  # logarithm of the ratio at which contrast begins to saturate
+
+
+@dataclass(frozen=True)
+class LightFitConfig:
+    """Gain and offset between scan and photo (see `core.light.light_fit`)."""
+
+    min_gain: float = 0.3
+    max_gain: float = 3.0
+    prior: float = 1e-3  # variance of colours with which a gain of 1 counts
+
+
+@dataclass(frozen=True)
+class RenderingConfig:
+    """Synthetic views (see `core.views.synthetic_view`)."""
+
+    footprint: float = 1.5  # pixel size over point spacing at which a random sampling of a surface leaves few holes
+    slack_spacings: float = 4.0  # depth range of one surface inside a pixel seen at a slant, in point spacings
+    slack_share: float = 0.02  # likewise, of the depth
+    fill_levels: int = 2  # holes up to 4 pixels are filled from their surroundings
+
+
+# How images are made and compared, alike for scan and photo and in every step.
+CONTRAST, LIGHT_FIT, RENDERING = ContrastConfig(), LightFitConfig(), RenderingConfig()
 
 
 @dataclass(frozen=True)
 class StartsConfig:
-    """Where the search starts (see `core.index.starts`). Metres."""
+    """Where the search starts (see `core.index.starts`)."""
 
-    spacing_m: float = 0.5  # basin of convergence in a furnished room (measured)
+    spacing_m: float = 0.5  # basin of convergence in a furnished room
     max_starts: int = 800
     clearance_m: float = 0.25  # nobody holds a camera closer to a surface
     thinning_share: float = 0.75  # of the spacing
-    min_coverage_share: float = (
-        0.6  # of what well-placed starts see; below it a start lies outside of the scanned space
-    )
+    stray_share: float = 0.002  # of the points, at each end of an axis, that do not count as extent
+    max_cells: int = 20_000_000  # more do not fit into memory; a scan that large is no building, or its unit is wrong
+    # Of what well-placed starts see; below it a start lies outside of the scanned space.
+    min_coverage_share: float = 0.6
+    well_placed_quantile: float = 0.9
+
+
+@dataclass(frozen=True)
+class DescriptorConfig:
+    """How patches are described (see `core.describe`), the same for an index and the queries to it."""
+
+    patch_rows: int = 8  # paper, §4: 8 x 16 patches
+    patch_columns: int = 16
+    view_height: int = 64  # eight rows of pixels in a patch are enough for its histogram
+    bins: int = 8  # per channel, joint (paper, §4)
+    size: int = 32  # of 1,024 bins; more gain none
+    basis_views: int = 160  # that principal directions are taken from
+    basis_patches: int = 20_000
 
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """The search over all starts and rotations (see `core.describe.patch_descriptors`, `core.search.pose_scores`)."""
+    """The search over all starts and rotations (see `core.search`)."""
 
-    patch_rows: int = 8  # paper, §4: 8 x 16 patches
-    patch_columns: int = 16
-    view_height: int = 64  # eight rows of pixels in a patch are enough for its histogram (measured)
-    bins: int = 8  # per channel, joint
-    descriptor_size: int = 32  # of 1,024 bins; more gain none (docs/experiments.md)
     num_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
-    # A first pass with pairs of rows and columns of patches taken together discards most starts (docs/experiments.md).
+    # A first pass with pairs of rows and columns of patches taken together discards most starts.
     coarse_rotations: int = 576
-    coarse_kept_share: float = (
-        1 / 3
-    )  # of the starts; the right one was among the first 0.23 wherever the full search finds it
+    coarse_kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
     coarse_kept_starts: int = 128  # never fewer
     num_candidates: int = 32
-    distinct_angle_deg: float = 25.0  # candidates closer than both of these are one candidate
-    distinct_distance_m: float = 0.8
+    distinct: PoseDistance = PoseDistance(0.8, 25.0)
+    # Poses looked at for each candidate; the second number only where too few of the first differ.
+    pools: tuple[int, ...] = (16, 100)
+    min_pool: int = 256
+    # Hints cut off no start or rotation nearer to their limits than half the spacing of either.
+    hint_margin_m: float = 0.5
+    hint_margin_deg: float = 12.0
 
 
 @dataclass(frozen=True)
-class Rest:
+class StoppingRule:
     """When candidates stop before their last step; looked at after every `interval` steps.
 
-    move_m, turn_rad: a candidate whose last step was shorter than both rests. apart_m, apart_rad: of candidates nearer to each other
-    than both, the one with the smallest loss goes on alone.
+    move_m, turn_rad: a candidate whose last step was shorter than both has converged. merge: of candidates nearer to each other the one
+    with the smallest loss goes on alone.
     """
 
     move_m: float
     turn_rad: float
-    apart_m: float = 0.0
-    apart_rad: float = 0.0
+    merge: PoseDistance | None = None
     interval: int = 4
 
 
 @dataclass(frozen=True)
-class RefinementConfig:
-    """Refinement coarse to fine (see `core.refine.gauss_newton`, `core.fast_method`)."""
+class StepConfig:
+    """One step of Gauss-Newton (see `core.refine.gauss_newton`)."""
 
-    coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
-    coarse_iterations: tuple[int, int] = (16, 12)  # at most, at 32 and 64 rows
-    # Of local contrast in the colours that are aligned: half where poses may lie far off in another light, less where millimetres
-    # count (docs/experiments.md).
-    contrast_share: float = 0.5
-    fine_contrast_share: float = 0.3
-    coarse_rest: Rest = Rest(0.01, 0.01, 0.1, 0.05)
-    robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses (docs/experiments.md)
+    fit_light: bool = True  # gain and offset per channel; labels have no light
+    robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses, at full resolution millimetres
     min_residual: float = 0.02  # floor of the robust scale, canonical colours
     min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
+    median_points: int = 512  # whose median residual is within some percent of that of all
+    max_turn_rad: float = 0.2
+    max_move_m: float = 0.3
+    damping: float = 1e-3  # of the diagonal; 1e-4 and 1e-2 are worse
+    relaxation: float = 1.5  # the first step is this much longer, later ones by what the last one fell short
+    max_relaxation: float = 5.0
+
+    def for_labels(self) -> "StepConfig":
+        """Return the configuration of a step on label codes."""
+        return replace(self, fit_light=False, min_residual=self.min_residual_labels)
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """Refinement coarse to fine (see `core.fast_method`). Iterations: at most; heights: rows of an image."""
+
+    coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
+    coarse_iterations: tuple[int, int] = (16, 12)  # at half the rows of a view, and at all of them
+    # Of local contrast in the colours that are aligned: half where poses may lie far off in another light, less where
+    # millimetres count.
+    contrast_share: float = 0.5
+    fine_contrast_share: float = 0.3
+    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, PoseDistance(0.1, 2.865))
     middle_candidates: int = 8
-    middle_margin: float = (
-        0.35  # of the judge's score; candidates further behind the best never won (docs/experiments.md)
-    )
+    middle_margin: float = 0.35  # of the judge's score; candidates further behind the best never won
     middle_points: int = 4096
-    middle_iterations: int = 6  # at most, in each of the rounds below
-    middle_rest: Rest = Rest(0.002, 0.002, interval=3)
-    # Rows of the image, and robust scale: changed furniture loses its vote as poses settle.
+    middle_iterations: int = 6  # in each of the rounds below
+    middle_stop: StoppingRule = StoppingRule(0.002, 0.002, interval=3)
+    # Rows, and robust scale: changed furniture loses its vote as poses settle.
     middle_rounds: tuple[tuple[int, float], ...] = ((64, 2.5), (128, 1.5))
-    fine_rest: Rest = Rest(0.0003, 0.0003, interval=2)
-    fine_robust_scale: float = 2.5  # 1.5 loses millimetres (docs/experiments.md)
+    unchanged_distance: float = 0.3  # canonical colour distance at which a pixel counts half as unchanged
+    unchanged_regions: int = 32  # that the height of a view is divided into, to tell what changed
+    fine_stop: StoppingRule = StoppingRule(0.0003, 0.0003, interval=2)
     fine_candidates: int = 2
     fine_margin: float = 0.25  # of the judge's score; candidates further behind the best never won
-    visibility_height: int = 256  # rows of the rendering that finds the points seen at full resolution
+    visibility_height: int = 256  # of the rendering that finds the points seen at full resolution
     fine_height: int = 256
     fine_points: int = 12_000
     fine_iterations: int = 6
@@ -91,15 +164,37 @@ class RefinementConfig:
 
 @dataclass(frozen=True)
 class JudgeConfig:
-    """The comparison of the scan rendered at a refined pose with the panorama (see `core.judge.agreement`)."""
+    """The scan rendered at a refined pose against the panorama, and which poses differ (see `core.judge`)."""
 
-    height: int = 64
+    height: int = 64  # rows of the rendering
     final_height: int = 128
+    patch_rows: int = 8
+    inlier_distance: float = 0.15  # canonical colour distance at which a pixel counts half
+    brightness_bins: int = 16  # of the mutual information
+    min_variance: float = 1e-4  # of canonical colours; below it contrast is noise
+    min_patch_variance: float = 1e-3
+    merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
+    distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
+    place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
+    ambiguous_margin: float = 0.08  # of the score, between two places that both fit well
+    # Of the score, in the features of the confidence: beyond the first the runner-up says nothing more; the second stands
+    # for a runner-up that is not there. The coefficients were fitted with both.
+    max_margin: float = 0.5
+    unknown_margin: float = 0.2
+
+
+@dataclass(frozen=True)
+class ChangeConfig:
+    """What has changed since the scan (see `core.judge.change_maps`)."""
+
+    half_score_distance: float = 0.2  # of canonical colours; the score is 0.5 there
+    changed_below: float = 0.5  # score
+    sampled_points: int = 50_000  # of the scan, enough for a fraction
 
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """The paper's own parameters (§4 and supplement)."""
+    """The paper's own parameters (§4 and supplement), and those of the reference implementation."""
 
     num_starts: int = 100
     num_rotations: int = 216
@@ -110,10 +205,14 @@ class PaperConfig:
     map_columns: int = 32
     bins: int = 8
     view_height: int = 128
+    image_height: int = 512
     iterations: int = 100
-    learning_rate: float = 0.1  # of the reference implementation
+    learning_rate: float = 0.1  # radians and metres; of the reference implementation
+    learning_rate_decay: float = 0.8  # of the reference implementation
+    patience: int = 5  # iterations without a smaller loss before it decays; of the reference implementation
     match_colors: bool = True
     initialize_by_histograms: bool = True
+    initial_loss_points: int = 2_000  # where poses are initialized by the sampling loss instead
     use_score_map_2d: bool = True
     use_score_map_3d: bool = True
 
@@ -122,22 +221,25 @@ class PaperConfig:
 class LocalizerConfig:
     """Everything that a query is answered with."""
 
-    search: SearchConfig = field(default_factory=SearchConfig)
-    refinement: RefinementConfig = field(default_factory=RefinementConfig)
-    judge: JudgeConfig = field(default_factory=JudgeConfig)
-    paper: PaperConfig = field(default_factory=PaperConfig)
+    descriptors: DescriptorConfig = DescriptorConfig()
+    search: SearchConfig = SearchConfig()
+    step: StepConfig = StepConfig()
+    refinement: RefinementConfig = RefinementConfig()
+    judge: JudgeConfig = JudgeConfig()
+    change: ChangeConfig = ChangeConfig()
+    paper: PaperConfig = PaperConfig()
 
 
 @dataclass(frozen=True)
 class IndexConfig:
     """Everything that a map index is built with."""
 
-    starts: StartsConfig = field(default_factory=StartsConfig)
-    search: SearchConfig = field(default_factory=SearchConfig)
-    finest_spacing_m: float = 0.025  # points closer together move no pose (docs/experiments.md)
+    starts: StartsConfig = StartsConfig()
+    descriptors: DescriptorConfig = DescriptorConfig()
+    finest_spacing_m: float = 0.025  # points closer together move no pose
     finest_spacing_share: float = 1 / 300  # of the scan's diagonal, where that is less: models and toys
-    render_batch: int = 8  # views rendered at once
 
     def digest(self) -> str:
         """Return 16 hex digits that change whenever an index built with this configuration would."""
-        return hashlib.sha256(repr(sorted(asdict(self).items())).encode()).hexdigest()[:16]
+        settings = sorted(asdict(self).items())
+        return hashlib.sha256(repr((settings, CONTRAST, RENDERING)).encode()).hexdigest()[:16]

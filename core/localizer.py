@@ -13,18 +13,16 @@ from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.change_maps import ChangeMaps, change_maps
 from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
-from core.judge.hypotheses import Hypothesis, MethodResult, distinct_places
+from core.judge.hypotheses import Hypothesis, MethodResult, distinct
 from core.options import MAX_TOP_K, Hints, Method, Status
 from core.panorama.panorama import Panorama
 from core.paper.paper_method import PaperMethod
 from core.results import Candidate, Evidence, Localization, SearchSummary
-from core.search.map_search import make_search_rotations
 from core.stage_clock import StageClock
 
 _HINTS_MAY_BE_WRONG = (
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"
 )
-_AMBIGUOUS_MARGIN = 0.08  # of the judge's score, between two places that both fit well
 
 
 class Localizer:
@@ -36,8 +34,8 @@ class Localizer:
     def __init__(self, config: LocalizerConfig | None = None, device: str | None = None) -> None:
         self.config = config or LocalizerConfig()
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        self._fast = FastMethod(self.config, self.device, make_search_rotations(self.config.search, self.device))
-        self._paper = PaperMethod(self.config.paper, self.device)
+        self._fast = FastMethod(self.config, self.device)
+        self._paper = PaperMethod(self.config, self.device)
         self._confidence = load_confidence_model()
 
     def localize(
@@ -88,7 +86,7 @@ class Localizer:
             )
             return Localization("not_localized", search, clock.timings_s, warnings=(warning,))
         with clock.stage("confidence"):
-            places = distinct_places(result.hypotheses)
+            places = distinct(result.hypotheses, self.config.judge.place)
             candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
             status = self._status(places, candidates)
             formal = formal_radii(places[0])
@@ -96,7 +94,8 @@ class Localizer:
         changes: ChangeMaps | None = None
         if result.comparison is not None and result.cloud is not None:
             with clock.stage("change"):
-                changes = change_maps(result.comparison, result.cloud, places[0].rotation, places[0].position)
+                best = places[0]
+                changes = change_maps(result.comparison, result.cloud, best.rotation, best.position, self.config.change)
         shown = len(candidates) if status == "ambiguous" else top_k
         return Localization(
             status=status,
@@ -120,7 +119,7 @@ class Localizer:
         return Candidate(
             pose=pose,
             map_position=hypothesis.map_number,
-            confidence=self._confidence.probability(features_of(hypothesis, rival)),
+            confidence=self._confidence.probability(features_of(hypothesis, rival, self.config.judge)),
             score=hypothesis.score,
             sampling_loss=hypothesis.loss,
             color_model="labels" if index.labels is not None else hypothesis.color_model,
@@ -131,9 +130,9 @@ class Localizer:
         """Say whether the best pose is sure, one of several equals, or a guess."""
         model: ConfidenceModel = self._confidence
         rival = max((h.score for h in places[1:]), default=0.0)
-        if places[0].score - rival < _AMBIGUOUS_MARGIN:
+        if places[0].score - rival < self.config.judge.ambiguous_margin:
             # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-            alone = model.probability(features_of(places[0], 0.0))
+            alone = model.probability(features_of(places[0], 0.0, self.config.judge))
             if alone >= model.threshold:
                 return "ambiguous"
         return "localized" if candidates[0].confidence >= model.threshold else "not_localized"

@@ -40,8 +40,8 @@ def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Te
     return (roots - mean) * valid[..., None], weights
 
 
-def principal_basis(roots: Tensor, size: int, sample: int = 20_000) -> Tensor:
-    """Return the (bins³, size) orthonormal directions along which centred roots (V, P, bins³) vary most."""
+def principal_basis(roots: Tensor, size: int, sample: int) -> Tensor:
+    """Return the (bins³, size) orthonormal directions along which centred roots (V, P, bins³) vary most, told from `sample` patches."""
     flat = roots.flatten(0, 1)
     # In double precision: bins that no patch uses make the matrix singular, and single precision then returns NaN at times.
     flat = flat[:: max(1, len(flat) // sample)].double()

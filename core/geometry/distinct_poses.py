@@ -6,25 +6,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from core.config import PoseDistance
+
 
 def first_distinct(
     rotations: Tensor,
     positions: Tensor,
-    distance_m: float,
-    angle_deg: float,
+    near: PoseDistance,
     groups: Tensor | None = None,
     count: int | None = None,
 ) -> list[int]:
     """Return the numbers of poses (K,) that are near none before them that is returned, the first `count` of them.
 
-    rotations: (K, 3, 3); positions: (K, 3) metres. Near: closer than both limits, and of the same group (K,) where there are groups.
+    rotations: (K, 3, 3); positions: (K, 3) metres. Only poses of the same group (K,) are near each other, where there are groups.
     """
     # All pairs at once: one by one they cost more than the rendering they save.
-    near = torch.cdist(positions, positions) < distance_m
-    near &= rotations.flatten(1) @ rotations.flatten(1).T > 1 + 2 * math.cos(math.radians(angle_deg))
+    alike = torch.cdist(positions, positions) < near.distance_m
+    alike &= rotations.flatten(1) @ rotations.flatten(1).T > 1 + 2 * math.cos(math.radians(near.angle_deg))
     if groups is not None:
-        near &= groups[:, None] == groups
-    rows = near.cpu().numpy()
+        alike &= groups[:, None] == groups
+    rows = alike.cpu().numpy()
     taken = np.zeros(len(rows), dtype=bool)
     kept: list[int] = []
     while not taken.all() and len(kept) != count:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from core.config import IndexConfig
+from core.config import DescriptorConfig, IndexConfig, StartsConfig
 from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
@@ -23,7 +23,7 @@ from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
 from core.scan.voxel_thinning import thin_to_spacing
 from core.views.render_cloud import RenderCloud, make_render_cloud, point_spacing
-from core.views.synthetic_view import render_views
+from core.views.synthetic_view import RENDER_BATCH, render_views
 
 Progress = Callable[[str, float], None]
 
@@ -57,13 +57,13 @@ def build_map_index(
     labels = label_codes(raw) if options.color_kind == "labels" else None
     colors = raw.float() / 255 if labels is None else labels.recode(raw)[0]
     spacing = point_spacing(positions)
-    views = _ViewCollector(config, labels)
+    views = _ViewCollector(config.descriptors, labels)
     centers = torch.from_numpy(starts.positions).float().to(device)
-    rendered, batch = make_render_cloud(positions, colors, spacing), config.render_batch
-    for first in range(0, len(centers), batch):
+    rendered = make_render_cloud(positions, colors, spacing)
+    for first in range(0, len(centers), RENDER_BATCH):
         report("rendering starts", first / len(centers))
-        views.add(rendered, centers[first : first + batch])
-    keep = views.well_covered(config.starts.min_coverage_share)
+        views.add(rendered, centers[first : first + RENDER_BATCH])
+    keep = views.well_covered(config.starts)
     report("describing views", 0.0)
     descriptors = views.describe(keep)
     report("describing views", 1.0)
@@ -84,40 +84,41 @@ def build_map_index(
 class _ViewCollector:
     """Collects what is kept of each batch of synthetic views."""
 
-    def __init__(self, config: IndexConfig, labels: LabelCodes | None) -> None:
-        search = config.search
-        self.grid = PatchGrid(search.patch_rows, search.patch_columns)
-        self.height, self.width, self.bins = search.view_height, 2 * search.view_height, search.bins
-        self.descriptor_size, self.labels = search.descriptor_size, labels
+    def __init__(self, config: DescriptorConfig, labels: LabelCodes | None) -> None:
+        self.config, self.labels = config, labels
+        self.grid = PatchGrid(config.patch_rows, config.patch_columns)
         self.histograms: list[Tensor] = []
         self.coverage: list[Tensor] = []
         self.sampled_shares: list[Tensor] = []
 
     def add(self, cloud: RenderCloud, centers: Tensor) -> None:
         """Render the views from `centers` (B, 3) and keep histograms and coverage."""
-        views = render_views(cloud, centers, self.height, self.width)
-        solid = pixel_solid_angles(self.height, self.width, centers.device).expand(-1, self.width)
+        height, width = self.config.view_height, 2 * self.config.view_height
+        views = render_views(cloud, centers, height, width)
+        solid = pixel_solid_angles(height, width, centers.device).expand(-1, width)
         weights = views.valid * solid
         flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)
         canonical = flat if self.labels is not None else equalize(flat, flat_weights)
         histogram = described_histograms(
-            views.color, canonical, views.valid.float(), weights, self.grid, self.bins, self.labels is not None
+            views.color, canonical, views.valid.float(), weights, self.grid, self.config.bins, self.labels is not None
         )
         self.histograms.append(histogram.half())
         self.coverage.append(weights.sum((1, 2)) / solid.sum())
         self.sampled_shares.append(((views.point >= 0) * solid).sum((1, 2)) / solid.sum())
 
-    def well_covered(self, share: float) -> Tensor:
+    def well_covered(self, config: StartsConfig) -> Tensor:
         """Return the numbers of the views that see enough to lie inside the scanned space."""
         coverage = torch.cat(self.coverage)
-        return (coverage >= share * torch.quantile(coverage, 0.9)).nonzero()[:, 0]
+        return (
+            coverage >= config.min_coverage_share * torch.quantile(coverage, config.well_placed_quantile)
+        ).nonzero()[:, 0]
 
     def describe(self, keep: Tensor) -> ViewDescriptors:
         """Return the descriptors of the kept views."""
         solid = self.grid.solid_angles(keep.device)
         histograms = torch.cat(self.histograms)[keep]
-        sample = histograms[:: max(1, len(histograms) // 160)].float()
-        basis = principal_basis(centered_roots(sample, solid)[0], self.descriptor_size)
+        sample = histograms[:: max(1, len(histograms) // self.config.basis_views)].float()
+        basis = principal_basis(centered_roots(sample, solid)[0], self.config.size, self.config.basis_patches)
         values, weights = [], []
         for part in torch.split(histograms, 64):
             roots, weight = centered_roots(part.float(), solid)

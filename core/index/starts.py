@@ -17,7 +17,6 @@ from core.config import StartsConfig
 from core.errors import OptionsError
 
 FloatArray = NDArray[np.float64]
-_MAX_CELLS = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -43,10 +42,9 @@ def octree_starts(
     region: (min, max), each (3,), to stay inside. The spacing grows where the free volume holds more than `config.max_starts`.
     Raises OptionsError when no start fits.
     """
-    lower, upper = _extent(positions, region)
-    # Grids of more cells than this would not fit into memory; a scan that large is no building, or its unit is wrong.
+    lower, upper = _extent(positions, config.stray_share, region)
     volume = float(np.prod(np.maximum(upper - lower, 1.0)))
-    spacing = max(config.spacing_m, 4 * (volume / _MAX_CELLS) ** (1 / 3))
+    spacing = max(config.spacing_m, 4 * (volume / config.max_cells) ** (1 / 3))
     for _ in range(12):
         starts = _empty_leaves(positions, lower, upper, spacing, config.clearance_m)
         starts = _thin(starts, config.thinning_share * spacing)
@@ -67,7 +65,7 @@ def grid_starts(
     positions: NDArray[np.float32], config: StartsConfig, region: tuple[FloatArray, FloatArray] | None = None
 ) -> Starts:
     """Return a regular grid over the scan's bounds or the region (paper, supplement: open spaces), at most `config.max_starts`."""
-    lower, upper = region if region is not None else _extent(positions, None)
+    lower, upper = region if region is not None else _extent(positions, config.stray_share)
     if not bool((upper > lower).all()):
         raise OptionsError(
             f"starts.region: expected min below max on every axis, got {lower.tolist()} and {upper.tolist()}"
@@ -84,11 +82,11 @@ def grid_starts(
 
 
 def _extent(
-    positions: NDArray[np.float32], region: tuple[FloatArray, FloatArray] | None
+    positions: NDArray[np.float32], stray_share: float, region: tuple[FloatArray, FloatArray] | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds without the outermost 0.2 % of the points (strays far outside would spend the starts), cut to the region."""
+    """Return the bounds without the outermost points (strays far outside would spend the starts), cut to the region."""
     sample = positions[:: max(1, len(positions) // 200_000)].astype(np.float64)
-    lower, upper = np.quantile(sample, 0.002, axis=0), np.quantile(sample, 0.998, axis=0)
+    lower, upper = np.quantile(sample, stray_share, axis=0), np.quantile(sample, 1 - stray_share, axis=0)
     if region is None:
         return lower, upper
     return np.maximum(lower, region[0]), np.minimum(upper, region[1])

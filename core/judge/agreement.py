@@ -13,11 +13,9 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
+from core.config import JudgeConfig
 from core.judge.hypotheses import Hypothesis
 from core.views.comparison import Comparison
-
-_INLIER_SCALE = 0.15  # canonical colour distance at which a pixel counts half
-_BINS = 16
 
 
 @dataclass(frozen=True)
@@ -41,24 +39,22 @@ class Agreement:
         return (self.correlation + self.patch_correlation) * self.coverage.clamp(0, 1).sqrt()
 
 
-def agreement(comparison: Comparison, height: int, patch_rows: int = 8) -> Agreement:
+def agreement(comparison: Comparison, height: int, config: JudgeConfig) -> Agreement:
     """Measure how well the two sides of a comparison of `height` rows agree."""
     scan, panorama = comparison.scan, comparison.panorama
     total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
     share = comparison.weights / total
-    correlation = _correlation(scan, panorama, share, 1e-4).mean(-1)
-    rows, columns = height // patch_rows, height // patch_rows
-    patches = [_in_patches(x, height, rows, columns) for x in (scan, panorama, share[..., None])]
+    correlation = _correlation(scan, panorama, share, config.min_variance).mean(-1)
+    patches = [_in_patches(x, height, height // config.patch_rows) for x in (scan, panorama, share[..., None])]
     weight = patches[2][..., 0]
     mass = weight.sum(-1)
-    inside = _correlation(patches[0], patches[1], weight / mass.clamp_min(1e-12)[..., None], 1e-3, joint_channels=True)[
-        ..., 0
-    ]
-    distance_square = (scan - panorama).square().sum(-1) / _INLIER_SCALE**2
+    share_inside = weight / mass.clamp_min(1e-12)[..., None]
+    inside = _correlation(patches[0], patches[1], share_inside, config.min_patch_variance, joint_channels=True)[..., 0]
+    distance_square = (scan - panorama).square().sum(-1) / config.inlier_distance**2
     return Agreement(
         correlation,
         (inside * mass).sum(-1),
-        _mutual_information(scan.mean(-1), panorama.mean(-1), share),
+        _mutual_information(scan.mean(-1), panorama.mean(-1), share, config.brightness_bins),
         (share / (1 + distance_square)).sum(-1),
         total[:, 0] / (4 * torch.pi),
     )
@@ -80,23 +76,23 @@ def _correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joi
     return covariance / ((variances[0] + floor) * (variances[1] + floor)).sqrt()
 
 
-def _in_patches(values: Tensor, height: int, rows: int, columns: int) -> Tensor:
-    """Reorder (K, H W, C) to (K, patches, pixels of a patch, C)."""
+def _in_patches(values: Tensor, height: int, side: int) -> Tensor:
+    """Reorder (K, H W, C) to (K, patches, pixels of a patch, C); patches are `side` pixels high and wide."""
     batch, _, channels = values.shape
-    grid = values.view(batch, height // rows, rows, 2 * height // columns, columns, channels)
-    return grid.transpose(2, 3).reshape(batch, -1, rows * columns, channels)
+    grid = values.view(batch, height // side, side, 2 * height // side, side, channels)
+    return grid.transpose(2, 3).reshape(batch, -1, side * side, channels)
 
 
-def _mutual_information(first: Tensor, second: Tensor, share: Tensor) -> Tensor:
+def _mutual_information(first: Tensor, second: Tensor, share: Tensor, bins: int) -> Tensor:
     """Return the mutual information (K,) in nats of two brightness images (K, S) in 0..1, by a joint histogram."""
-    cell = (first * _BINS).long().clamp(0, _BINS - 1) * _BINS + (second * _BINS).long().clamp(0, _BINS - 1)
-    joint = torch.zeros((len(first), _BINS * _BINS), device=first.device).scatter_add_(1, cell, share)
-    joint = joint.view(-1, _BINS, _BINS)
+    cell = (first * bins).long().clamp(0, bins - 1) * bins + (second * bins).long().clamp(0, bins - 1)
+    joint = torch.zeros((len(first), bins * bins), device=first.device).scatter_add_(1, cell, share)
+    joint = joint.view(-1, bins, bins)
     independent = joint.sum(2, keepdim=True) * joint.sum(1, keepdim=True)
     return (joint * ((joint + 1e-12) / (independent + 1e-12)).log()).sum((1, 2))
 
 
-def judged_hypotheses(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
+def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
     """Return the hypotheses (K) with their score and measures."""
     names = [field.name for field in fields(measured)]
     columns = torch.stack([measured.score, *(getattr(measured, name) for name in names)], dim=1)

@@ -12,15 +12,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from core.config import ChangeConfig
 from core.geometry.projection import pixel_directions, project, sample_bilinear, wrap_border
 from core.light.light_fit import fit_gain_offset
 from core.views.comparison import Comparison
 from core.views.render_cloud import RenderCloud
 from core.views.synthetic_view import visible_points
-
-_HALF_SCORE_DISTANCE = 0.2  # of canonical colours; the score is 0.5 there
-_CHANGED_BELOW = 0.5
-_SAMPLED_POINTS = 50_000
 
 
 @dataclass(frozen=True)
@@ -37,20 +34,22 @@ class ChangeMaps:
     map_changed_fraction: float
 
 
-def change_maps(comparison: Comparison, cloud: RenderCloud, rotation: Tensor, position: Tensor) -> ChangeMaps:
+def change_maps(
+    comparison: Comparison, cloud: RenderCloud, rotation: Tensor, position: Tensor, config: ChangeConfig
+) -> ChangeMaps:
     """Score pixels and points at one pose: rotation (3, 3) map_from_camera, position (3,); the comparison holds this pose alone."""
     height, width = comparison.views.depth.shape[1:]
-    scores = _pixel_scores(comparison).view(height, width)
+    scores = _pixel_scores(comparison, config).view(height, width)
     seen = comparison.weights[0].view(height, width) > 0
     total = comparison.weights.sum().clamp_min(1e-9)
-    changed = (comparison.weights[0] * (scores.flatten() < _CHANGED_BELOW)).sum() / total
+    changed = (comparison.weights[0] * (scores.flatten() < config.changed_below)).sum() / total
     in_map = torch.where(seen, scores, torch.full_like(scores, torch.nan))
     depth = comparison.views.depth[0]
     # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
-    sample = cloud.positions[:: max(1, len(cloud.positions) // _SAMPLED_POINTS)]
+    sample = cloud.positions[:: max(1, len(cloud.positions) // config.sampled_points)]
     points = _point_scores(in_map, depth, sample, cloud.spacing, position)
     known = ~points.isnan()
-    changed_points = (points[known] < _CHANGED_BELOW).float().mean() if bool(known.any()) else torch.zeros(())
+    changed_points = (points[known] < config.changed_below).float().mean() if bool(known.any()) else torch.zeros(())
     directions = pixel_directions(height, width, rotation.device) @ rotation.T
     u, v = project(directions, height, width)
     share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
@@ -63,17 +62,17 @@ def change_maps(comparison: Comparison, cloud: RenderCloud, rotation: Tensor, po
     return ChangeMaps(in_camera.cpu().numpy(), point_scores, float(changed), float(changed_points))
 
 
-def _pixel_scores(comparison: Comparison) -> Tensor:
+def _pixel_scores(comparison: Comparison, config: ChangeConfig) -> Tensor:
     """Return a score per pixel (S,) from canonical colours after a last fit of light, forgiving shifts of one pixel."""
     scan, panorama, weights = comparison.scan, comparison.panorama, comparison.weights
     for _ in range(3):
         gain, offset = fit_gain_offset(panorama, scan, weights)
         fitted = panorama * gain[:, None] + offset[:, None]
-        distance = (fitted - scan).norm(dim=-1) / _HALF_SCORE_DISTANCE
+        distance = (fitted - scan).norm(dim=-1) / config.half_score_distance
         weights = comparison.weights / (1 + distance.square()).square()
     height, width = comparison.views.depth.shape[1:]
     shape = (3, height, width)
-    sharp = _nearest_distance(fitted[0].T.reshape(shape), scan[0].T.reshape(shape)) / _HALF_SCORE_DISTANCE
+    sharp = _nearest_distance(fitted[0].T.reshape(shape), scan[0].T.reshape(shape)) / config.half_score_distance
     score = 1 / (1 + sharp.square())
     # Changes are objects, not pixels: a median-like smoothing removes single outliers at edges.
     padded = wrap_border(score[None])

@@ -12,13 +12,10 @@ from importlib import resources
 
 import torch
 
+from core.config import JudgeConfig
 from core.judge.hypotheses import Hypothesis
 
 FEATURES = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "log_coverage", "margin")
-
-
-# Beyond this the runner-up says nothing more; without one (all candidates in one place) the margin is neither sign.
-_MAX_MARGIN, _UNKNOWN_MARGIN = 0.5, 0.2
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ def load_confidence_model() -> ConfidenceModel:
     )
 
 
-def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, float]:
+def features_of(hypothesis: Hypothesis, best_elsewhere: float, config: JudgeConfig) -> dict[str, float]:
     """Return the signs of confidence of a hypothesis; `best_elsewhere`: the judge's score of the best candidate at
     another place, 0 where there is none."""
     measures = hypothesis.measures
@@ -73,7 +70,9 @@ def features_of(hypothesis: Hypothesis, best_elsewhere: float) -> dict[str, floa
         "mutual_information": measures["mutual_information"],
         "inlier_share": measures["inlier_share"],
         "log_coverage": math.log(max(measures["coverage"], 1e-3)),
-        "margin": min(hypothesis.score - best_elsewhere, _MAX_MARGIN) if best_elsewhere > 0 else _UNKNOWN_MARGIN,
+        "margin": min(hypothesis.score - best_elsewhere, config.max_margin)
+        if best_elsewhere > 0
+        else config.unknown_margin,
     }
 
 

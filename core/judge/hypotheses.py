@@ -2,18 +2,17 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
 
+from core.config import PoseDistance
 from core.geometry.distinct_poses import first_distinct
 from core.geometry.rotations import rotation_angle
+from core.refine.refinement import Refined
 from core.views.comparison import Comparison
 from core.views.render_cloud import RenderCloud
-
-# Poses further apart than either of these are different answers.
-ELSEWHERE_M, ELSEWHERE_DEG = 0.5, 15.0
 
 
 @dataclass(frozen=True)
@@ -39,11 +38,11 @@ class Hypothesis:
     iterations: int = 0
     color_model: str = "equalized"
 
-    def is_near(self, other: "Hypothesis", distance_m: float, angle_deg: float) -> bool:
-        """Tell whether both are the same place and orientation within the limits."""
-        if self.map_number != other.map_number or float((self.position - other.position).norm()) >= distance_m:
+    def is_near(self, other: "Hypothesis", near: PoseDistance) -> bool:
+        """Tell whether both are the same place and orientation of the same map within the limits."""
+        if self.map_number != other.map_number or float((self.position - other.position).norm()) >= near.distance_m:
             return False
-        return float(rotation_angle(self.rotation, other.rotation)) < math.radians(angle_deg)
+        return float(rotation_angle(self.rotation, other.rotation)) < math.radians(near.angle_deg)
 
 
 @dataclass(frozen=True)
@@ -69,47 +68,51 @@ def stacked_poses(hypotheses: Sequence[Hypothesis]) -> tuple[Tensor, Tensor]:
     return torch.stack([h.rotation for h in hypotheses]), torch.stack([h.position for h in hypotheses])
 
 
-def best_distinct(
-    hypotheses: Sequence[Hypothesis], count: int, distance_m: float = 0.15, angle_deg: float = 4.0
-) -> list[Hypothesis]:
-    """Return up to `count` hypotheses by falling score, leaving out those that converged to one already taken."""
-    return _first_distinct(sorted(hypotheses, key=lambda h: -h.score), count, distance_m, angle_deg)
+def with_refined(group: Sequence[Hypothesis], refined: Refined) -> list[Hypothesis]:
+    """Return those hypotheses of a group (K) that refinement left, with their new poses and what the last step told of them."""
+    columns = (refined.numbers, refined.loss, refined.scale, refined.steps)
+    return [
+        replace(
+            group[int(number)],
+            rotation=refined.rotations[k],
+            position=refined.positions[k],
+            loss=loss,
+            hessian=refined.hessian[k],
+            residual_scale=scale,
+            iterations=group[int(number)].iterations + int(steps),
+        )
+        for k, (number, loss, scale, steps) in enumerate(torch.stack([c.double() for c in columns], dim=1).tolist())
+    ]
 
 
-def converged(hypotheses: Sequence[Hypothesis], distance_m: float = 0.1, angle_deg: float = 3.0) -> list[Hypothesis]:
+def by_score(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothesis]:
+    """Return hypotheses by falling score, leaving out those that are near one before."""
+    return distinct(sorted(hypotheses, key=lambda h: -h.score), near)
+
+
+def merged(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothesis]:
     """Return one hypothesis, that of the smallest loss, for each pose that several have converged to."""
-    return _first_distinct(sorted(hypotheses, key=lambda h: h.loss), len(hypotheses), distance_m, angle_deg)
+    return distinct(sorted(hypotheses, key=lambda h: h.loss), near)
 
 
-def promising(hypotheses: Sequence[Hypothesis], count: int, margin: float) -> list[Hypothesis]:
-    """Return up to `count` of hypotheses that are sorted by falling score: those within `margin` of the best, and the best one elsewhere.
+def within_margin(
+    hypotheses: Sequence[Hypothesis], count: int, margin: float, place: PoseDistance | None = None
+) -> list[Hypothesis]:
+    """Return up to `count` of hypotheses that are sorted by falling score: those within `margin` of the best.
 
-    That one cannot win, but how far it is behind says how sure the answer is.
+    place: where all of them are at one place, the best one elsewhere is kept as well. It cannot win, but how far it is behind says how
+    sure the answer is.
     """
-    if not hypotheses:
-        return []
-    best = hypotheses[0]
-    kept = [h for h in hypotheses[:count] if h.score >= best.score - margin]
-    if all(h.is_near(best, ELSEWHERE_M, ELSEWHERE_DEG) for h in kept):
-        kept += [h for h in hypotheses[len(kept) :] if not h.is_near(best, ELSEWHERE_M, ELSEWHERE_DEG)][:1]
+    kept = [h for h in hypotheses[:count] if h.score >= hypotheses[0].score - margin]
+    if place is not None and all(h.is_near(kept[0], place) for h in kept):
+        kept += [h for h in hypotheses[len(kept) :] if not h.is_near(kept[0], place)][:1]
     return kept
 
 
-def _first_distinct(
-    hypotheses: Sequence[Hypothesis], count: int, distance_m: float, angle_deg: float
-) -> list[Hypothesis]:
-    """Return up to `count` hypotheses in the order given, none near one before it."""
+def distinct(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothesis]:
+    """Return hypotheses in the order given, none near one before it that is returned."""
     if not hypotheses:
         return []
     rotations, positions = stacked_poses(hypotheses)
     number = torch.tensor([h.map_number for h in hypotheses], device=rotations.device)
-    return [hypotheses[k] for k in first_distinct(rotations, positions, distance_m, angle_deg, number, count)]
-
-
-def distinct_places(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Keep hypotheses in their order, leaving out those at the place of one before."""
-    places: list[Hypothesis] = []
-    for hypothesis in hypotheses:
-        if not any(hypothesis.is_near(place, ELSEWHERE_M, ELSEWHERE_DEG) for place in places):
-            places.append(hypothesis)
-    return places
+    return [hypotheses[k] for k in first_distinct(rotations, positions, near, number)]

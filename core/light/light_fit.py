@@ -2,9 +2,11 @@
 
 from torch import Tensor
 
+from core.config import LIGHT_FIT
+
 
 def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Return gain and offset (K, 3) that bring `source` (K, N, 3) nearest to `target`, weighted (K, N); gains stay in 0.3..3.
+    """Return gain and offset (K, 3) that bring `source` (K, N, 3) nearest to `target`, weighted (K, N); gains stay within `LightFitConfig`.
 
     A small prior towards gain 1 keeps the fit defined where there is no contrast.
     """
@@ -18,8 +20,7 @@ def fit_planes(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor,
     centered = source - mean_source[..., None]
     weighted = centered * share[:, None]
     variance, covariance = (weighted * centered).sum(-1), (weighted * target).sum(-1)
-    prior = 1e-3
-    gain = ((covariance + prior) / (variance + prior)).clamp(0.3, 3.0)
+    gain = ((covariance + LIGHT_FIT.prior) / (variance + LIGHT_FIT.prior)).clamp(LIGHT_FIT.min_gain, LIGHT_FIT.max_gain)
     return gain, mean_target - gain * mean_source
 
 

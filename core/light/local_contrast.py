@@ -13,13 +13,10 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from core.config import CONTRAST
 from core.geometry.projection import pixel_directions, pixel_solid_angles
 
-_DARKEST = 0.03  # added before the logarithm: below it there is only noise
-_SAMPLED_ROWS = 64  # of a large image these say as much of the surroundings as all of it
-_ROWS = 16  # of the image in which surroundings are averaged; they are smooth
-_CONCENTRATION = 40.0  # of the weights around a direction: a standard deviation of 9 degrees
-_CONTRAST_SCALE = 0.5  # logarithm of the ratio at which contrast begins to saturate
+_ROWS = CONTRAST.rows
 
 
 def local_contrast(color: Tensor, valid: Tensor) -> Tensor:
@@ -29,9 +26,9 @@ def local_contrast(color: Tensor, valid: Tensor) -> Tensor:
     turned camera sees the same contrast.
     """
     known = valid[..., None]
-    contrast = (color + _DARKEST).log_().mul_(known)
+    contrast = (color + CONTRAST.darkest).log_().mul_(known)
     contrast -= _mean_around(contrast, valid)
-    return contrast.mul_(known / _CONTRAST_SCALE).tanh_().add_(1).mul_(0.5)
+    return contrast.mul_(known / CONTRAST.scale).tanh_().add_(1).mul_(0.5)
 
 
 def mixed_with_contrast(equalized: Tensor, color: Tensor, valid: Tensor, share: float) -> Tensor:
@@ -42,7 +39,7 @@ def mixed_with_contrast(equalized: Tensor, color: Tensor, valid: Tensor, share: 
 def _mean_around(values: Tensor, valid: Tensor) -> Tensor:
     """Return the weighted mean around each pixel of values (B, H, W, 3) that are zero where invalid."""
     batch, height, width, _ = values.shape
-    stride = max(1, height // _SAMPLED_ROWS)
+    stride = max(1, height // CONTRAST.sampled_rows)
     some = slice(stride // 2, None, stride)
     planes = torch.cat((values[:, some, some], valid[:, some, some, None]), dim=-1).permute(0, 3, 1, 2)
     small = torch.nn.functional.interpolate(planes, size=(_ROWS, 2 * _ROWS), mode="area")
@@ -62,4 +59,4 @@ def _weights_around(device: str) -> Tensor:
     with torch.inference_mode(False):  # it outlives the query that asked for it first
         directions = pixel_directions(_ROWS, 2 * _ROWS, device).view(-1, 3)
         solid = pixel_solid_angles(_ROWS, 2 * _ROWS, device).expand(-1, 2 * _ROWS).reshape(-1, 1)
-        return solid * (_CONCENTRATION * (directions @ directions.T - 1)).exp()
+        return solid * (CONTRAST.concentration * (directions @ directions.T - 1)).exp()

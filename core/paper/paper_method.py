@@ -10,13 +10,12 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from core.config import PaperConfig
+from core.config import LocalizerConfig
 from core.describe.patch_histograms import hard_histograms
 from core.describe.spherical_patches import PatchGrid, rotation_table
 from core.geometry.projection import pixel_solid_angles
 from core.geometry.rotations import uniform_rotations
 from core.index.map_index import MapIndex
-from core.judge.agreement import agreement, judged_hypotheses
 from core.judge.hypotheses import Hypothesis, MethodResult
 from core.light.color_equalization import transport
 from core.options import Hints
@@ -25,23 +24,19 @@ from core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
 from core.paper.intersection import bin_major, intersection_tensor
 from core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from core.paper.score_maps import score_map_2d, score_map_3d, view_patch_scores
+from core.prepared_query import prepare_queries
 from core.search.pose_limits import PoseLimits, pose_limits
 from core.search.pose_scores import score_poses
 from core.stage_clock import StageClock
-from core.views.comparison import Comparison, compare
-from core.views.render_cloud import RenderCloud
 from core.views.synthetic_view import render_views
-
-_FULL_HEIGHT = 512
-_JUDGE_HEIGHT = 128
 
 
 class PaperMethod:
     """Holds the parameters; every query renders its synthetic views anew, as the paper does."""
 
-    def __init__(self, config: PaperConfig, device: torch.device) -> None:
-        self.config, self.device = config, device
-        self.rotations = uniform_rotations(config.num_rotations).to(device)
+    def __init__(self, config: LocalizerConfig, device: torch.device) -> None:
+        self.config, self.localizer_config, self.device = config.paper, config, device
+        self.rotations = uniform_rotations(config.paper.num_rotations).to(device)
 
     def run(self, panorama: Panorama, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
         """Return the refined candidates of all maps, smallest loss first."""
@@ -55,20 +50,25 @@ class PaperMethod:
             num_starts += len(starts)
             num_poses += len(starts) * len(rotations)
             found = self._localize_in(number, index, panorama, starts, rotations, clock)
-            hypotheses += [h for h in found if _allowed(h, limits)]
+            hypotheses += [h for h in found if limits.allows_pose(h.rotation, h.position)]
         hypotheses.sort(key=lambda h: h.loss)
         if not hypotheses:
             return MethodResult([], None, None, num_starts, num_poses)
-        with clock.stage("judge"):
-            judged, comparison, cloud = self._judge(panorama, maps, hypotheses)
-        return MethodResult(judged, comparison, cloud, num_starts, num_poses)
+        with clock.stage("judge"):  # which leaves the order that of the losses
+            height = self.localizer_config.judge.final_height
+            queries = prepare_queries(panorama, maps, hints, height, self.localizer_config)
+            judged, comparisons = zip(*(queries[h.map_number].judge_alone(h) for h in hypotheses), strict=True)
+        cloud = queries[hypotheses[0].map_number].cloud
+        return MethodResult(list(judged), comparisons[0], cloud, num_starts, num_poses)
 
     def _searched(self, index: MapIndex, limits: PoseLimits) -> tuple[Tensor, Tensor]:
         """Return the starts (T, 3), N_t of the allowed ones evenly chosen, and the rotations (R, 3, 3)."""
-        starts = index.starts[limits.searched_starts(index.starts)]
+        starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search)]
         count = min(self.config.num_starts, len(starts))
         chosen = torch.linspace(0, len(starts) - 1, count).round().long() if count else torch.zeros(0, dtype=torch.long)
-        return starts[chosen.to(starts.device)], self.rotations[limits.searched_rotations(self.rotations)]
+        return starts[chosen.to(starts.device)], self.rotations[
+            limits.searched_rotations(self.rotations, self.localizer_config.search)
+        ]
 
     def _localize_in(
         self, number: int, index: MapIndex, panorama: Panorama, starts: Tensor, rotations: Tensor, clock: StageClock
@@ -76,8 +76,8 @@ class PaperMethod:
         config = self.config
         with clock.stage("color_matching"):
             colors = index.canonical_cloud_colors()
-            pyramid = PanoramaPyramid(panorama, _FULL_HEIGHT, index.labels, self.device)
-            query = self._matched(pyramid.level(_FULL_HEIGHT), colors, index)
+            pyramid = PanoramaPyramid(panorama, config.image_height, index.labels, self.device)
+            query = self._matched(pyramid.level(config.image_height), colors, index)
         grid = PatchGrid(config.search_rows, config.search_columns)
         map_grid = PatchGrid(config.map_rows, config.map_columns)
         with clock.stage("search"):
@@ -92,14 +92,14 @@ class PaperMethod:
                 weights = self._patch_weights(tensor, table, grid)
                 scores = score_poses(tensor, table, weights)
             else:
-                scores = -_losses_at(problem, starts, rotations)
+                scores = -_losses_at(problem, starts, rotations, config.initial_loss_points)
             best = scores.flatten().topk(min(config.num_candidates, scores.numel()))
         found = []
         for flat in best.indices.tolist():
             start, turn = divmod(flat, len(rotations))
             with clock.stage("refine"):
                 rotation, position, loss = minimize_by_adam(
-                    problem, rotations[turn], starts[start], config.iterations, config.learning_rate, clock.check
+                    problem, rotations[turn], starts[start], config, clock.check
                 )
             model = "labels" if index.labels is not None else ("global_transport" if config.match_colors else "none")
             found.append(
@@ -167,29 +167,8 @@ class PaperMethod:
         )
         return 0.5 * (scores + grid.polar_sines(self.device))
 
-    def _judge(
-        self, panorama: Panorama, maps: Sequence[MapIndex], hypotheses: Sequence[Hypothesis]
-    ) -> tuple[list[Hypothesis], Comparison, RenderCloud]:
-        """Measure the agreement of each candidate; the order stays that of the losses."""
-        judged, compared = [], []
-        for hypothesis in hypotheses:
-            index = maps[hypothesis.map_number]
-            cloud = index.render_cloud
-            level = PanoramaPyramid(panorama, _JUDGE_HEIGHT, index.labels, self.device).level(_JUDGE_HEIGHT)
-            comparison = compare(
-                cloud,
-                level,
-                hypothesis.rotation[None],
-                hypothesis.position[None],
-                _JUDGE_HEIGHT,
-                index.labels is not None,
-            )
-            judged += judged_hypotheses([hypothesis], agreement(comparison, _JUDGE_HEIGHT))
-            compared.append((comparison, cloud))
-        return judged, compared[0][0], compared[0][1]
 
-
-def _losses_at(problem: SamplingProblem, starts: Tensor, rotations: Tensor, max_points: int = 2_000) -> Tensor:
+def _losses_at(problem: SamplingProblem, starts: Tensor, rotations: Tensor, max_points: int) -> Tensor:
     """Return the sampling loss (T, R) of every pose on a sample of the points (PICCOLO's initialization)."""
     stride = max(1, len(problem.positions) // max_points)
     sample = replace(
@@ -201,7 +180,3 @@ def _losses_at(problem: SamplingProblem, starts: Tensor, rotations: Tensor, max_
     with torch.no_grad():
         rows = [torch.stack([sampling_loss(sample, rotation, start) for rotation in rotations]) for start in starts]
     return torch.stack(rows)
-
-
-def _allowed(hypothesis: Hypothesis, limits: PoseLimits) -> bool:
-    return bool(limits.allows_position(hypothesis.position)) and bool(limits.allows_rotation(hypothesis.rotation))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.config import PaperConfig
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import project, sample_bilinear
 from core.geometry.rotations import rotation_from_vector
@@ -50,21 +51,22 @@ def minimize_by_adam(
     problem: SamplingProblem,
     rotation: Tensor,
     position: Tensor,
-    iterations: int,
-    learning_rate: float,
+    config: PaperConfig,
     check: Callable[[], None] = lambda: None,
 ) -> tuple[Tensor, Tensor, float]:
     """Descend from one pose; return the rotation, position and loss of the best iterate.
 
-    The learning rate (radians and metres) falls by 0.8 whenever the loss has not improved for five iterations, as in the reference
-    implementation. check: called before every iteration; what it raises passes through.
+    The learning rate falls when the loss has not improved for some iterations, as in the reference implementation.
+    check: called before every iteration; what it raises passes through.
     """
     turn = torch.zeros(3, device=rotation.device, requires_grad=True)
     move = torch.zeros(3, device=rotation.device, requires_grad=True)
-    optimizer = torch.optim.Adam([turn, move], lr=learning_rate)
-    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.8, patience=5)
+    optimizer = torch.optim.Adam([turn, move], lr=config.learning_rate)
+    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
+        optimizer, factor=config.learning_rate_decay, patience=config.patience
+    )
     best = (rotation, position, float("inf"))
-    for _ in range(iterations):
+    for _ in range(config.iterations):
         check()
         optimizer.zero_grad()
         turned, moved = rotation @ rotation_from_vector(turn), position + move

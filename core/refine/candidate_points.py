@@ -6,6 +6,7 @@ Points behind a wall must not vote (docs/method.md): both kinds come out of a z-
 import torch
 from torch import Tensor
 
+from core.config import RefinementConfig
 from core.geometry.projection import pixel_solid_angles, project
 from core.geometry.rotations import even_directions
 from core.index.map_index import MapIndex
@@ -15,9 +16,6 @@ from core.refine.refinement import CandidatePoints
 from core.views.comparison import Comparison
 from core.views.render_cloud import RenderCloud
 from core.views.synthetic_view import RENDER_BATCH, SyntheticViews, halve, render_views
-
-# Colour distance at which a pixel counts half, and how many regions a view's height has.
-_AGREEING_DISTANCE, _REGIONS_PER_HEIGHT = 0.3, 32
 
 
 def points_seen_from_starts(
@@ -64,21 +62,24 @@ def _pixels_towards(directions: Tensor, height: int) -> Tensor:
 
 
 def points_seen_from_poses(
-    cloud: RenderCloud, comparison: Comparison, count: int, contrast_share: float, weigh_changes: bool
+    cloud: RenderCloud,
+    comparison: Comparison,
+    count: int,
+    contrast_share: float,
+    pixel_weights: Tensor | None = None,
 ) -> CandidatePoints:
     """Return `count` points (K, count) seen at the rendered poses, spread evenly over the sphere.
 
-    Their colours are those of the rendered pixels, averages over a pixel as in the panorama, mixed with contrast. With
-    `weigh_changes`, regions that have changed since the scan lose their vote (the role of the score maps in the paper's Eq. 5): it
-    frees poses that furniture holds back, but it also mutes edges, which the last millimetres need.
+    Their colours are those of the rendered pixels, averages over a pixel as in the panorama, mixed with contrast. pixel_weights:
+    (K, S), further weights of the rendered pixels, such as `unchanged_share`.
     """
     height, width = comparison.views.depth.shape[1:]
     pixel = torch.unique(_pixels_towards(even_directions(count).to(comparison.scan.device), height))
     number = comparison.views.point.flatten(1)[:, pixel]
     solid = pixel_solid_angles(height, width, pixel.device).expand(-1, width).flatten()[pixel]
     weights = (number >= 0) * (solid / solid.mean())
-    if weigh_changes:
-        weights = weights * _unchanged_share(comparison)[:, pixel]
+    if pixel_weights is not None:
+        weights = weights * pixel_weights[:, pixel]
     colors = comparison.scan
     if comparison.tables is not None:
         views = comparison.views
@@ -87,12 +88,16 @@ def points_seen_from_poses(
     return CandidatePoints(cloud.positions[number.clamp_min(0)], colors[:, pixel], weights)
 
 
-def _unchanged_share(comparison: Comparison) -> Tensor:
-    """Return (K, S) in 0..1 how well each pixel's surroundings agree, relative to the best region of the view."""
+def unchanged_share(comparison: Comparison, config: RefinementConfig) -> Tensor:
+    """Return (K, S) in 0..1 how well each pixel's surroundings agree.
+
+    As weights they take the vote from regions that have changed since the scan, the role of the score maps in the paper's Eq. 5. That
+    frees poses that furniture holds back, but it also mutes edges, which the last millimetres need.
+    """
     height, width = comparison.views.depth.shape[1:]
-    distance_square = (comparison.scan - comparison.panorama).square().sum(-1) / _AGREEING_DISTANCE**2
+    distance_square = (comparison.scan - comparison.panorama).square().sum(-1) / config.unchanged_distance**2
     share = (1 / (1 + distance_square)).view(-1, 1, height, width)
-    reach = max(1, height // _REGIONS_PER_HEIGHT)
+    reach = max(1, height // config.unchanged_regions)
     padded = torch.nn.functional.pad(share, (reach, reach, 0, 0), mode="circular")
     padded = torch.nn.functional.pad(padded, (0, 0, reach, reach), mode="replicate")
     smooth = torch.nn.functional.avg_pool2d(padded, 2 * reach + 1, stride=1)

@@ -14,65 +14,48 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.config import StepConfig
 from core.geometry.rotations import rotation_from_vector
 from core.light.light_fit import fit_planes, weighted_sums
 from core.panorama.image_level import ImageLevel
 
 _MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
 _MIN_DISTANCE_M = 0.05
-_MEDIAN_POINTS = 512  # their median is within some percent of that of all
 _VALID_SHARE = 0.99  # of the four pixels that a sample mixes
 
 
 @dataclass(frozen=True)
-class StepRules:
-    """What a step depends on: the light model, the robust scale as a multiple of the median residual, and how far it may go.
-
-    relaxation: what the first step is lengthened by; later ones by what the last one fell short, up to `max_relaxation`.
-    """
-
-    fit_light: bool = True
-    robust_scale: float = 1.5
-    min_scale: float = 0.02
-    max_turn: float = 0.2  # radians per step
-    max_move: float = 0.3  # metres per step
-    damping: float = 1e-3
-    relaxation: float = 1.5
-    max_relaxation: float = 5.0
-
-
-@dataclass(frozen=True)
-class Pace:
+class StepHistory:
     """How the last step of each of K candidates went.
 
-    step: (K, 6), turn (rad) and move (m), zero before the first. slope: (K,), of the loss along it where it began. length: (K,),
-    what it was lengthened by.
+    step: (K, 6), turn (rad) and move (m), zero before the first. slope: (K,), of the loss along it where it began. relaxation: (K,), the
+    factor that it was lengthened by.
     """
 
     step: Tensor
     slope: Tensor
-    length: Tensor
+    relaxation: Tensor
 
-    def take(self, chosen: Tensor) -> "Pace":
+    def take(self, chosen: Tensor) -> "StepHistory":
         """Return some of the candidates."""
-        return Pace(self.step[chosen], self.slope[chosen], self.length[chosen])
+        return StepHistory(self.step[chosen], self.slope[chosen], self.relaxation[chosen])
 
 
-def first_pace(count: int, rules: StepRules, device: torch.device) -> Pace:
-    """Return the pace of `count` candidates that have not moved yet."""
+def initial_history(count: int, config: StepConfig, device: torch.device) -> StepHistory:
+    """Return the history of `count` candidates that have not moved yet."""
     nothing = torch.zeros(count, device=device)
-    return Pace(torch.zeros((count, 6), device=device), nothing, torch.full_like(nothing, rules.relaxation))
+    return StepHistory(torch.zeros((count, 6), device=device), nothing, torch.full_like(nothing, config.relaxation))
 
 
 @dataclass(frozen=True)
-class Aligned:
-    """Planes of the N points that each of K candidates aligns: place (K, 3, N) metres, target (K, 3, N) colours, weights (K, N) >= 0.
+class PointPlanes:
+    """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
 
-    place: Tensor
-    target: Tensor
+    positions: Tensor
+    colors: Tensor
     weights: Tensor
 
 
@@ -80,14 +63,14 @@ class Aligned:
 class PoseStep:
     """Poses after a step, and what the step saw before it moved.
 
-    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). pace: how it went. weights: (K, N), robust.
+    rotations: (K, 3, 3) map_from_camera; positions: (K, 3). history: how it went. weights: (K, N), robust.
     hessian: (K, 6, 6) of half the weighted squared residuals by turn and move. ratio: (K, N), squared residuals over the squared
     scale. base: (K, N), weights of the points in view. scale: (K,), the residual at which a point counts a quarter.
     """
 
     rotations: Tensor
     positions: Tensor
-    pace: Pace
+    history: StepHistory
     weights: Tensor
     hessian: Tensor
     ratio: Tensor
@@ -102,40 +85,42 @@ class PoseStep:
 
 def gauss_newton_step(
     level: ImageLevel,
-    points: Aligned,
+    points: PointPlanes,
     rotations: Tensor,
     positions: Tensor,
     light_weights: Tensor,
-    pace: Pace,
-    rules: StepRules,
+    history: StepHistory,
+    config: StepConfig,
     relaxed: bool,
 ) -> PoseStep:
     """Move K poses by one step.
 
-    light_weights: (K, N), robust weights of the step before, which light is fitted with. pace: of the step before. relaxed: whether
+    light_weights: (K, N), robust weights of the step before, which light is fitted with. history: of the step before. relaxed: whether
     to lengthen the step.
     """
-    seen, inside = see(level, points.place, rotations, positions)
+    seen, inside = sample_points(level, points.positions, rotations, positions)
     base = points.weights * inside
-    if rules.fit_light:
-        seen.take_light(*fit_planes(seen.color, points.target, light_weights * inside))
-    residual = seen.color - points.target
+    if config.fit_light:
+        seen.apply_gain_offset(*fit_planes(seen.color, points.colors, light_weights * inside))
+    residual = seen.color - points.colors
     squared = _over_channels(residual, residual)[:, 0]
-    scale = (rules.robust_scale * _weighted_median(squared, base).sqrt()).clamp_min(rules.min_scale)
+    scale = (config.robust_scale * _weighted_median(squared, base, config.median_points).sqrt()).clamp_min(
+        config.min_residual
+    )
     ratio = squared / scale.square()[:, None]
     weights = base / (1 + ratio).square_()  # Geman-McClure: bounded influence
-    hessian, gradient = normal_equations(seen, residual, weights, rules.fit_light)
-    length = next_length(pace, gradient, rules)
-    turn, move = _solve(hessian, gradient, rules, length if relaxed else torch.ones_like(length))
+    hessian, gradient = normal_equations(seen, residual, weights, config.fit_light)
+    relaxation = next_relaxation(history, gradient, config)
+    turn, move = _solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
     step = torch.cat((turn, move), dim=-1)
-    pace = Pace(step, (gradient * step).sum(-1), length)
+    history = StepHistory(step, (gradient * step).sum(-1), relaxation)
     moved = torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0]
     turned = rotations @ rotation_from_vector(turn)
-    return PoseStep(turned, moved, pace, weights, hessian, ratio, base, scale)
+    return PoseStep(turned, moved, history, weights, hessian, ratio, base, scale)
 
 
 @dataclass(frozen=True)
-class Seen:
+class SampledPoints:
     """What the panorama shows where the N points of K candidates project to.
 
     planes: (K, 9, N): colour, its derivatives by azimuth and by elevation, as in `ImageLevel`. directions: (K, 6, 2, N), derivatives
@@ -155,13 +140,15 @@ class Seen:
         """Return their derivatives by azimuth and by elevation (K, 3, 2, N) per radian."""
         return self.planes[:, 3:].view(len(self.planes), 2, 3, -1).transpose(1, 2)
 
-    def take_light(self, gain: Tensor, offset: Tensor) -> None:
+    def apply_gain_offset(self, gain: Tensor, offset: Tensor) -> None:
         """Change all planes, in place, to another light: gain and offset (K, 3)."""
         self.planes.view(len(gain), 3, 3, -1).mul_(gain[:, None, :, None])
         self.color.add_(offset[..., None])
 
 
-def see(level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor) -> tuple[Seen, Tensor]:
+def sample_points(
+    level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor
+) -> tuple[SampledPoints, Tensor]:
     """Sample the level where points (K, 3, N) project to from K poses; also tell which (K, N) fall on valid pixels."""
     inverse = rotations.transpose(1, 2)
     x, y, z = torch.baddbmm(-(inverse @ positions[..., None]), inverse, place).unbind(1)
@@ -178,11 +165,11 @@ def see(level: ImageLevel, place: Tensor, rotations: Tensor, positions: Tensor) 
     by_turn = (z * over_x, -unit_y, z * over_y, unit_x, -flat_square * per_square, none)
     by_move = (over_y, rise * unit_x, -over_x, rise * unit_y, none, fall)
     directions = torch.stack((*by_turn, *by_move), dim=1)
-    seen = Seen(sampled[:, :9], directions.view(len(place), 6, 2, -1))
+    seen = SampledPoints(sampled[:, :9], directions.view(len(place), 6, 2, -1))
     return seen, sampled[:, 9] > _VALID_SHARE
 
 
-def normal_equations(seen: Seen, residual: Tensor, weights: Tensor, fit_light: bool) -> tuple[Tensor, Tensor]:
+def normal_equations(seen: SampledPoints, residual: Tensor, weights: Tensor, fit_light: bool) -> tuple[Tensor, Tensor]:
     """Return the Gauss-Newton Hessian (K, 6, 6) and gradient (K, 6) by turn and move.
 
     residual: (K, 3, N); weights: (K, N). The Jacobian of a channel is its derivative by azimuth times that of the azimuth by the pose, and
@@ -222,33 +209,35 @@ def _over_channels(first: Tensor, second: Tensor) -> Tensor:
     return red.addcmul_(first[:, 1:2], second[:, 1:2]).addcmul_(first[:, 2:], second[:, 2:])
 
 
-def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
-    """Return the median (K,) of values (K, N) among those of positive weight; of many values, of some spread evenly."""
-    stride = max(1, values.shape[1] // _MEDIAN_POINTS)
+def _weighted_median(values: Tensor, weights: Tensor, count: int) -> Tensor:
+    """Return the median (K,) of values (K, N) among those of positive weight; of many values, of about `count` spread evenly."""
+    stride = max(1, values.shape[1] // count)
     masked = torch.where(weights[:, ::stride] > 0, values[:, ::stride], math.nan)
     return torch.nanmedian(masked, dim=-1).values.nan_to_num(1.0)
 
 
-def next_length(pace: Pace, gradient: Tensor, rules: StepRules) -> Tensor:
-    """Return what the next step is lengthened by (K,), from the gradient (K, 6) where the last one led.
+def next_relaxation(history: StepHistory, gradient: Tensor, config: StepConfig) -> Tensor:
+    """Return the factor (K,) that the next step is lengthened by, from the gradient (K, 6) where the last one led.
 
     Weights lag behind the pose and noise in the image's derivatives inflates the Hessian, so plain steps fall short, at full
     resolution to a third of the way. Where the loss still falls along the last step, a line through its slopes at both ends says how
     much longer it should have been (the secant rule).
     """
-    slope = (gradient * pace.step).sum(-1)
-    missed = torch.where(slope > pace.slope, pace.slope / (pace.slope - slope).clamp_max(-1e-12), 2.0).clamp(0.5, 2.0)
-    length = (pace.length * missed).clamp(1.0, rules.max_relaxation)
-    return torch.where(pace.slope < 0, length, pace.length)
+    slope = (gradient * history.step).sum(-1)
+    missed = torch.where(slope > history.slope, history.slope / (history.slope - slope).clamp_max(-1e-12), 2.0).clamp(
+        0.5, 2.0
+    )
+    longer = (history.relaxation * missed).clamp(1.0, config.max_relaxation)
+    return torch.where(history.slope < 0, longer, history.relaxation)
 
 
-def _solve(hessian: Tensor, gradient: Tensor, rules: StepRules, length: Tensor) -> tuple[Tensor, Tensor]:
-    """Solve the damped normal equations: turns and moves (K, 3) of `length` (K,) times the solution, no further than `rules` allow."""
+def _solve(hessian: Tensor, gradient: Tensor, config: StepConfig, relaxation: Tensor) -> tuple[Tensor, Tensor]:
+    """Solve the damped normal equations: turns and moves (K, 3), `relaxation` (K,) times the solution but within the limits."""
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
-    damped = hessian + torch.diag_embed(diagonal * rules.damping + 1e-6)
+    damped = hessian + torch.diag_embed(diagonal * config.damping + 1e-6)
     # Damped equations always have a solution; to check would make a GPU wait.
-    update = -length[:, None] * torch.linalg.solve_ex(damped, gradient)[0]
+    update = -relaxation[:, None] * torch.linalg.solve_ex(damped, gradient)[0]
     turn, move = update[:, :3], update[:, 3:]
-    turn = turn * (rules.max_turn / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
-    move = move * (rules.max_move / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
+    turn = turn * (config.max_turn_rad / turn.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
+    move = move * (config.max_move_m / move.norm(dim=-1, keepdim=True).clamp_min(1e-12)).clamp(max=1.0)
     return turn, move

@@ -1,22 +1,21 @@
-"""Refinement of many candidates at once: Gauss-Newton steps until poses rest.
+"""Refinement of many candidates at once: Gauss-Newton steps until they converge.
 
-Candidates that no longer move are left where they are, and those that have come together go on as one: of 32 candidates that the search
+Candidates that no longer move are left where they are, and those that have come together are merged: of 32 candidates that the search
 proposes, four tenths still move after 16 steps, and four tenths are the same pose as another (docs/experiments.md).
 
 Paper: §3.3 (refinement of the best candidates).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
 
-from core.config import Rest
+from core.config import PoseDistance, StepConfig, StoppingRule
 from core.geometry.distinct_poses import first_distinct
 from core.panorama.image_level import ImageLevel
-from core.refine.gauss_newton import Aligned, Pace, StepRules, first_pace, gauss_newton_step
+from core.refine.gauss_newton import PointPlanes, StepHistory, gauss_newton_step, initial_history
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,10 @@ class CandidatePoints:
         """Return the points of the candidates numbered `chosen`."""
         return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen])
 
-    def planes(self) -> Aligned:
+    def planes(self) -> PointPlanes:
         """Return them as planes."""
-        place, target = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        return Aligned(place, target, self.weights)
+        positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
+        return PointPlanes(positions, colors, self.weights)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
@@ -74,18 +73,18 @@ class Refined:
 
 
 @dataclass(frozen=True)
-class _Moving:
-    """Candidates on their way: their points, and the weights (K, N) and pace of the last step."""
+class _Active:
+    """Candidates that have not converged: their points, the robust weights (K, N) of the last step, poses, and step history."""
 
-    points: Aligned
-    light_weights: Tensor
+    points: PointPlanes
+    robust_weights: Tensor
     poses: Refined
-    pace: Pace
+    history: StepHistory
 
-    def take(self, chosen: Tensor) -> "_Moving":
+    def take(self, chosen: Tensor) -> "_Active":
         """Return some of the candidates."""
-        points = Aligned(self.points.place[chosen], self.points.target[chosen], self.points.weights[chosen])
-        return _Moving(points, self.light_weights[chosen], self.poses.take(chosen), self.pace.take(chosen))
+        points = PointPlanes(self.points.positions[chosen], self.points.colors[chosen], self.points.weights[chosen])
+        return _Active(points, self.robust_weights[chosen], self.poses.take(chosen), self.history.take(chosen))
 
 
 def refine(
@@ -94,61 +93,61 @@ def refine(
     rotations: Tensor,
     positions: Tensor,
     iterations: int,
-    rules: StepRules,
-    rest: Rest | None = None,
+    config: StepConfig,
+    stop: StoppingRule | None = None,
     groups: Tensor | None = None,
 ) -> Refined:
-    """Refine K poses on one image level by up to `iterations` steps, all of them without a `rest`.
+    """Refine K poses on one image level by up to `iterations` steps, by exactly as many without a rule to stop.
 
     rotations: (K, 3, 3) map_from_camera; positions: (K, 3) metres. groups: (K,), candidates of different groups, such as maps, are never
-    one however near their poses lie; None: all are of one.
+    merged however near their poses lie; None: all are of one.
     """
-    moving = _at_start(points, rotations, positions, rules)
-    resting: list[Refined] = []
+    active = _at_start(points, rotations, positions, config)
+    converged: list[Refined] = []
     done = 0
-    while done < iterations and len(moving.light_weights):
-        count = min(rest.interval if rest else iterations, iterations - done)
+    while done < iterations and len(active.robust_weights):
+        count = min(stop.interval if stop else iterations, iterations - done)
         done += count
-        moving = _walked(moving, level, rules, count, to_the_end=done == iterations)
-        if rest and done < iterations:
-            resting, moving = _parted(resting, moving, rest, groups)
-    return Refined.joined([*resting, moving.poses])
+        active = _stepped(active, level, config, count, is_last=done == iterations)
+        if stop and stop.merge and done < iterations:
+            converged, active = _without_duplicates(converged, active, stop.merge, groups)
+        if stop and done < iterations:
+            turn, move = active.history.step[:, :3].norm(dim=-1), active.history.step[:, 3:].norm(dim=-1)
+            still = (turn < stop.turn_rad) & (move < stop.move_m)
+            converged, active = [*converged, active.poses.take(still)], active.take(~still)
+    return Refined.joined([*converged, active.poses])
 
 
-def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, rules: StepRules) -> _Moving:
+def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, config: StepConfig) -> _Active:
     planes = points.planes()
     nothing = torch.zeros(len(rotations), device=rotations.device)
     numbers = torch.arange(len(rotations), device=rotations.device)
     hessian = torch.zeros((len(rotations), 6, 6), device=rotations.device)
     poses = Refined(numbers, rotations, positions, nothing, hessian, nothing, torch.zeros_like(numbers))
-    return _Moving(planes, planes.weights, poses, first_pace(len(rotations), rules, rotations.device))
+    return _Active(planes, planes.weights, poses, initial_history(len(rotations), config, rotations.device))
 
 
-def _walked(moving: _Moving, level: ImageLevel, rules: StepRules, count: int, to_the_end: bool) -> _Moving:
+def _stepped(active: _Active, level: ImageLevel, config: StepConfig, count: int, is_last: bool) -> _Active:
     """Take `count` steps; the very last of a refinement is not lengthened."""
-    poses, light_weights, pace = moving.poses, moving.light_weights, moving.pace
+    poses, weights, history = active.poses, active.robust_weights, active.history
     rotations, positions = poses.rotations, poses.positions
     for k in range(count):
-        relaxed = not to_the_end or k + 1 < count
-        step = gauss_newton_step(level, moving.points, rotations, positions, light_weights, pace, rules, relaxed)
-        rotations, positions, light_weights, pace = step.rotations, step.positions, step.weights, step.pace
+        relaxed = not is_last or k + 1 < count
+        step = gauss_newton_step(level, active.points, rotations, positions, weights, history, config, relaxed)
+        rotations, positions, weights, history = step.rotations, step.positions, step.weights, step.history
     reached = Refined(poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, poses.steps + count)
-    return _Moving(moving.points, light_weights, reached, pace)
+    return _Active(active.points, weights, reached, history)
 
 
-def _parted(
-    resting: list[Refined], moving: _Moving, rest: Rest, groups: Tensor | None
-) -> tuple[list[Refined], _Moving]:
-    """Let those rest that hardly moved, and leave out those that are near a better one."""
-    if rest.apart_m > 0:
-        together = Refined.joined([*resting, moving.poses])
-        order = together.loss.argsort()
-        rotations, positions = together.rotations[order], together.positions[order]
-        of = None if groups is None else groups[together.numbers[order]]
-        kept = first_distinct(rotations, positions, rest.apart_m, math.degrees(rest.apart_rad), of)
-        numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
-        resting = [part.take(torch.isin(part.numbers, numbers)) for part in resting]
-        moving = moving.take(torch.isin(moving.poses.numbers, numbers))
-    turn, move = moving.pace.step[:, :3].norm(dim=-1), moving.pace.step[:, 3:].norm(dim=-1)
-    rests = (turn < rest.turn_rad) & (move < rest.move_m)
-    return [*resting, moving.poses.take(rests)], moving.take(~rests)
+def _without_duplicates(
+    converged: list[Refined], active: _Active, near: PoseDistance, groups: Tensor | None
+) -> tuple[list[Refined], _Active]:
+    """Leave out the candidates that are near one of a smaller loss."""
+    together = Refined.joined([*converged, active.poses])
+    order = together.loss.argsort()
+    rotations, positions = together.rotations[order], together.positions[order]
+    of = None if groups is None else groups[together.numbers[order]]
+    kept = first_distinct(rotations, positions, near, of)
+    numbers = together.numbers[order[torch.tensor(kept, device=order.device)]]
+    converged = [part.take(torch.isin(part.numbers, numbers)) for part in converged]
+    return converged, active.take(torch.isin(active.poses.numbers, numbers))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import SearchConfig
+from core.config import DescriptorConfig, SearchConfig
 from core.describe.patch_descriptors import (
     ViewDescriptors,
     centered_roots,
@@ -48,18 +48,12 @@ class SearchRotations:
     coarse: RotationSet
 
 
-def make_search_rotations(config: SearchConfig, device: torch.device) -> SearchRotations:
+def make_search_rotations(config: SearchConfig, grid: PatchGrid, device: torch.device) -> SearchRotations:
     """Make the rotations of a configuration once; they do not depend on map or query."""
-
-    def rotation_set(count: int, rows: int, columns: int) -> RotationSet:
-        """Return `count` rotations for a grid of patches."""
-        rotations = uniform_rotations(count).to(device)
-        return RotationSet(rotations, rotation_table(PatchGrid(rows, columns), rotations))
-
-    rows, columns = config.patch_rows, config.patch_columns
+    coarse_grid = PatchGrid(grid.rows // 2, grid.columns // 2)
+    full, coarse = (uniform_rotations(count).to(device) for count in (config.num_rotations, config.coarse_rotations))
     return SearchRotations(
-        rotation_set(config.num_rotations, rows, columns),
-        rotation_set(config.coarse_rotations, rows // 2, columns // 2),
+        RotationSet(full, rotation_table(grid, full)), RotationSet(coarse, rotation_table(coarse_grid, coarse))
     )
 
 
@@ -71,7 +65,9 @@ class DescribedPanorama:
     weights: Tensor
 
 
-def describe_panorama(pyramid: PanoramaPyramid, labels: LabelCodes | None, config: SearchConfig) -> DescribedPanorama:
+def describe_panorama(
+    pyramid: PanoramaPyramid, labels: LabelCodes | None, config: DescriptorConfig
+) -> DescribedPanorama:
     """Describe the patches of a panorama, the same for all maps that share its colours."""
     level = pyramid.level(config.view_height)
     grid = PatchGrid(config.patch_rows, config.patch_columns)
@@ -106,14 +102,14 @@ def search_maps(
 ) -> list[MapCandidates]:
     """Score the allowed poses of every map and choose candidates in each; panoramas, maps and limits go together."""
     searches = [
-        _MapSearch(panorama, index, rotations, limit)
+        _MapSearch(panorama, index, rotations, limit, config)
         for panorama, index, limit in zip(panoramas, maps, limits, strict=True)
     ]
     total = sum(len(search.starts) for search in searches)
     kept = max(config.coarse_kept_starts, round(config.coarse_kept_share * total))
     if kept < total:
         _discard_starts(searches, kept)
-    return [search.run(config) for search in searches]
+    return [search.run() for search in searches]
 
 
 def _discard_starts(searches: Sequence["_MapSearch"], count: int) -> None:
@@ -128,13 +124,18 @@ class _MapSearch:
     """One map on its way through the search; `starts` (T,) are the numbers of those not discarded."""
 
     def __init__(
-        self, panorama: DescribedPanorama, index: MapIndex, rotations: SearchRotations, limits: PoseLimits
+        self,
+        panorama: DescribedPanorama,
+        index: MapIndex,
+        rotations: SearchRotations,
+        limits: PoseLimits,
+        config: SearchConfig,
     ) -> None:
-        self.index, self.weights = index, panorama.weights
+        self.index, self.weights, self.config = index, panorama.weights, config
         self.query = panorama.roots @ index.descriptors.basis
-        self.full = rotations.full.take(limits.searched_rotations(rotations.full.rotations))
-        self.coarse = rotations.coarse.take(limits.searched_rotations(rotations.coarse.rotations))
-        self.starts = limits.searched_starts(index.starts).nonzero()[:, 0]
+        self.full = rotations.full.take(limits.searched_rotations(rotations.full.rotations, config))
+        self.coarse = rotations.coarse.take(limits.searched_rotations(rotations.coarse.rotations, config))
+        self.starts = limits.searched_starts(index.starts, config).nonzero()[:, 0]
         if len(self.full.rotations) == 0:
             self.starts = self.starts[:0]
         self.num_allowed, self.num_coarse_poses = len(self.starts), 0
@@ -147,7 +148,7 @@ class _MapSearch:
         self.num_coarse_poses = len(self.starts) * len(self.coarse.rotations)
         return _scores(query[0], weights[0], self.index.coarse_views, self.starts, self.coarse.table).amax(1)
 
-    def run(self, config: SearchConfig) -> MapCandidates:
+    def run(self) -> MapCandidates:
         """Score the starts that are left with all rotations, and choose candidates."""
         starts, rotations = self.starts, self.full.rotations
         num_poses = self.num_coarse_poses + len(starts) * len(rotations)
@@ -155,8 +156,7 @@ class _MapSearch:
             empty = Candidates(starts, starts, starts.float())
             return MapCandidates(empty, rotations, self.num_allowed, num_poses)
         scores = _scores(self.query, self.weights, self.index.descriptors, starts, self.full.table)
-        limits = config.distinct_angle_deg, config.distinct_distance_m
-        chosen = select_candidates(scores, self.index.starts[starts], rotations, config.num_candidates, *limits)
+        chosen = select_candidates(scores, self.index.starts[starts], rotations, self.config)
         found = Candidates(starts[chosen.starts], chosen.rotations, chosen.scores)
         return MapCandidates(found, rotations, self.num_allowed, num_poses)
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.config import SearchConfig
 from core.errors import OptionsError
 from core.index.map_index import MapIndex
 from core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
-
-_SEARCH_MARGIN_DEG = 12.0  # half the spacing of the rotations, so that the nearest one is never cut off
-_SEARCH_MARGIN_M = 0.5  # likewise for starts
 
 
 @dataclass(frozen=True)
@@ -53,13 +51,17 @@ class PoseLimits:
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
         return allowed
 
-    def searched_starts(self, starts: Tensor) -> Tensor:
-        """Return which starts (T, 3) are searched; the nearest one always is, when any limit lies near it."""
-        return self.allows_position(starts, _SEARCH_MARGIN_M)
+    def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
+        """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""
+        return bool(self.allows_position(position)) and bool(self.allows_rotation(rotation))
 
-    def searched_rotations(self, rotations: Tensor) -> Tensor:
+    def searched_starts(self, starts: Tensor, config: SearchConfig) -> Tensor:
+        """Return which starts (T, 3) are searched; the nearest one always is, when any limit lies near it."""
+        return self.allows_position(starts, config.hint_margin_m)
+
+    def searched_rotations(self, rotations: Tensor, config: SearchConfig) -> Tensor:
         """Return which rotations (R, 3, 3) are searched."""
-        return self.allows_rotation(rotations, math.radians(_SEARCH_MARGIN_DEG))
+        return self.allows_rotation(rotations, math.radians(config.hint_margin_deg))
 
 
 def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.config import SearchConfig
 from core.geometry.distinct_poses import first_distinct
-
-# Poses looked at for each candidate wanted; the second only where too few of the first differ.
-_POOLS = (16, 100)
 
 
 @dataclass(frozen=True)
@@ -41,27 +39,18 @@ def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
     return scores.T
 
 
-def select_candidates(
-    scores: Tensor,
-    positions: Tensor,
-    rotations: Tensor,
-    count: int,
-    distinct_angle_deg: float,
-    distinct_distance_m: float,
-) -> Candidates:
-    """Choose the best poses that differ from each other by more than one of the two distances.
+def select_candidates(scores: Tensor, positions: Tensor, rotations: Tensor, config: SearchConfig) -> Candidates:
+    """Choose the best poses that differ from each other.
 
     scores: (T, R), −inf where excluded; positions: (T, 3) metres; rotations: (R, 3, 3).
     """
-    flat_scores = scores.flatten()
-    for per_candidate in _POOLS:
-        top = flat_scores.topk(min(len(flat_scores), max(per_candidate * count, 256)))
+    flat_scores, count = scores.flatten(), config.num_candidates
+    for per_candidate in config.pools:
+        top = flat_scores.topk(min(len(flat_scores), max(per_candidate * count, config.min_pool)))
         keep_finite = top.values > -math.inf
         values, flat = top.values[keep_finite], top.indices[keep_finite]
         start, rotation = flat // scores.shape[1], flat % scores.shape[1]
-        chosen = first_distinct(
-            rotations[rotation], positions[start], distinct_distance_m, distinct_angle_deg, count=count
-        )
+        chosen = first_distinct(rotations[rotation], positions[start], config.distinct, count=count)
         if len(chosen) == count:
             break
     pick = torch.tensor(chosen, dtype=torch.long, device=scores.device)

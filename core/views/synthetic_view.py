@@ -16,14 +16,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from core.config import RENDERING
 from core.geometry.projection import project
 from core.views.render_cloud import BLOCK, MAX_STRIDE_EXPONENT, RenderCloud
 
-RENDER_BATCH = 8  # views that a query renders at once: memory stays below 200 MB
-_FOOTPRINT = 1.5  # pixel size over point spacing at which a random sampling of a surface leaves few holes
-_SLACK_SPACINGS = 4.0  # depth range of one surface inside a pixel seen at a slant, in point spacings
-_SLACK_SHARE = 0.02
-_FILL_LEVELS = 2  # holes up to 4 pixels are filled from their surroundings
+RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,9 @@ def render_views(
     nearest = torch.full((size,), math.inf, device=relative.device)
     nearest.scatter_reduce_(0, cell, distance, "amin")
     depth = _compose_depth(nearest, offsets, batch, height, width)
-    limit = torch.add(_SLACK_SPACINGS * spacing, depth.flatten().index_select(0, pixel), alpha=1 + _SLACK_SHARE)
+    limit = torch.add(
+        RENDERING.slack_spacings * spacing, depth.flatten().index_select(0, pixel), alpha=1 + RENDERING.slack_share
+    )
     visible = (distance <= limit).nonzero()[:, 0]
     shown = point.index_select(0, visible)
     sums = torch.zeros((size, cloud.colors.shape[1]), device=relative.device)
@@ -96,7 +95,7 @@ def visible_points(positions: Tensor, spacing: float, center: Tensor, depth: Ten
     relative = positions - center
     u, v = project(relative, height, width)
     front = depth.flatten()[_pixel_of(u, v, torch.zeros_like(u, dtype=torch.int64), height, width)]
-    limit = front * (1 + _SLACK_SHARE) + _SLACK_SPACINGS * spacing
+    limit = front * (1 + RENDERING.slack_share) + RENDERING.slack_spacings * spacing
     visible: Tensor = relative.norm(dim=-1) <= limit
     return visible
 
@@ -108,7 +107,7 @@ def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tu
     and the spacing (M,) they are left with. A block is thinned by the largest power of two that leaves a point in every pixel.
     """
     distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
-    per_point = (distance * (pixel_angle / (_FOOTPRINT * cloud.spacing))).clamp_min(1.0).square()
+    per_point = (distance * (pixel_angle / (RENDERING.footprint * cloud.spacing))).clamp_min(1.0).square()
     exponent = torch.log2(per_point).floor_().clamp_(0, MAX_STRIDE_EXPONENT).to(torch.int8)
     points, views, places, spacings = [], [], [], []
     for step, blocks in enumerate(cloud.block_points):
@@ -141,7 +140,7 @@ def _level_offsets(batch: int, height: int, width: int, levels: int) -> tuple[li
 def _cells_of(pixel: Tensor, distance: Tensor, spacing: Tensor, offsets: list[int], height: int, width: int) -> Tensor:
     """Return the flat cell (M,) of each point, which falls into `pixel`, at the level of its footprint."""
     # A footprint of exactly one pixel belongs to the finest level in spite of rounding.
-    footprint = (0.999 * _FOOTPRINT * height / math.pi) * spacing / distance.clamp_min(1e-6)
+    footprint = (0.999 * RENDERING.footprint * height / math.pi) * spacing / distance.clamp_min(1e-6)
     large = (footprint > 1).nonzero()[:, 0]  # few: only near points are larger than a pixel
     level = torch.log2(footprint[large]).ceil_().clamp_(1, max(1, len(offsets) - 1)).long()
     if len(offsets) == 1 or not len(large):
@@ -172,7 +171,7 @@ def _compose_depth(nearest: Tensor, offsets: list[int], batch: int, height: int,
 def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
     """Return the colour (B, H, W, C) of the finest level with a visible point, and where there is one.
 
-    A cell also counts the points written up to `_FILL_LEVELS` levels below it, so that gaps of a few pixels are filled while
+    A cell also counts the points written up to `fill_levels` levels below it, so that gaps of a few pixels are filled while
     windows and unscanned corners stay missing.
     """
     own = []
@@ -183,7 +182,7 @@ def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, wi
     valid: Tensor | None = None
     for k in range(len(own) - 1, -1, -1):
         here = own[k]
-        for below in range(max(0, k - _FILL_LEVELS), k):
+        for below in range(max(0, k - RENDERING.fill_levels), k):
             here = here + pool(own[below], k - below)
         seen = here[..., -1] > 0
         mean = here[..., :-1] / here[..., -1:].clamp_min(1)

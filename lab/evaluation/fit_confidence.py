@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from core.config import JudgeConfig
 from core.judge.confidence import FEATURES, RadiusModel, features_of
 from core.judge.hypotheses import Hypothesis
 from lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
@@ -93,7 +94,7 @@ def features_of_row(row: Row) -> list[float]:
     """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
     search = row.search
     judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=search["score"], measures=search["measures"])
-    values = features_of(judged, search.get("runner_up_score") or 0.0)
+    values = features_of(judged, search.get("runner_up_score") or 0.0, JudgeConfig())
     return [float(values[name]) for name in FEATURES]
 
 

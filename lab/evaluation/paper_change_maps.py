@@ -19,8 +19,6 @@ from core.paper.intersection import bin_major, intersection_tensor
 from core.paper.score_maps import score_map_2d, score_map_3d, view_patch_scores
 from core.views.synthetic_view import render_views
 
-_QUERY_HEIGHT = 512
-
 
 @dataclass(frozen=True)
 class PaperChangeMaps:
@@ -36,7 +34,7 @@ def paper_change_maps(panorama: Panorama, index: MapIndex, config: PaperConfig |
     config, device = config or PaperConfig(), index.positions.device
     grid, height = PatchGrid(config.map_rows, config.map_columns), config.view_height
     colors = index.canonical_cloud_colors()
-    level = PanoramaPyramid(panorama, _QUERY_HEIGHT, None, device).level(_QUERY_HEIGHT)
+    level = PanoramaPyramid(panorama, config.image_height, None, device).level(config.image_height)
     weights = level.weights().flatten()
     matched = transport(level.color.flatten(1).T, weights, colors, torch.ones(len(colors), device=device))
     pixel_patch = grid.patch_of_pixel(level.height, 2 * level.height, device).flatten()[None]

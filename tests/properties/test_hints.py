@@ -8,6 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.config import SearchConfig
 from core.options import Hints
 from core.search.pose_limits import pose_limits
 from tests.properties.strategies import Array, finite, rotations
@@ -66,8 +67,8 @@ def test_whatever_is_allowed_is_searched(
     hints = Hints((0.0, 0.0, 0.0), 1.5, ((-1, -1, -1), (2, 2, 2)), True, tilt, heading, tolerance)
     limits = pose_limits(hints, SimpleNamespace(origin_offset=np.zeros(3)))  # type: ignore[arg-type]
     turned, placed = torch.from_numpy(rotation)[None], torch.from_numpy(position)[None]
-    assert bool(limits.searched_rotations(turned)) or not bool(limits.allows_rotation(turned))
-    assert bool(limits.searched_starts(placed)) or not bool(limits.allows_position(placed))
+    assert bool(limits.searched_rotations(turned, SearchConfig())) or not bool(limits.allows_rotation(turned))
+    assert bool(limits.searched_starts(placed, SearchConfig())) or not bool(limits.allows_position(placed))
 
 
 def test_without_hints_everything_is_allowed() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from core.config import JudgeConfig
 from core.geometry.projection import pixel_solid_angles
 from core.judge.agreement import Agreement, agreement
 from tests.reference import judge_twin as twin
@@ -33,7 +34,7 @@ def measured(scan: np.ndarray, panorama: np.ndarray, weights: np.ndarray) -> Agr
     names = ("scan", "panorama", "weights")
     sides = {name: torch.from_numpy(each).float() for name, each in zip(names, (scan, panorama, weights), strict=True)}
     comparison: Any = SimpleNamespace(**sides)
-    return agreement(comparison, HEIGHT, ROWS)
+    return agreement(comparison, HEIGHT, JudgeConfig(patch_rows=ROWS))
 
 
 def test_every_measure_agrees_with_its_definition(pairs: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from core.config import PaperConfig
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import pixel_directions
 from core.geometry.rotations import rotation_from_vector, uniform_rotations
@@ -113,14 +114,14 @@ def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProble
     )
     rotation, position = torch.from_numpy(ROTATION).float(), torch.from_numpy(POSITION).float()
     first = float(sampling_loss(single, rotation, position))
-    _, _, best = minimize_by_adam(single, rotation, position, 15, 0.05)
+    _, _, best = minimize_by_adam(single, rotation, position, PaperConfig(iterations=15, learning_rate=0.05))
     assert best <= first
 
 
 HEIGHT = 128
 
 
-def jacobian_of(seen: gauss_newton.Seen) -> np.ndarray:
+def jacobian_of(seen: gauss_newton.SampledPoints) -> np.ndarray:
     """Return the Jacobians (N, 3, 6) of the first candidate."""
     return np.asarray(np.einsum("can,kan->nck", seen.derivatives[0].numpy(), seen.directions[0].numpy()))
 
@@ -132,7 +133,7 @@ def linearized(positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.
     place = torch.from_numpy(positions).float().T[None]
     rotation = torch.from_numpy(loss_twin.turned(ROTATION, step[:3])).float()[None]
     position = torch.from_numpy(POSITION + ROTATION @ step[3:]).float()[None]
-    seen, _ = gauss_newton.see(level, place, rotation, position)
+    seen, _ = gauss_newton.sample_points(level, place, rotation, position)
     return seen.color[0].T.numpy(), jacobian_of(seen)
 
 
@@ -159,7 +160,7 @@ def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light:
     rng = np.random.default_rng(2)
     count = 60
     planes = torch.from_numpy(rng.normal(size=(1, 9, count)))
-    seen = gauss_newton.Seen(planes, torch.from_numpy(rng.normal(size=(1, 6, 2, count))))
+    seen = gauss_newton.SampledPoints(planes, torch.from_numpy(rng.normal(size=(1, 6, 2, count))))
     residual, weights = rng.normal(size=(1, 3, count)), rng.uniform(size=(1, count))
     hessian, gradient = gauss_newton.normal_equations(
         seen, torch.from_numpy(residual), torch.from_numpy(weights), fit_light

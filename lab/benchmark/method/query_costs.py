@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from core.config import LocalizerConfig
+from core.config import LocalizerConfig, SearchConfig
 from core.localizer import Localizer
 from lab.benchmark.method.whole_query import QueryFigures, WholeQuery
 from lab.benchmark.rooms import IndexedRoom, Rooms
@@ -86,12 +86,15 @@ def _over_maps(
         yield _cost(localizer, maps, sizes, sizes.base_width)
 
 
-def _localizer(sizes: Sizes, device: torch.device, **search: int) -> Localizer:
-    """Return a localizer with other search parameters where there are any."""
-    if sizes.candidates is not None:
-        search["num_candidates"] = sizes.candidates
-    config = LocalizerConfig()
-    return Localizer(replace(config, search=replace(config.search, **search)), str(device))
+def _localizer(sizes: Sizes, device: torch.device, num_rotations: int | None = None) -> Localizer:
+    """Return a localizer with other numbers of candidates and rotations where there are any."""
+    search = SearchConfig()
+    search = replace(
+        search,
+        num_candidates=sizes.candidates or search.num_candidates,
+        num_rotations=num_rotations or search.num_rotations,
+    )
+    return Localizer(LocalizerConfig(search=search), str(device))
 
 
 def _cost(

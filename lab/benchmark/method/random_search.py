@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from core.config import SearchConfig
+from core.config import DescriptorConfig, PaperConfig, SearchConfig
 from core.describe.patch_descriptors import (
     centered_roots,
     normalize_per_view,
@@ -20,11 +20,10 @@ from core.paper.intersection import bin_major, intersection_tensor
 from core.paper.score_maps import score_map_2d, view_patch_scores
 from core.search.pose_scores import score_poses, select_candidates
 
-CONFIG = SearchConfig()
-GRID = PatchGrid(CONFIG.patch_rows, CONFIG.patch_columns)
+CONFIG, DESCRIPTORS = SearchConfig(), DescriptorConfig()
+GRID = PatchGrid(DESCRIPTORS.patch_rows, DESCRIPTORS.patch_columns)
 OCCUPIED_BINS = 12
 _ROOM_M = 6.0
-_PAPER_CANDIDATES = 6
 
 
 class Search(Protocol):
@@ -53,7 +52,7 @@ def score_maps(search: Search, tensor: Tensor) -> Tensor:
 
 def random_histograms(rng: np.random.Generator, views: int) -> Tensor:
     """Return histograms (V, P, bins³) with about a dozen occupied bins each."""
-    num_bins = CONFIG.bins**3
+    num_bins = DESCRIPTORS.bins**3
     histograms = np.zeros((views * len(GRID), num_bins), np.float32)
     bins = rng.integers(0, num_bins, (len(histograms), OCCUPIED_BINS))
     np.put_along_axis(histograms, bins, rng.dirichlet(np.ones(OCCUPIED_BINS), len(histograms)).astype(np.float32), 1)
@@ -67,7 +66,9 @@ class FastSearch:
     def __init__(self, rng: np.random.Generator, starts: int, rotations: Tensor, device: torch.device) -> None:
         solid = GRID.solid_angles()
         parts = [random_histograms(rng, min(100, starts - first)) for first in range(0, starts, 100)]
-        self.basis = principal_basis(centered_roots(parts[0], solid)[0], CONFIG.descriptor_size).to(device)
+        self.basis = principal_basis(
+            centered_roots(parts[0], solid)[0], DESCRIPTORS.size, DESCRIPTORS.basis_patches
+        ).to(device)
         centered = [centered_roots(part, solid) for part in parts]
         self.views = torch.cat([roots @ self.basis.cpu() for roots, _ in centered]).to(device)
         self.view_weights = torch.cat([weights for _, weights in centered]).to(device)
@@ -78,7 +79,7 @@ class FastSearch:
         self.positions = torch.rand((starts, 3), generator=torch.Generator().manual_seed(0)).to(device) * _ROOM_M
         self.coarse_views = pooled(self.views, self.view_weights)
         turns = uniform_rotations(CONFIG.coarse_rotations).to(device)
-        self.coarse_table = rotation_table(PatchGrid(CONFIG.patch_rows // 2, CONFIG.patch_columns // 2), turns)
+        self.coarse_table = rotation_table(PatchGrid(GRID.rows // 2, GRID.columns // 2), turns)
         self.kept = torch.arange(starts, device=device)
 
     def tensor(self) -> Tensor:
@@ -97,9 +98,8 @@ class FastSearch:
     def scores(self, tensor: Tensor) -> Tensor:
         """Score all poses and select distinct candidates."""
         scores = score_poses(tensor, self.table, self.weights)
-        limits = CONFIG.distinct_angle_deg, CONFIG.distinct_distance_m
         positions = self.positions[self.kept]
-        return select_candidates(scores, positions, self.rotations, CONFIG.num_candidates, *limits).scores
+        return select_candidates(scores, positions, self.rotations, CONFIG).scores
 
 
 class PaperSearch:
@@ -119,4 +119,4 @@ class PaperSearch:
     def scores(self, tensor: Tensor) -> Tensor:
         """Score all poses and take the best."""
         weights = 0.5 * (score_map_2d(tensor, self.table) + self.sines)
-        return score_poses(tensor, self.table, weights).flatten().topk(_PAPER_CANDIDATES).values
+        return score_poses(tensor, self.table, weights).flatten().topk(PaperConfig().num_candidates).values

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import IndexConfig, SearchConfig
+from core.config import CONTRAST, DescriptorConfig, IndexConfig, SearchConfig, StartsConfig
 from core.errors import IndexFormatError, OptionsError
 from core.index.map_builder import build_map_index, index_config_digest
 from core.index.map_codec import decode_map_index, encode_map_index
@@ -201,7 +201,7 @@ def test_the_digest_changes_with_every_option_and_every_setting() -> None:
         IndexOptions(region=((0, 0, 0), (1, 1, 1))),
     ]
     digests = [index_config_digest(option) for option in options]
-    digests.append(index_config_digest(IndexOptions(), IndexConfig(search=SearchConfig(bins=6))))
+    digests.append(index_config_digest(IndexOptions(), IndexConfig(descriptors=DescriptorConfig(bins=6))))
     digests.append(index_config_digest(IndexOptions(), IndexConfig(finest_spacing_m=0.05)))
     assert len(set(digests)) == len(digests)
     assert all(len(digest) == 16 and int(digest, 16) >= 0 for digest in digests)
@@ -216,3 +216,15 @@ def test_every_setting_of_the_index_is_in_the_digest() -> None:
             inner = getattr(value, field.name)
             changed = dataclasses.replace(value, **{field.name: inner + type(inner)(1)})
             assert dataclasses.replace(base, **{section.name: changed}).digest() != base.digest(), field.name
+
+
+def test_what_all_images_are_made_with_is_in_the_digest(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = IndexConfig().digest()
+    monkeypatch.setattr("core.config.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
+    assert IndexConfig().digest() != before
+
+
+def test_what_only_queries_depend_on_is_not_in_the_digest() -> None:
+    sections = (IndexConfig, StartsConfig, DescriptorConfig)
+    names = {field.name for section in sections for field in dataclasses.fields(section)}
+    assert not names & {field.name for field in dataclasses.fields(SearchConfig)}

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 import torch
 
+from core.config import JudgeConfig
 from core.judge.confidence import (
     FEATURES,
     ConfidenceModel,
@@ -69,15 +70,15 @@ def judged(score: float = 1.2, **measures: float) -> Any:
     ],
 )
 def test_the_margin_is_what_the_best_other_place_is_behind(best_elsewhere: float, margin: float) -> None:
-    assert features_of(judged(), best_elsewhere)["margin"] == pytest.approx(margin)
+    assert features_of(judged(), best_elsewhere, JudgeConfig())["margin"] == pytest.approx(margin)
 
 
 def test_the_signs_of_confidence_are_the_judges_measures_and_the_logarithm_of_the_coverage() -> None:
-    found = features_of(judged(coverage=0.25), 0.9)
+    found = features_of(judged(coverage=0.25), 0.9, JudgeConfig())
     assert set(found) == set(FEATURES)
     assert [found[name] for name in FEATURES[:4]] == pytest.approx([0.1, 0.2, 0.3, 0.4])
     assert found["log_coverage"] == pytest.approx(math.log(0.25))
-    assert features_of(judged(coverage=0.0), 0.9)["log_coverage"] == pytest.approx(math.log(1e-3))
+    assert features_of(judged(coverage=0.0), 0.9, JudgeConfig())["log_coverage"] == pytest.approx(math.log(1e-3))
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:

@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from core.config import SearchConfig
+from core.config import DescriptorConfig
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import pixel_directions, project, sample_bilinear
@@ -55,7 +55,7 @@ def test_what_is_missing_has_no_part_in_its_surroundings() -> None:
 
 
 def test_patches_are_described_by_both_and_labels_by_their_codes_alone() -> None:
-    config = SearchConfig()
+    config = DescriptorConfig()
     grid, image, valid = PatchGrid(8, 16), textured(), torch.ones((1, HEIGHT, WIDTH))
     both, codes = (
         described_histograms(image, image.flatten(1, 2), valid, valid, grid, config.bins, is_labels)

@@ -6,23 +6,22 @@ import numpy as np
 import pytest
 import torch
 
+from core.config import StepConfig
 from core.geometry.projection import pixel_directions
 from core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
 from core.panorama.image_level import ImageLevel, prepare_level
-from core.refine.gauss_newton import Aligned, PoseStep, StepRules, first_pace, gauss_newton_step, normal_equations, see
+from core.refine.gauss_newton import (
+    PointPlanes,
+    PoseStep,
+    gauss_newton_step,
+    initial_history,
+    normal_equations,
+    sample_points,
+)
 from core.refine.refinement import CandidatePoints, refine
 
 HEIGHT = 64
-RULES = StepRules(
-    fit_light=True,
-    robust_scale=2.5,
-    min_scale=0.02,
-    max_turn=0.2,
-    max_move=0.3,
-    damping=1e-3,
-    relaxation=1.5,
-    max_relaxation=5.0,
-)
+RULES = StepConfig()
 ROTATION = uniform_rotations(9)[5]
 POSITION = torch.tensor([0.4, -0.2, 1.1])
 
@@ -32,27 +31,27 @@ def painted(directions: torch.Tensor) -> torch.Tensor:
     return 0.5 + 0.3 * torch.stack(((3 * x + 2 * y).sin(), (4 * y - z).sin(), (3 * z + x).cos()), dim=-1)
 
 
-def scene(count: int = 401) -> tuple[ImageLevel, Aligned]:
+def scene(count: int = 401) -> tuple[ImageLevel, PointPlanes]:
     """Return a painted sphere as seen from ROTATION and POSITION, and points that it shows, in their own colours."""
     image = painted(pixel_directions(HEIGHT, 2 * HEIGHT)).permute(2, 0, 1).contiguous()
     directions = even_directions(count)
     distance = 1 + 3 * torch.rand((count, 1), generator=torch.Generator().manual_seed(1))
     place = POSITION + distance * directions @ ROTATION.T
-    points = Aligned(place.T[None].contiguous(), painted(directions).T[None].contiguous(), torch.ones((1, count)))
+    points = PointPlanes(place.T[None].contiguous(), painted(directions).T[None].contiguous(), torch.ones((1, count)))
     return prepare_level(image, torch.ones(image.shape[1:])), points
 
 
-def plain(count: int = 401, color: float = 0.5) -> tuple[ImageLevel, Aligned]:
+def plain(count: int = 401, color: float = 0.5) -> tuple[ImageLevel, PointPlanes]:
     """Return the same points before an image of one colour, which they have as well."""
     _, points = scene(count)
     image = torch.full((3, HEIGHT, 2 * HEIGHT), color)
-    return prepare_level(image, torch.ones(image.shape[1:])), replace(points, target=torch.full((1, 3, count), color))
+    return prepare_level(image, torch.ones(image.shape[1:])), replace(points, colors=torch.full((1, 3, count), color))
 
 
 def step_from(
     level: ImageLevel,
-    points: Aligned,
-    rules: StepRules = RULES,
+    points: PointPlanes,
+    rules: StepConfig = RULES,
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
     move: tuple[float, float, float] = (0.0, 0.0, 0.0),
     light_weights: torch.Tensor | None = None,
@@ -62,8 +61,8 @@ def step_from(
     rotations = (ROTATION @ rotation_from_vector(torch.tensor(turn)))[None]
     positions = (POSITION + torch.tensor(move))[None]
     weights = points.weights if light_weights is None else light_weights
-    pace = first_pace(1, rules, torch.device("cpu"))
-    return gauss_newton_step(level, points, rotations, positions, weights, pace, rules, relaxed)
+    history = initial_history(1, rules, torch.device("cpu"))
+    return gauss_newton_step(level, points, rotations, positions, weights, history, rules, relaxed)
 
 
 # Robust weights.
@@ -72,7 +71,7 @@ def step_from(
 def test_residuals_lose_their_weight_by_the_square_of_what_they_are_to_the_scale() -> None:
     level, points = plain()
     residual = 0.3 * torch.rand((1, 1, 401), generator=torch.Generator().manual_seed(2)).expand(1, 3, -1)
-    step = step_from(level, replace(points, target=points.target + residual), replace(RULES, fit_light=False))
+    step = step_from(level, replace(points, colors=points.colors + residual), replace(RULES, fit_light=False))
     size = np.sqrt(3) * residual[0, 0].double().numpy()
     scale = 2.5 * np.median(size)
     assert float(step.scale) == pytest.approx(scale, rel=1e-5)
@@ -82,7 +81,7 @@ def test_residuals_lose_their_weight_by_the_square_of_what_they_are_to_the_scale
 
 def test_where_all_fits_the_scale_stays_above_what_is_noise() -> None:
     level, points = plain()
-    step = step_from(level, points, replace(RULES, fit_light=False, min_scale=0.07))
+    step = step_from(level, points, replace(RULES, fit_light=False, min_residual=0.07))
     assert float(step.scale) == pytest.approx(0.07)
     assert float(step.loss) == pytest.approx(0, abs=1e-9)
 
@@ -96,11 +95,11 @@ def test_points_that_do_not_count_and_those_on_a_mask_have_no_part_in_scale_and_
     valid = torch.ones((HEIGHT, 2 * HEIGHT))
     valid[:24] = 0
     level = prepare_level(torch.full((3, HEIGHT, 2 * HEIGHT), 0.5), valid)
-    _, inside = see(level, points.place, ROTATION[None], POSITION[None])
+    _, inside = sample_points(level, points.positions, ROTATION[None], POSITION[None])
     masked |= ~inside[0]
     assert 50 < int(masked.sum()) < 250
     residual[:, :, absent | masked] = 0.45
-    spoilt = replace(points, target=points.target + residual, weights=weights)
+    spoilt = replace(points, colors=points.colors + residual, weights=weights)
     step = step_from(level, spoilt, replace(RULES, fit_light=False))
     scale = 2.5 * 0.1 * 3**0.5
     assert float(step.scale) == pytest.approx(scale, rel=1e-4)
@@ -111,17 +110,17 @@ def test_points_that_do_not_count_and_those_on_a_mask_have_no_part_in_scale_and_
 def test_the_scale_of_many_points_is_nearly_that_of_all_of_them() -> None:
     level, points = plain(5000)
     residual = torch.rand((1, 1, 5000), generator=torch.Generator().manual_seed(4)).expand(1, 3, -1)
-    step = step_from(level, replace(points, target=points.target + residual), replace(RULES, fit_light=False))
+    step = step_from(level, replace(points, colors=points.colors + residual), replace(RULES, fit_light=False))
     assert float(step.scale) == pytest.approx(2.5 * 3**0.5 * float(residual[0, 0].median()), rel=0.1)
 
 
 def test_light_is_fitted_to_the_points_that_agreed_in_the_step_before() -> None:
     level, points = scene()
-    target, trusted = points.target * 0.7 + 0.1, torch.ones((1, 401))
+    target, trusted = points.colors * 0.7 + 0.1, torch.ones((1, 401))
     changed = torch.arange(401) % 3 == 0
     target[:, :, changed] = torch.rand((1, 3, int(changed.sum())), generator=torch.Generator().manual_seed(3))
     trusted[:, changed] = 0
-    relit = replace(points, target=target)
+    relit = replace(points, colors=target)
     knowing, ignorant = step_from(level, relit, light_weights=trusted), step_from(level, relit)
     # Residuals of unchanged points, in units of the scale.
     knowing_ratio, ignorant_ratio = (float(step.ratio[0, ~changed].mean()) for step in (knowing, ignorant))
@@ -138,27 +137,27 @@ def test_a_step_solves_the_damped_equations_and_moves_in_the_cameras_frame() -> 
     step = step_from(level, points, replace(RULES, fit_light=False, damping=0.1), turn, move)
     rotations = (ROTATION @ rotation_from_vector(torch.tensor(turn)))[None]
     positions = (POSITION + torch.tensor(move))[None]
-    seen, _ = see(level, points.place, rotations, positions)
-    hessian, gradient = normal_equations(seen, seen.color - points.target, step.weights, False)
+    seen, _ = sample_points(level, points.positions, rotations, positions)
+    hessian, gradient = normal_equations(seen, seen.color - points.colors, step.weights, False)
     damped = hessian[0].double() + torch.diag(0.1 * hessian[0].diagonal() + 1e-6)
     expected = -torch.linalg.solve(damped, gradient[0].double())
-    torch.testing.assert_close(step.pace.step[0].double(), expected, rtol=1e-3, atol=1e-5)
+    torch.testing.assert_close(step.history.step[0].double(), expected, rtol=1e-3, atol=1e-5)
     torch.testing.assert_close(step.hessian, hessian)
-    assert float(step.pace.slope) == pytest.approx(float(gradient[0].double() @ expected), rel=1e-3)
-    assert float(step.pace.slope) < 0
-    torch.testing.assert_close(step.rotations[0], rotations[0] @ rotation_from_vector(step.pace.step[0, :3]))
-    torch.testing.assert_close(step.positions[0], positions[0] + rotations[0] @ step.pace.step[0, 3:])
+    assert float(step.history.slope) == pytest.approx(float(gradient[0].double() @ expected), rel=1e-3)
+    assert float(step.history.slope) < 0
+    torch.testing.assert_close(step.rotations[0], rotations[0] @ rotation_from_vector(step.history.step[0, :3]))
+    torch.testing.assert_close(step.positions[0], positions[0] + rotations[0] @ step.history.step[0, 3:])
 
 
 def test_no_step_goes_further_than_the_rules_allow() -> None:
     level, points = scene()
     turn, move = (0.1, -0.2, 0.1), (0.3, 0.2, -0.2)
-    free = step_from(level, points, replace(RULES, max_turn=9.0, max_move=9.0), turn, move).pace.step[0]
-    bound = step_from(level, points, replace(RULES, max_turn=0.02, max_move=0.01), turn, move).pace.step[0]
+    free = step_from(level, points, replace(RULES, max_turn_rad=9.0, max_move_m=9.0), turn, move).history.step[0]
+    bound = step_from(level, points, replace(RULES, max_turn_rad=0.02, max_move_m=0.01), turn, move).history.step[0]
     for part, limit in ((slice(0, 3), 0.02), (slice(3, 6), 0.01)):
         assert float(free[part].norm()) > 2 * limit
         torch.testing.assert_close(bound[part], free[part] * limit / free[part].norm())
-    wide = step_from(level, points, replace(RULES, max_turn=8.0, max_move=8.0), turn, move).pace.step[0]
+    wide = step_from(level, points, replace(RULES, max_turn_rad=8.0, max_move_m=8.0), turn, move).history.step[0]
     torch.testing.assert_close(wide, free)
 
 
@@ -166,8 +165,8 @@ def test_a_lengthened_step_is_the_plain_one_times_its_length() -> None:
     level, points = scene()
     turn, move = (0.02, -0.03, 0.01), (0.03, 0.02, -0.04)
     one, longer = (step_from(level, points, RULES, turn, move, relaxed=relaxed) for relaxed in (False, True))
-    torch.testing.assert_close(longer.pace.step, 1.5 * one.pace.step)
-    assert float(one.pace.length) == float(longer.pace.length) == 1.5
+    torch.testing.assert_close(longer.history.step, 1.5 * one.history.step)
+    assert float(one.history.relaxation) == float(longer.history.relaxation) == 1.5
 
 
 def test_the_last_step_of_a_refinement_is_not_lengthened_and_those_before_are() -> None:
@@ -176,14 +175,14 @@ def test_the_last_step_of_a_refinement_is_not_lengthened_and_those_before_are() 
     rotations = (ROTATION @ rotation_from_vector(torch.tensor(turn)))[None]
     positions = (POSITION + torch.tensor(move))[None]
     candidates = CandidatePoints(
-        points.place.transpose(1, 2).contiguous(), points.target.transpose(1, 2).contiguous(), points.weights
+        points.positions.transpose(1, 2).contiguous(), points.colors.transpose(1, 2).contiguous(), points.weights
     )
     once = refine(level, candidates, rotations, positions, 1, RULES)
     torch.testing.assert_close(once.positions, step_from(level, points, RULES, turn, move).positions)
     twice = refine(level, candidates, rotations, positions, 2, RULES)
     first = step_from(level, points, RULES, turn, move, relaxed=True)
     second = gauss_newton_step(
-        level, points, first.rotations, first.positions, first.weights, first.pace, RULES, relaxed=False
+        level, points, first.rotations, first.positions, first.weights, first.history, RULES, relaxed=False
     )
     torch.testing.assert_close(twice.positions, second.positions)
     torch.testing.assert_close(twice.rotations, second.rotations)

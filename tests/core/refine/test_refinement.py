@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from core.config import Rest
+from core.config import PoseDistance, StepConfig, StoppingRule
 from core.geometry.projection import pixel_directions
 from core.geometry.rotations import rotation_angle, rotation_from_vector, uniform_rotations
 from core.panorama.image_level import prepare_level
-from core.refine.gauss_newton import Pace, StepRules, next_length
+from core.refine.gauss_newton import StepHistory, next_relaxation
 from core.refine.refinement import CandidatePoints, refine
 
 HEIGHT = 128
@@ -47,7 +47,9 @@ def refined_errors(
     level = prepare_level(image, torch.ones(image.shape[1:]) if valid is None else valid)
     candidates = CandidatePoints(points[None], colors[None], torch.ones((1, len(points))))
     start = rotation @ rotation_from_vector(torch.tensor([0.1, -0.1, 0.07]))
-    found = refine(level, candidates, start[None], (POSITION + torch.tensor([0.15, -0.15, 0.1]))[None], 25, StepRules())
+    found = refine(
+        level, candidates, start[None], (POSITION + torch.tensor([0.15, -0.15, 0.1]))[None], 25, StepConfig()
+    )
     angle = float(torch.rad2deg(rotation_angle(found.rotations[0].double(), rotation.double())))
     return float((found.positions[0] - POSITION).norm()), angle
 
@@ -98,7 +100,7 @@ def test_each_candidate_is_refined_as_if_it_were_alone(scene: tuple[torch.Tensor
         starts,
         positions,
         6,
-        StepRules(),
+        StepConfig(),
     )
     for k in range(3):
         alone = refine(
@@ -107,7 +109,7 @@ def test_each_candidate_is_refined_as_if_it_were_alone(scene: tuple[torch.Tensor
             starts[k : k + 1],
             positions[k : k + 1],
             6,
-            StepRules(),
+            StepConfig(),
         )
         torch.testing.assert_close(alone.positions[0], together.positions[k], atol=2e-4, rtol=0)
         torch.testing.assert_close(alone.rotations[0], together.rotations[k], atol=2e-4, rtol=0)
@@ -125,13 +127,13 @@ def test_candidates_that_come_together_go_on_as_one_and_all_end_in_the_same_plac
     weights = torch.ones((4, len(points)))
     weights[3] = 0
     candidates = CandidatePoints(points.expand(4, -1, -1), colors.expand(4, -1, -1), weights)
-    rest = Rest(move_m=1e-3, turn_rad=1e-3, apart_m=0.05, apart_rad=0.03)
-    found = refine(level, candidates, starts, (POSITION + 0.1).expand(4, -1), 40, StepRules(), rest)
+    stop = StoppingRule(move_m=1e-3, turn_rad=1e-3, merge=PoseDistance(0.05, 1.72))
+    found = refine(level, candidates, starts, (POSITION + 0.1).expand(4, -1), 40, StepConfig(), stop)
     assert len(found.numbers) == 2
     assert int(found.numbers[1]) == 3
     torch.testing.assert_close(found.positions[0], POSITION, atol=0.005, rtol=0)
     torch.testing.assert_close(found.positions[1], POSITION + 0.1)
-    assert int(found.steps[0]) < 40  # it rests when it has arrived
+    assert int(found.steps[0]) < 40  # it stops when it has arrived
     assert int(found.steps[1]) == 4
 
 
@@ -140,9 +142,9 @@ def test_candidates_of_different_maps_are_never_one(scene: tuple[torch.Tensor, .
     level = prepare_level(image, torch.ones(image.shape[1:]))
     candidates = CandidatePoints(points.expand(3, -1, -1), colors.expand(3, -1, -1), torch.ones((3, len(points))))
     start = (rotation @ rotation_from_vector(torch.tensor([0.1, 0.05, 0.0]))).expand(3, -1, -1)
-    rest = Rest(move_m=1e-3, turn_rad=1e-3, apart_m=0.05, apart_rad=0.03)
+    stop = StoppingRule(move_m=1e-3, turn_rad=1e-3, merge=PoseDistance(0.05, 1.72))
     maps = torch.tensor([4, 7, 4])
-    found = refine(level, candidates, start, (POSITION + 0.1).expand(3, -1), 20, StepRules(), rest, maps)
+    found = refine(level, candidates, start, (POSITION + 0.1).expand(3, -1), 20, StepConfig(), stop, maps)
     assert sorted(maps[found.numbers].tolist()) == [4, 7]
 
 
@@ -150,7 +152,7 @@ def test_a_candidate_without_a_point_stays_where_it_is(scene: tuple[torch.Tensor
     image, points, colors, rotation = scene
     level = prepare_level(image, torch.ones(image.shape[1:]))
     nothing = CandidatePoints(points[None], colors[None], torch.zeros((1, len(points))))
-    found = refine(level, nothing, rotation[None], POSITION[None], 3, StepRules())
+    found = refine(level, nothing, rotation[None], POSITION[None], 3, StepConfig())
     torch.testing.assert_close(found.positions[0], POSITION)
     assert bool(torch.isfinite(found.rotations).all())
     assert bool(torch.isfinite(found.loss).all())
@@ -170,17 +172,17 @@ def test_a_candidate_without_a_point_stays_where_it_is(scene: tuple[torch.Tensor
 def test_steps_are_lengthened_by_what_the_last_one_fell_short(
     slope_before: float, slope_after: float, length: float
 ) -> None:
-    rules = StepRules(relaxation=1.5, max_relaxation=5.0)
+    config = StepConfig(relaxation=1.5, max_relaxation=5.0)
     step = torch.tensor([[0.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
-    pace = Pace(step, torch.tensor([slope_before]), torch.tensor([1.5]))
-    found = next_length(pace, step * slope_after, rules)
+    history = StepHistory(step, torch.tensor([slope_before]), torch.tensor([1.5]))
+    found = next_relaxation(history, step * slope_after, config)
     assert found.tolist() == pytest.approx([length])
 
 
-def test_steps_grow_no_longer_than_the_rules_allow() -> None:
-    rules, step = StepRules(max_relaxation=5.0), torch.eye(6)[:1]
-    pace = Pace(step, torch.tensor([-1.0]), torch.tensor([4.0]))
-    assert next_length(pace, -0.9 * step, rules).tolist() == [5.0]
+def test_steps_grow_no_longer_than_the_configuration_allows() -> None:
+    config, step = StepConfig(max_relaxation=5.0), torch.eye(6)[:1]
+    history = StepHistory(step, torch.tensor([-1.0]), torch.tensor([4.0]))
+    assert next_relaxation(history, -0.9 * step, config).tolist() == [5.0]
 
 
 def test_steps_that_learn_reach_the_pose_where_noise_makes_plain_ones_creep(scene: tuple[torch.Tensor, ...]) -> None:
@@ -190,8 +192,8 @@ def test_steps_that_learn_reach_the_pose_where_noise_makes_plain_ones_creep(scen
     candidates = CandidatePoints(points[None], colors[None], torch.ones((1, len(points))))
     start = POSITION + torch.tensor([0.15, -0.15, 0.1])
     errors = [
-        float((refine(level, candidates, rotation[None], start[None], 6, rules).positions[0] - POSITION).norm())
-        for rules in (StepRules(), StepRules(max_relaxation=1.5))
+        float((refine(level, candidates, rotation[None], start[None], 6, config).positions[0] - POSITION).norm())
+        for config in (StepConfig(), StepConfig(max_relaxation=1.5))
     ]
     assert errors[0] < 0.005
     assert errors[0] < 0.3 * errors[1]

@@ -4,12 +4,13 @@ import math
 
 import torch
 
+from core.config import SearchConfig
 from core.search.pose_limits import PoseLimits
 
 
 def test_limits_widen_for_the_search_and_not_for_the_answer() -> None:
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
-    assert bool(limits.searched_starts(torch.tensor([[1.3, 0.0, 0.0]])))
+    assert bool(limits.searched_starts(torch.tensor([[1.3, 0.0, 0.0]]), SearchConfig()))
     assert not bool(limits.allows_position(torch.tensor([1.3, 0.0, 0.0])))
     tilted = torch.tensor(
         [
@@ -18,7 +19,7 @@ def test_limits_widen_for_the_search_and_not_for_the_answer() -> None:
             [0, math.sin(math.radians(15)), math.cos(math.radians(15))],
         ]
     )
-    assert bool(limits.searched_rotations(tilted[None]))
+    assert bool(limits.searched_rotations(tilted[None], SearchConfig()))
     assert not bool(limits.allows_rotation(tilted))
 
 

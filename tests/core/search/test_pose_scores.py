@@ -4,6 +4,7 @@ import math
 
 import torch
 
+from core.config import SearchConfig
 from core.geometry.rotations import rotation_from_vector
 from core.search.pose_scores import select_candidates
 
@@ -22,7 +23,7 @@ def poses(num_alike: int, num_elsewhere: int) -> tuple[torch.Tensor, torch.Tenso
 
 def test_when_too_few_of_the_best_poses_differ_more_of_them_are_looked_at() -> None:
     scores, starts, rotations = poses(num_alike=600, num_elsewhere=7)
-    found = select_candidates(scores, starts, rotations, 8, 25.0, 0.8)
+    found = select_candidates(scores, starts, rotations, SearchConfig(num_candidates=8))
     assert found.starts.tolist() == list(range(8))
     assert found.rotations.tolist() == [0] * 8
     torch.testing.assert_close(found.scores, torch.cat((torch.tensor([2.0]), torch.linspace(0.9, 0.5, 7))))
@@ -30,7 +31,7 @@ def test_when_too_few_of_the_best_poses_differ_more_of_them_are_looked_at() -> N
 
 def test_of_poses_that_hardly_differ_only_the_best_is_a_candidate_however_few_there_are() -> None:
     scores, starts, rotations = poses(num_alike=20, num_elsewhere=2)
-    found = select_candidates(scores, starts, rotations, 8, 25.0, 0.8)
+    found = select_candidates(scores, starts, rotations, SearchConfig(num_candidates=8))
     assert found.starts.tolist() == [0, 1, 2]
     assert len(found) == 3
 
@@ -39,5 +40,5 @@ def test_the_same_place_seen_another_way_and_another_place_seen_the_same_way_are
     turned = torch.stack([rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(a)])) for a in (0.0, 24.0, 26.0)])
     starts = torch.tensor([[0.0, 0, 0], [0.7, 0, 0], [0.9, 0, 0]])
     scores = torch.tensor([[9.0, 8.0, 7.0], [6.0, 5.0, 1.0], [4.0, -math.inf, -math.inf]])
-    found = select_candidates(scores, starts, turned, 9, 25.0, 0.8)
+    found = select_candidates(scores, starts, turned, SearchConfig(num_candidates=9))
     assert list(zip(found.starts.tolist(), found.rotations.tolist(), strict=True)) == [(0, 0), (0, 2), (2, 0)]

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from core.config import SearchConfig
+from core.config import DescriptorConfig, SearchConfig
 from core.describe.patch_descriptors import ViewDescriptors
+from core.describe.spherical_patches import PatchGrid
 from core.geometry.pose import Pose
 from core.geometry.rotations import rotation_angle, uniform_rotations
 from core.index.map_index import MapIndex
@@ -17,13 +18,15 @@ from core.search.map_search import describe_panorama, make_search_rotations, sea
 from core.search.pose_limits import PoseLimits
 from core.search.pose_scores import select_candidates
 
+GRID = PatchGrid(DescriptorConfig().patch_rows, DescriptorConfig().patch_columns)
+
 
 def test_candidates_come_best_first_and_differ_from_each_other() -> None:
     rng = np.random.default_rng(3)
     positions = torch.from_numpy(rng.uniform(0, 4, (30, 3))).float()
     rotations = uniform_rotations(200)
     scores = torch.from_numpy(rng.normal(size=(30, 200))).float()
-    chosen = select_candidates(scores, positions, rotations, 12, 25.0, 0.8)
+    chosen = select_candidates(scores, positions, rotations, SearchConfig(num_candidates=12))
     assert len(chosen) == 12
     assert chosen.scores.tolist() == sorted(chosen.scores.tolist(), reverse=True)
     assert float(chosen.scores[0]) == float(scores.max())
@@ -37,7 +40,7 @@ def test_candidates_come_best_first_and_differ_from_each_other() -> None:
 def test_excluded_poses_are_never_candidates() -> None:
     scores = torch.full((3, 5), -math.inf)
     scores[1, 2] = 0.5
-    chosen = select_candidates(scores, torch.zeros((3, 3)), uniform_rotations(5), 4, 25.0, 0.8)
+    chosen = select_candidates(scores, torch.zeros((3, 3)), uniform_rotations(5), SearchConfig(num_candidates=4))
     assert chosen.starts.tolist() == [1]
     assert chosen.rotations.tolist() == [2]
 
@@ -46,8 +49,8 @@ def test_the_search_ranks_a_pose_near_the_true_one_among_the_first(
     box_index: MapIndex, box_panorama: Panorama, box_pose: Pose
 ) -> None:
     config = SearchConfig()
-    rotations = make_search_rotations(config, torch.device("cpu"))
-    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, config)
+    rotations = make_search_rotations(config, GRID, torch.device("cpu"))
+    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, DescriptorConfig())
     (result,) = search_maps([described], [box_index], rotations, [PoseLimits()], config)
     found, allowed = result.candidates, result.rotations
     assert result.num_starts == box_index.num_starts
@@ -62,8 +65,8 @@ def test_the_first_pass_discards_starts_and_keeps_the_best_pose(box_index: MapIn
         SearchConfig(coarse_kept_starts=10_000),
         SearchConfig(coarse_kept_starts=10, coarse_kept_share=0.04),
     )
-    rotations = make_search_rotations(hasty, torch.device("cpu"))
-    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, hasty)
+    rotations = make_search_rotations(hasty, GRID, torch.device("cpu"))
+    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, DescriptorConfig())
     (every,), (few,) = (
         search_maps([described], [box_index], rotations, [PoseLimits()], config) for config in (thorough, hasty)
     )
@@ -80,8 +83,8 @@ def test_the_first_pass_compares_starts_of_all_maps(box_index: MapIndex, box_pan
     order = torch.randperm(views.values.shape[1], generator=torch.Generator().manual_seed(0))
     shuffled = ViewDescriptors(views.values[:, order], views.basis, views.weights)
     maps = [box_index, replace(box_index, descriptors=shuffled)]
-    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, config)
-    rotations = make_search_rotations(config, torch.device("cpu"))
+    described = describe_panorama(PanoramaPyramid(box_panorama, 64, None, "cpu"), None, DescriptorConfig())
+    rotations = make_search_rotations(config, GRID, torch.device("cpu"))
     right, wrong = search_maps([described] * 2, maps, rotations, [PoseLimits()] * 2, config)
     assert len(right.candidates) > len(wrong.candidates)
 
