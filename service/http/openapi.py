@@ -47,6 +47,18 @@ def picture_response(description: str) -> dict[str, Any]:
     return {"description": description, "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}
 
 
+def accepted_headers(path_of: str) -> dict[str, Any]:
+    """Return the OpenAPI headers of a 202. path_of: what `Location` leads to."""
+    return {
+        "Location": {"description": f"Path of the {path_of}", "required": True, "schema": {"type": "string"}},
+        "Retry-After": {
+            "description": "Seconds until a look is worth it",
+            "required": True,
+            "schema": {"type": "integer"},
+        },
+    }
+
+
 def install_openapi(app: FastAPI) -> None:
     """Let the application describe itself completely; the document is made once, when it is first asked for."""
 

@@ -12,7 +12,7 @@ from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, Upload, check
 from service.answer import Document
 from service.errors import InvalidOptionsError
 from service.http.access import require
-from service.http.openapi import binary_part, json_part, multipart
+from service.http.openapi import accepted_headers, binary_part, json_part, multipart
 from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
 from service.http.schemas.localization import LOCALIZATION_EXAMPLE, OPTIONS_EXAMPLE, PENDING_EXAMPLE
 from service.http.spool import PartRule
@@ -40,14 +40,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     202: {
         "model": PendingLocalization,
         "description": "With `Prefer: respond-async`: the answer is fetched later.",
-        "headers": {
-            "Location": {"description": "Path of the answer", "required": True, "schema": {"type": "string"}},
-            "Retry-After": {
-                "description": "Seconds until a look is worth it",
-                "required": True,
-                "schema": {"type": "integer"},
-            },
-        },
+        "headers": accepted_headers("answer"),
         "content": {"application/json": {"example": {**PENDING_EXAMPLE, "status": "queued"}}},
     },
 }

@@ -12,14 +12,14 @@ from core.scan.format_detection import KNOWN_FORMATS, extension_of
 from core.scan.ply.header import check_ply_file
 from service.errors import InvalidOptionsError
 from service.http.access import require
-from service.http.openapi import binary_part, json_part, multipart
+from service.http.openapi import accepted_headers, binary_part, json_part, multipart
 from service.http.schemas import Map, MapOptions, ScanOptions
-from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledScan, disk_error
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
-from service.jobs import LONGEST_NAME, MapRef, RegisterOptions, new_id, now
+from service.jobs import MapRef, RegisterOptions, new_id, now
 from service.maps.record import MapRecord, Revision, map_document
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -32,14 +32,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
         "model": Map,
         "description": "The scan is stored; poll the map until it is ready.",
-        "headers": {
-            "Location": {"description": "Path of the map", "required": True, "schema": {"type": "string"}},
-            "Retry-After": {
-                "description": "Seconds until a look is worth it",
-                "required": True,
-                "schema": {"type": "integer"},
-            },
-        },
+        "headers": accepted_headers("map"),
         "content": {"application/json": {"example": QUEUED_MAP_EXAMPLE}},
     }
 }
@@ -70,7 +63,7 @@ async def post_map(request: Request) -> Response:
             revision = await _store(services, ref, scan, options.to_options())
             record = MapRecord(
                 id=ref.id,
-                name=options.name or scan.name[:LONGEST_NAME] or ref.id,
+                name=options.name or name_of_file(scan.name) or ref.id,
                 created_at=(created_at := now()),
                 updated_at=created_at,
                 newest=revision,

@@ -1,5 +1,6 @@
 """What a caller may say about a map."""
 
+import re
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, StringConstraints
@@ -18,6 +19,11 @@ Name = Annotated[
 ]
 Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_TAG, pattern=_PRINTABLE)]
 Tags = Annotated[list[Tag], Field(max_length=32), AfterValidator(lambda tags: list(dict.fromkeys(tags)))]
+
+
+def name_of_file(file_name: str) -> str:
+    """Return a file's name as `Name` takes it: without control characters, and cut; may be empty."""
+    return re.sub(r"[\x00-\x1f\x7f]", "", file_name).strip()[:LONGEST_NAME].strip()
 
 
 class StartsOptions(Model):

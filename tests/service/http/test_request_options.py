@@ -13,7 +13,7 @@ from service.api_keys import ApiKeys, Scope
 from service.errors import InvalidOptionsError, MalformedRequestError
 from service.http.schemas import LocalizeOptions, MapOptions
 from service.http.schemas.localization import OPTIONS_EXAMPLE
-from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE
+from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.validation import parse_json
 from service.settings import Settings
 
@@ -81,6 +81,14 @@ def test_the_examples_of_the_contract_are_valid() -> None:
 def test_a_name_can_be_shown(name: str) -> None:
     with pytest.raises(InvalidOptionsError, match="name"):
         parse_json(MapOptions, json.dumps({"name": name}).encode(), "options")
+
+
+@given(st.text() | st.just("x" * 300) | st.just("a\x01b.ply"))
+def test_a_map_that_is_named_after_its_file_bears_a_name_that_could_be_given(file_name: str) -> None:
+    name = name_of_file(file_name)
+    if name:
+        given_name = parse_json(MapOptions, json.dumps({"name": name}).encode(), "options").name
+        assert given_name == name
 
 
 def test_a_key_may_do_what_its_scope_says() -> None:
