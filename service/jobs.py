@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Literal, Protocol, get_args
 
+from core.camera.camera import CameraDescription
 from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, Status
 
 Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
@@ -44,12 +45,14 @@ class MapRef:
 class QueryOptions:
     """What a caller asks of one query.
 
-    timeout_s: seconds for the answer. frame: axes of the poses in the answer. top_k: poses in the answer. artifacts: each once.
+    timeout_s: seconds for the answer. frame: axes of the poses in the answer. camera: what took the image; None: the file says so itself.
+    top_k: poses in the answer. artifacts: each once.
     """
 
     timeout_s: float
     method: Method = "fast"
     frame: Frame = "ros"
+    camera: CameraDescription | None = None
     hints: Hints | None = None
     artifacts: tuple[Artifact, ...] = ()
     top_k: int = 1

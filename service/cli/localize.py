@@ -1,5 +1,6 @@
 """`panoloc localize`: find where panoramas were taken."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ def localize(
     ctx: typer.Context,
     panoramas: Annotated[
         list[Path],
-        typer.Argument(exists=True, dir_okay=False, readable=True, help=f"Panoramas (2:1; {KNOWN_FORMATS})."),
+        typer.Argument(exists=True, dir_okay=False, readable=True, help=f"Panoramas or photos ({KNOWN_FORMATS})."),
     ],
     map_id: Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")] = None,
     tag: Annotated[str | None, typer.Option(help="Search all maps that bear this tag instead.")] = None,
@@ -36,6 +37,13 @@ def localize(
     method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = QueryOptions.method,
     mask: Annotated[
         Path | None, typer.Option(exists=True, dir_okay=False, help="Image; its non-zero pixels are ignored.")
+    ] = None,
+    hfov: Annotated[
+        float | None, typer.Option(help="A photo so many degrees wide; phones say it in EXIF.", metavar="DEG")
+    ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="JSON file: an entry of `cameras` as in docs/api.md."),
     ] = None,
     position: Annotated[Point | None, typer.Option(metavar="X Y Z", help="Hint: near this place, metres.")] = None,
     radius: Annotated[float | None, typer.Option(help="Hint: at most this far from --position, metres.")] = None,
@@ -70,6 +78,8 @@ def localize(
     hints = _hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
     options: JsonObject = {"frame": frame, "method": method, "top_k": top_k}
     options["artifacts"] = list(ARTIFACTS) if out else []
+    described = _camera_object(hfov, camera)
+    options |= {"cameras": [described]} if described else {}
     options |= {"hints": hints} if hints else {}
     options |= {"timeout_s": timeout} if timeout else {}
     session: Session = ctx.obj
@@ -123,6 +133,26 @@ class _Localize:
             f"[bold]{escape(str(panorama))}[/]  [bold red]{escape(problem.title)}[/] (HTTP {problem.status})"
         )
         self.session.messages.print(escape(str(problem)))
+
+
+def _camera_object(hfov_deg: float | None, file: Path | None) -> JsonObject | None:
+    """Return the camera as the HTTP API takes it, None where nothing is said of it. Raises typer.BadParameter for a file that is none."""
+    if file is None:
+        return None if hfov_deg is None else {"model": "pinhole", "hfov_deg": hfov_deg}
+    if hfov_deg is not None:
+        raise typer.BadParameter(
+            "expected --hfov or --camera, got both; the file can hold hfov_deg", param_hint="--hfov"
+        )
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise typer.BadParameter(f"expected a JSON file, but {file}: {error}", param_hint="--camera") from error
+    if not isinstance(found, dict):
+        raise typer.BadParameter(
+            f'expected an object such as {{"model": "pinhole", "hfov_deg": 69}} in {file}, got {type(found).__name__}',
+            param_hint="--camera",
+        )
+    return found
 
 
 def _hints_object(

@@ -119,7 +119,8 @@ class _RunningQuery:
         return found
 
     def _panorama(self) -> Panorama:
-        return read_panorama(self._job.panorama, self._job.mask, max_pixels=self._settings.max_pixels)
+        job = self._job
+        return read_panorama(job.panorama, job.mask, camera=job.options.camera, max_pixels=self._settings.max_pixels)
 
     def _remaining_s(self) -> float:
         remaining_s = self._job.deadline_unix_s - time.time()

@@ -83,13 +83,16 @@ class PaintedBox:
         in_camera = np.stack(
             (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)), axis=-1
         )
-        in_map = in_camera.reshape(-1, 3) @ pose.rotation.T
+        colors = self.color_along(pose.position, in_camera.reshape(-1, 3) @ pose.rotation.T)
+        return Panorama(colors.reshape(height, width, 3), np.ones((height, width), bool))
+
+    def color_along(self, position: Array, directions: Array) -> NDArray[np.uint8]:
+        """Return the colours (N, 3) that lie from a position (3,) inside the box along directions (N, 3)."""
         size = np.array(self.size_m)
         with np.errstate(divide="ignore"):
-            steps = (np.where(in_map > 0, size, 0.0) - pose.position) / in_map
-        nearest = np.where(in_map == 0, np.inf, steps).min(axis=1)
-        colors = self.color_at(pose.position + in_map * nearest[:, None])
-        return Panorama(colors.reshape(height, width, 3), np.ones((height, width), bool))
+            steps = (np.where(directions > 0, size, 0.0) - position) / directions
+        nearest = np.where(directions == 0, np.inf, steps).min(axis=1)
+        return self.color_at(position + directions * nearest[:, None])
 
 
 def rotation_of(yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0) -> Array:

@@ -15,6 +15,7 @@ from core.options import (
     Method,
     Status,
 )
+from service.http.schemas.cameras import Camera
 from service.http.schemas.geometry import Answer, Box, Model, Vector
 from service.http.schemas.problem import ProblemDocument
 from service.jobs import ARTIFACTS, Artifact, QueryOptions
@@ -65,6 +66,11 @@ class LocalizeOptions(Model):
     frame: Frame = Field(QueryOptions.frame, description="Axes of the answer; see docs/api.md.")
     method: Method = Field(QueryOptions.method, description="`paper`: the recipe of the paper, slower.")
     hints: Hints | None = None
+    cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
+        None,
+        description="What took the image. Left out: 2:1 is a full sphere; GPano fields or the EXIF focal length in 35 mm terms say what "
+        "another image is.",
+    )
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
         QueryOptions.top_k,
@@ -82,6 +88,7 @@ class LocalizeOptions(Model):
             timeout_s=timeout_s if self.timeout_s is None else self.timeout_s,
             method=self.method,
             frame=self.frame,
+            camera=None if self.cameras is None else self.cameras[0].to_options(),
             hints=None if self.hints is None else self.hints.to_options(),
             artifacts=tuple(dict.fromkeys(self.artifacts)),
             top_k=self.top_k,

@@ -170,6 +170,26 @@ def test_maps_are_named_by_id_or_by_tag_but_not_both(
     assert fake.requests == []
 
 
+@pytest.mark.parametrize("described", ["--hfov", "--camera"])
+def test_a_photos_camera_is_sent_along(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path, described: str
+) -> None:
+    file = tmp_path / "camera.json"
+    file.write_text('{"model": "pinhole", "hfov_deg": 69.0}')
+    value = {"--hfov": "69", "--camera": str(file)}[described]
+    assert panoloc("localize", panorama, "--map", "map_1", described, value).code == 0
+    assert json.loads(fake.parts["options"][0])["cameras"] == [{"model": "pinhole", "hfov_deg": 69.0}]
+
+
+@pytest.mark.parametrize("text", ["no JSON", "[1]"])
+def test_a_camera_file_that_is_none_is_wrong_usage(panoloc: Panoloc, panorama: Path, tmp_path: Path, text: str) -> None:
+    file = tmp_path / "camera.json"
+    file.write_text(text)
+    done = panoloc("localize", panorama, "--map", "map_1", "--camera", file)
+    assert done.code == 2
+    assert "expected" in done.err
+
+
 @pytest.mark.parametrize("lonely", [["--radius", "5"], ["--heading-tolerance", "5"]])
 def test_a_hint_that_needs_another_is_wrong_usage(panoloc: Panoloc, panorama: Path, lonely: list[str]) -> None:
     done = panoloc("localize", panorama, "--map", "map_1", *lonely)

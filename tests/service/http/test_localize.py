@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import redis
 
+from core.camera.camera import CameraDescription
 from core.errors import (
     DeadlineExceededError,
     OptionsError,
@@ -103,6 +104,39 @@ async def test_the_papers_recipe_has_minutes_when_the_caller_names_no_time(
     (job,) = running.pool.jobs
     assert job.options.timeout_s == timeout_s
     assert 0 < job.deadline_unix_s - time.time() <= timeout_s
+
+
+async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningService) -> None:
+    camera = {"model": "opencv", "width_px": 1920, "height_px": 1440, "fx_px": 1450, "distortion": [0.1, -0.2, 0, 0]}
+    reply = await running.localize(await running.ready_map(), options=json.dumps({"cameras": [camera]}))
+    assert reply.status_code == 200, reply.text
+    wanted = CameraDescription("opencv", 1920, 1440, fx_px=1450.0, distortion=(0.1, -0.2, 0.0, 0.0))
+    assert running.pool.jobs[0].options.camera == wanted
+
+
+@pytest.mark.parametrize(
+    ("cameras", "said"),
+    [
+        ([], "at least 1 item"),
+        ([{"model": "pinhole", "hfov_deg": 60}] * 2, "at most 1 item"),
+        ([{"model": "brown", "hfov_deg": 60}], "'pinhole'"),
+        ([{"model": "pinhole"}], "fx_px: expected the intrinsics"),
+        ([{"model": "pinhole", "hfov_deg": 0}], "hfov_deg: expected 1 to 170 degrees"),
+        ([{"model": "pinhole", "hfov_deg": 400}], "hfov_deg: expected 1 to 170 degrees"),
+        ([{"model": "pinhole", "width_px": 64, "height_px": 48, "fx_px": float("nan")}], "finite number"),
+        ([{"model": "pinhole", "hfov_deg": 60, "distortion": [0.1]}], "distortion: expected none"),
+        ([{"model": "pinhole", "hfov_deg": 60, "fov": 3}], "Extra inputs"),
+    ],
+)
+async def test_a_camera_that_is_none_is_refused_with_its_field(
+    running: RunningService, cameras: list[dict[str, Any]], said: str
+) -> None:
+    reply = await running.localize(await running.ready_map(), options=json.dumps({"cameras": cameras}))
+    problem = reply.json()
+    assert reply.status_code == 422, problem
+    assert said in problem["detail"]
+    assert problem["fields"][0]["field"].startswith("cameras")
+    assert running.pool.jobs == []
 
 
 async def test_panorama_and_mask_reach_the_worker_as_they_came(running: RunningService) -> None:

@@ -1,0 +1,1 @@
+"""Cameras: which direction each pixel of a photo shows, and photos placed on the sphere."""

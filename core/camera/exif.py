@@ -1,0 +1,28 @@
+"""What a photo says of its own lens: the focal length in 35 mm terms, as phones and cameras write it into EXIF.
+
+The equivalent is defined by the diagonal (CIPA DCG-001): 43.27 mm of film show as much as the diagonal of the image.
+"""
+
+import math
+
+from PIL import Image
+
+from core.camera.camera import Camera
+
+_EXIF_IFD = 0x8769
+_FOCAL_LENGTH_35MM = 0xA405
+_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+_PLAUSIBLE_MM = (4.0, 2000.0)
+
+
+def camera_of_photo(image: Image.Image, size: tuple[int, int]) -> Camera | None:
+    """Return the pinhole camera that the EXIF data of a photo describe, for an image of `size` (width, height); None where they do not."""
+    try:
+        focal_mm = float(image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_LENGTH_35MM, 0))
+    except (OSError, SyntaxError, ValueError, TypeError, EOFError, ZeroDivisionError):
+        return None
+    if not _PLAUSIBLE_MM[0] <= focal_mm <= _PLAUSIBLE_MM[1]:  # also false for NaN; writers put 0 for "unknown"
+        return None
+    width, height = size
+    focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
+    return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)

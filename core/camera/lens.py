@@ -1,0 +1,84 @@
+"""From viewing directions to pixels, for each camera model.
+
+Convention: camera frame x forward along the optical axis, y left, z up; pixel coordinates `u` to the right and `v` down from the top-left
+corner, pixel centres at half-integers. With X = -y, Y = -z, Z = x these are the axes in which OpenCV defines its models
+(https://docs.opencv.org, "Camera Calibration and 3D Reconstruction" and "Fisheye camera model").
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.camera.camera import Camera
+
+Array = NDArray[np.float64]
+_MAX_PINHOLE_RAD = math.radians(85)  # from the axis: beyond it a pixel of a plane shows next to nothing
+_FOLD_STEPS = 2048
+
+
+def project_to_image(camera: Camera, directions: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return pixel coordinates u, v (...) of directions (..., 3), not necessarily unit, and which of them (...) the image shows.
+
+    Where a direction is not shown, u and v mean nothing. A distortion whose polynomial turns back on itself shows nothing beyond that
+    angle, where two directions would share a pixel.
+    """
+    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    if camera.model in ("equirectangular", "cylindrical"):
+        across = -np.arctan2(y, x)
+        flat = np.hypot(x, y)
+        down = -np.arctan2(z, flat) if camera.model == "equirectangular" else -z / np.maximum(flat, 1e-12)
+        shown = np.ones(x.shape, bool)
+    else:
+        across, down, shown = _through_lens(camera, -y, -z, x)
+    u, v = camera.fx_px * across + camera.cx_px, camera.fy_px * down + camera.cy_px
+    inside = (u >= 0) & (u <= camera.width_px) & (v >= 0) & (v <= camera.height_px)
+    return u, v, shown & inside
+
+
+def _through_lens(camera: Camera, right: Array, below: Array, ahead: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return distorted image coordinates in focal lengths, and which directions the lens takes in."""
+    off_axis = np.hypot(right, below)
+    angle = np.arctan2(off_axis, ahead)
+    if camera.model == "opencv_fisheye":
+        limit = _first_fold(np.linspace(0, math.pi, _FOLD_STEPS), lambda t: _fisheye(camera, t))
+        scale = _fisheye(camera, angle) / np.maximum(off_axis, 1e-12)
+        return right * scale, below * scale, angle < limit
+    shown = angle < _MAX_PINHOLE_RAD
+    depth = np.where(shown, ahead, 1.0)
+    x, y = right / depth, below / depth
+    if not camera.distortion:
+        return x, y, shown
+    radii = np.linspace(0, math.tan(_MAX_PINHOLE_RAD), _FOLD_STEPS)
+    limit = _first_fold(radii, lambda r: r * _radial(camera, r * r))
+    p1, p2 = camera.distortion[2:4]
+    square = x * x + y * y
+    radial = _radial(camera, square)
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+        y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+        shown & (square < limit * limit),
+    )
+
+
+def _radial(camera: Camera, square: Array) -> Array:
+    """Return the factor of radial distortion at squared radii: (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)."""
+    k1, k2, _, _, k3, k4, k5, k6 = (*camera.distortion, *[0.0] * (8 - len(camera.distortion)))
+    below = 1 + square * (k4 + square * (k5 + square * k6))
+    return np.asarray(
+        (1 + square * (k1 + square * (k2 + square * k3))) / np.where(below == 0, 1e-12, below), np.float64
+    )
+
+
+def _fisheye(camera: Camera, angle: Array) -> Array:
+    """Return the distance from the image centre, in focal lengths, of angles (rad) from the axis: θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)."""
+    k1, k2, k3, k4 = camera.distortion or (0.0, 0.0, 0.0, 0.0)
+    square = angle * angle
+    return np.asarray(angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))), np.float64)
+
+
+def _first_fold(samples: Array, distorted: Callable[[Array], Array]) -> float:
+    """Return the sample from which on `distorted` no longer grows, infinite where it always does."""
+    falls = np.diff(distorted(samples)) <= 0
+    return float(samples[int(falls.argmax())]) if falls.any() else math.inf

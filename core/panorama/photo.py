@@ -1,0 +1,98 @@
+"""A photo placed on the sphere: an equirectangular panorama in which everything that the photo does not show is masked.
+
+The pose of the panorama is that of the camera: the optical axis goes through the middle of both.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from core.camera.camera import Camera
+from core.camera.lens import project_to_image
+from core.errors import PanoramaShapeError
+from core.panorama.panorama import Panorama
+
+_MIN_ROWS, _MAX_ROWS = 256, 1024  # of the sphere; refinement looks no closer than at 512
+_MIN_SHARE = 0.001  # of the sphere; what shows less says nothing about where it was taken
+_LARGEST_STEP = 2.0  # pixels of the photo to one of the sphere; more would skip some
+FINEST_PX_PER_RAD = _LARGEST_STEP * _MAX_ROWS / math.pi
+"""Focal length, in pixels, beyond which nothing of a photo is lost when it is made smaller."""
+
+
+def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera) -> Panorama:
+    """Place a photo on the sphere.
+
+    color: (h, w, 3) RGB; valid: (h, w), False where the photo is to be ignored. camera: of this photo or of a copy of another size.
+    Raises OptionsError where the camera belongs to an image of another shape, and PanoramaShapeError where next to nothing is visible.
+    """
+    camera = camera.resized(color.shape[1], color.shape[0])
+    rows = _rows_of_sphere(camera)
+    color, valid = _shrunk(color, valid, camera, rows)
+    camera = camera.resized(color.shape[1], color.shape[0])
+    u, v, shown = project_to_image(camera, _directions(rows))
+    sampled, seen = _sample(color, valid, u, v, shown)
+    share = float((seen * np.sin(np.pi * (np.arange(rows) + 0.5) / rows)[:, None]).mean() * np.pi / 2)
+    if share < _MIN_SHARE:
+        raise PanoramaShapeError(
+            f"image: expected a photo that shows at least {_MIN_SHARE:.1%} of the sphere, got {share:.2%} "
+            f"({camera.hfov_deg:.1f} degrees across); check the intrinsics and the mask"
+        )
+    return Panorama(sampled, seen)
+
+
+def _rows_of_sphere(camera: Camera) -> int:
+    """Return the rows (a power of two) of a sphere that is about as fine as the photo, within bounds."""
+    wanted = math.pi * min(camera.fx_px, camera.fy_px)
+    return int(min(max(2 ** round(math.log2(max(wanted, 1.0))), _MIN_ROWS), _MAX_ROWS))
+
+
+def _shrunk(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, rows: int
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Average the photo down so that sampling it on the sphere skips no pixel."""
+    factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / _LARGEST_STEP)
+    if factor < 2:
+        return color, valid
+    size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
+    # Masked pixels must not bleed into their neighbours: their average is taken out again.
+    share = (
+        np.asarray(Image.fromarray(valid.astype(np.uint8) * 255).resize(size, Image.Resampling.BOX), np.float32) / 255
+    )
+    mean = np.asarray(Image.fromarray(color * valid[..., None]).resize(size, Image.Resampling.BOX), np.float32)
+    return np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8), share > 0.99
+
+
+def _directions(rows: int) -> NDArray[np.float64]:
+    """Return the viewing directions (rows, 2 rows, 3) of the pixel centres of a sphere."""
+    elevation = (np.pi / 2 - np.pi * (np.arange(rows) + 0.5) / rows)[:, None]
+    azimuth = (np.pi - np.pi * (np.arange(2 * rows) + 0.5) / rows)[None]
+    flat = np.cos(elevation)
+    return np.stack(
+        (flat * np.cos(azimuth), flat * np.sin(azimuth), np.broadcast_to(np.sin(elevation), (rows, 2 * rows))), axis=-1
+    )
+
+
+def _sample(
+    color: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    u: NDArray[np.float64],
+    v: NDArray[np.float64],
+    shown: NDArray[np.bool_],
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the colours (H, W, 3) at pixel coordinates (H, W), bilinearly, and where all that is mixed is valid (H, W)."""
+    height, width = valid.shape
+    at_u, at_v = u[shown] - 0.5, v[shown] - 0.5
+    left = np.clip(np.floor(at_u), 0, max(width - 2, 0)).astype(np.int64)
+    top = np.clip(np.floor(at_v), 0, max(height - 2, 0)).astype(np.int64)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    across = np.clip(at_u - left, 0, 1).astype(np.float32)[:, None]
+    down = np.clip(at_v - top, 0, 1).astype(np.float32)[:, None]
+    upper = color[top, left] * (1 - across) + color[top, right] * across
+    lower = color[bottom, left] * (1 - across) + color[bottom, right] * across
+    sampled = np.zeros((*u.shape, 3), np.uint8)
+    sampled[shown] = (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
+    seen = shown.copy()
+    seen[shown] = valid[top, left] & valid[top, right] & valid[bottom, left] & valid[bottom, right]
+    return sampled, seen

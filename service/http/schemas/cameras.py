@@ -1,0 +1,51 @@
+"""What a caller says of the camera that took an image."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from core.camera.camera import CameraDescription, CameraModel
+from core.errors import OptionsError
+from service.http.schemas.geometry import Model
+
+_Pixels = Annotated[int, Field(ge=1, le=65_535)]
+
+
+class Camera(Model):
+    """Intrinsics of the image `width_px` x `height_px`, of which the upload may be a resized copy; or its field of view.
+
+    Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
+    """
+
+    model: CameraModel = Field(
+        description="`pinhole`; `opencv` and `opencv_fisheye` with OpenCV's distortion; `cylindrical`, as phones make sweep panoramas; "
+        "`equirectangular`, also a part of the sphere."
+    )
+    width_px: _Pixels | None = Field(None, description="Of the image that the intrinsics belong to.")
+    height_px: _Pixels | None = None
+    fx_px: float | None = Field(
+        None, description="Focal length; of `cylindrical` and `equirectangular` pixels per radian across."
+    )
+    fy_px: float | None = Field(None, description="`fx_px` when left out.")
+    cx_px: float | None = Field(None, description="The middle when left out.")
+    cy_px: float | None = Field(None, description="The middle when left out.")
+    distortion: list[float] = Field(
+        default_factory=list,
+        max_length=8,
+        description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
+    )
+    hfov_deg: float | None = Field(
+        None, description="Degrees from the left edge to the right one, in place of `fx_px` ... `cy_px`."
+    )
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> Self:
+        try:
+            self.to_options()
+        except OptionsError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def to_options(self) -> CameraDescription:
+        """Return the camera as the algorithm takes it. Raises OptionsError for numbers that describe none."""
+        return CameraDescription(**{**self.model_dump(), "distortion": tuple(self.distortion)})

@@ -1,0 +1,104 @@
+"""Which photos are placed on the sphere, by which camera, and what is said about the others."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from core.camera.camera import CameraDescription
+from core.errors import MaskShapeError, OptionsError, PanoramaShapeError
+from core.panorama.reader import read_panorama
+from tests.core.panorama.picture_files import encoded, picture
+
+
+def photo_file(pixels: np.ndarray, focal_mm: int | None = None, orientation: int = 1) -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    if focal_mm is not None:
+        exif.get_ifd(0x8769)[0xA405] = focal_mm
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "JPEG", quality=97, exif=exif)
+    return data.getvalue()
+
+
+def width_and_height_deg(valid: np.ndarray) -> tuple[float, float]:
+    """Return how much of the horizon, and of the meridian ahead, is visible."""
+    rows, columns = valid.shape
+    return 360 * valid[rows // 2].mean(), 180 * valid[:, columns // 2].mean()
+
+
+def test_a_photo_of_a_given_field_of_view_covers_it() -> None:
+    found = read_panorama(encoded(picture(640, 480)), camera=CameraDescription("pinhole", hfov_deg=69.0))
+    assert width_and_height_deg(found.valid) == pytest.approx((69.0, 54.5), abs=1.0)
+
+
+def test_a_phones_photo_is_placed_by_its_exif_data() -> None:
+    found = read_panorama(photo_file(picture(900, 600), focal_mm=26))
+    assert width_and_height_deg(found.valid) == pytest.approx((69.4, 49.6), abs=1.0)
+
+
+def test_a_portrait_photo_is_turned_upright() -> None:
+    stored = np.zeros((600, 900, 3), np.uint8)
+    stored[:, :450] = 250  # the left half: up, once the photo is turned by orientation 6
+    found = read_panorama(photo_file(stored, focal_mm=26, orientation=6))
+    assert width_and_height_deg(found.valid) == pytest.approx((49.6, 69.4), abs=1.0)
+    rows = found.valid.shape[0]
+    middle = found.color[:, found.valid.shape[1] // 2]
+    assert middle[rows // 2 - rows // 16].min() > 240
+    assert middle[rows // 2 + rows // 16].max() < 10
+
+
+def test_intrinsics_of_the_sensor_leave_a_portrait_photo_as_it_is_stored() -> None:
+    data = photo_file(picture(900, 600), orientation=6)
+    found = read_panorama(data, camera=CameraDescription("pinhole", 1800, 1200, fx_px=1300.0))
+    assert width_and_height_deg(found.valid) == pytest.approx((69.4, 49.6), abs=1.0)
+
+
+def test_a_photo_that_says_nothing_of_its_camera_is_refused_with_a_list_of_what_to_send() -> None:
+    with pytest.raises(PanoramaShapeError, match=r"2:1 .* 640 x 480 .* EXIF .* options\.cameras .* hfov_deg"):
+        read_panorama(encoded(picture(640, 480)))
+
+
+def test_a_camera_of_another_image_is_refused() -> None:
+    with pytest.raises(OptionsError, match="1920 x 1080 px"):
+        read_panorama(encoded(picture(640, 480)), camera=CameraDescription("pinhole", 1920, 1080, fx_px=1400.0))
+
+
+def test_a_given_camera_goes_before_what_the_shape_suggests() -> None:
+    found = read_panorama(encoded(picture(640, 320)), camera=CameraDescription("pinhole", hfov_deg=60.0))
+    assert found.valid.mean() < 0.1
+
+
+def test_a_phones_sweep_covers_its_part_of_the_cylinder() -> None:
+    found = read_panorama(encoded(picture(1800, 500)), camera=CameraDescription("cylindrical", hfov_deg=180.0))
+    across, down = width_and_height_deg(found.valid)
+    assert across == pytest.approx(180.0, abs=1.0)
+    assert down == pytest.approx(2 * np.degrees(np.arctan(250 / (1800 / np.pi))), abs=1.0)
+
+
+def test_a_mask_lies_on_the_photo_and_not_on_the_sphere() -> None:
+    mask = np.zeros((480, 640), np.uint8)
+    mask[:, :320] = 255
+    found = read_panorama(encoded(picture(640, 480)), encoded(mask), camera=CameraDescription("pinhole", hfov_deg=69.0))
+    rows, columns = found.valid.shape
+    assert not found.valid[:, : columns // 2 - 1].any()
+    assert found.valid[rows // 2, columns // 2 + 2 : columns // 2 + 20].all()
+
+
+def test_a_mask_over_the_whole_photo_is_refused() -> None:
+    with pytest.raises(MaskShapeError, match="every pixel is masked"):
+        read_panorama(
+            encoded(picture(640, 480)),
+            encoded(np.full((480, 640), 255, np.uint8)),
+            camera=CameraDescription("pinhole", hfov_deg=69.0),
+        )
+
+
+def test_a_large_photo_is_as_good_as_its_small_copy() -> None:
+    small, large = picture(1000, 750), np.asarray(Image.fromarray(picture(1000, 750)).resize((4000, 3000)))
+    camera = CameraDescription("pinhole", hfov_deg=69.0)
+    first, second = (read_panorama(encoded(each, "JPEG", quality=95), camera=camera) for each in (small, large))
+    both = first.valid & second.valid
+    assert (first.valid ^ second.valid).mean() < 0.002
+    assert np.abs(first.color[both].astype(float) - second.color[both]).mean() < 2
