@@ -1,0 +1,144 @@
+"""What changed, on images in which it is known."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from core.config import ChangeConfig
+from core.geometry.projection import pixel_directions, pixel_solid_angles
+from core.geometry.rotations import even_directions, rotation_from_vector
+from core.judge.change_maps import ChangeMaps, change_maps
+from tests.reference import change_twin as twin
+
+HEIGHT, WIDTH = 24, 48
+SOLID = pixel_solid_angles(HEIGHT, WIDTH).expand(-1, WIDTH)
+CENTER = torch.tensor([1.0, -2.0, 0.5])
+BLOCK = slice(8, 16), slice(10, 22)
+CONFIG = ChangeConfig(half_score_distance=0.2, changed_below=0.5, sampled_points=50_000)
+
+
+def picture() -> torch.Tensor:
+    """Return smooth colours (H, W, 3) in 0..1."""
+    x, y, z = pixel_directions(HEIGHT, WIDTH).unbind(-1)
+    return 0.5 + 0.4 * torch.stack((x, y * z, (x * y + z) / 1.5), dim=-1)
+
+
+def with_block(image: torch.Tensor) -> torch.Tensor:
+    """Return the picture with something else in the block."""
+    changed = image.clone()
+    changed[BLOCK] = torch.tensor([1.6, -0.6, 1.6])
+    return changed
+
+
+def compared(
+    scan: torch.Tensor,
+    panorama: torch.Tensor,
+    weights: torch.Tensor = SOLID,
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    config: ChangeConfig = CONFIG,
+) -> ChangeMaps:
+    """Compare both in map axes, on points 2 m around the camera and others behind them."""
+    comparison: Any = SimpleNamespace(
+        scan=scan.flatten(0, 1)[None],
+        panorama=panorama.flatten(0, 1)[None],
+        weights=weights.flatten()[None],
+        views=SimpleNamespace(depth=torch.full((1, HEIGHT, WIDTH), 2.0)),
+    )
+    near = even_directions(3000)
+    # In the order of a curve, neighbours are together; here every other point is hidden.
+    positions = CENTER + torch.stack((2 * near, 5 * near), dim=1).flatten(0, 1)
+    cloud: Any = SimpleNamespace(positions=positions, spacing=0.02)
+    return change_maps(comparison, cloud, rotation_from_vector(torch.tensor(turn)), CENTER, config)
+
+
+def test_where_nothing_changed_all_scores_are_one() -> None:
+    found = compared(picture(), picture())
+    np.testing.assert_allclose(found.score_map_2d, 1.0, atol=0.02)
+    assert found.panorama_changed_fraction == found.map_changed_fraction == 0.0
+    scores = found.point_scores()
+    np.testing.assert_allclose(scores[0::2], 1.0, atol=0.02)
+    assert np.isnan(scores[1::2]).all()  # hidden behind the others
+
+
+def test_what_changed_has_a_low_score_and_its_share_of_the_sphere_is_told() -> None:
+    found = compared(picture(), with_block(picture()))
+    assert float(found.score_map_2d[10:14, 12:20].max()) < 0.1
+    outside = np.ones((HEIGHT, WIDTH), bool)
+    outside[6:18, 8:24] = False
+    assert float(found.score_map_2d[outside].min()) > 0.8
+    assert 0.02 < found.panorama_changed_fraction < 0.2
+    assert found.map_changed_fraction == pytest.approx(found.panorama_changed_fraction, abs=0.01)
+
+
+def test_points_have_the_score_of_the_pixel_that_shows_them() -> None:
+    found = compared(picture(), with_block(picture()))
+    scores = found.point_scores()[0::2]
+    directions = even_directions(3000)
+    azimuth, elevation = torch.atan2(directions[:, 1], directions[:, 0]), torch.asin(directions[:, 2])
+    column = ((math.pi - azimuth) / (2 * math.pi) * WIDTH).long().clamp(0, WIDTH - 1)
+    row = ((math.pi / 2 - elevation) / math.pi * HEIGHT).long().clamp(0, HEIGHT - 1)
+    # Without a turn the map's pixels are the panorama's.
+    expected = found.score_map_2d[row.numpy(), column.numpy()]
+    assert np.mean(np.abs(scores - expected) < 1e-4) > 0.98
+    changed = float(np.mean(scores < 0.5))
+    assert found.map_changed_fraction == pytest.approx(changed, abs=1e-6)
+
+
+def test_a_sample_of_the_points_tells_how_many_changed() -> None:
+    every = compared(picture(), with_block(picture())).map_changed_fraction
+    few = ChangeConfig(half_score_distance=0.2, changed_below=0.5, sampled_points=1200)
+    assert compared(picture(), with_block(picture()), config=few).map_changed_fraction == pytest.approx(every, abs=0.02)
+
+
+def test_gain_and_offset_of_light_are_no_change() -> None:
+    panorama = picture() * torch.tensor([0.6, 0.9, 1.3]) + torch.tensor([0.1, 0.0, -0.1])
+    assert float(compared(picture(), panorama).score_map_2d.min()) > 0.9
+    assert float(compared(picture(), with_block(panorama)).score_map_2d[12, 16]) < 0.1
+    outside = compared(picture(), with_block(panorama)).score_map_2d[:, 30:40]
+    assert float(outside.min()) > 0.8  # what changed does not spoil the fit of light
+
+
+def test_what_either_side_does_not_show_is_unknown_and_has_no_share() -> None:
+    weights = SOLID.clone()
+    weights[:, :24] = 0
+    found = compared(picture(), with_block(picture()), weights)
+    assert np.isnan(found.score_map_2d[:, 1:23]).all()
+    assert not np.isnan(found.score_map_2d[:, 25:47]).any()
+    assert found.panorama_changed_fraction == pytest.approx(0, abs=0.01)
+    assert np.isnan(found.point_scores()).sum() > 3000 + 1400
+
+
+def test_scores_and_shares_are_those_of_a_loop_over_the_pixels() -> None:
+    rng = np.random.default_rng(0)
+    scan = picture().double().numpy()
+    panorama = with_block(picture()).double().numpy() * 0.8 + rng.normal(0, 0.15, scan.shape)
+    weights = SOLID.double().numpy() * (rng.uniform(size=(HEIGHT, WIDTH)) > 0.1)
+    for config in (CONFIG, ChangeConfig(half_score_distance=0.3, changed_below=0.7)):
+        first, second, third = (torch.from_numpy(each).float() for each in (scan, panorama, weights))
+        found = compared(first, second, third, config=config)
+        expected = twin.pixel_scores(scan, panorama, weights, config.half_score_distance)
+        seen = weights > 0
+        np.testing.assert_allclose(found.score_map_2d[seen], expected[seen], atol=1e-4)
+        changed = weights[expected < config.changed_below].sum() / weights.sum()
+        assert 0.02 < changed < 0.98
+        assert found.panorama_changed_fraction == pytest.approx(changed, abs=0.003)
+
+
+def test_where_no_point_is_seen_none_has_changed() -> None:
+    found = compared(picture(), with_block(picture()), torch.zeros_like(SOLID))
+    assert found.map_changed_fraction == 0.0
+    assert np.isnan(found.point_scores()).all()
+    assert np.isnan(found.score_map_2d).all()
+
+
+def test_the_map_is_shown_in_the_panorama_s_own_pixels() -> None:
+    level = compared(picture(), with_block(picture())).score_map_2d
+    turned = compared(picture(), with_block(picture()), turn=(0.0, 0.0, math.pi / 2)).score_map_2d
+    # A camera turned to the left by a quarter sees what was at its left in the middle.
+    np.testing.assert_allclose(turned, np.roll(level, WIDTH // 4, axis=1), atol=1e-3)
+    above = compared(picture(), with_block(picture()), turn=(math.pi, 0.0, 0.0)).score_map_2d
+    np.testing.assert_allclose(above, level[::-1, ::-1], atol=1e-3)

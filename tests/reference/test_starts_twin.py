@@ -1,0 +1,113 @@
+"""Starts against recursion over cells, points and pairs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.config import StartsConfig
+from core.errors import OptionsError
+from core.index.starts import Starts, grid_starts, octree_starts
+from tests.reference import starts_twin as twin
+
+
+def room(seed: int, size: tuple[float, float, float] = (2.3, 1.9, 1.4)) -> np.ndarray:
+    """Return points (N, 3) float32 on the walls of a room with a cupboard in it, at some distance from the origin."""
+    rng = np.random.default_rng(seed)
+    walls = rng.uniform(0, 1, (500, 3))
+    walls[np.arange(500), rng.integers(0, 3, 500)] = rng.integers(0, 2, 500)
+    cupboard = rng.uniform((0.6, 0.1, 0.0), (0.9, 0.5, 0.7), (80, 3))
+    points = np.concatenate((walls * size, cupboard)) + np.array([3.0, -5.0, 0.5])
+    return np.asarray(points, np.float32)
+
+
+def as_leaves(starts: Starts) -> list[twin.Leaf]:
+    return [(tuple(center), float(edge)) for center, edge in zip(starts.positions, starts.leaf_sizes, strict=True)]
+
+
+def assert_same(found: Starts, expected: list[twin.Leaf]) -> None:
+    assert len(found) == len(expected) > 3
+    for (center, edge), (other, other_edge) in zip(as_leaves(found), expected, strict=True):
+        assert center == pytest.approx(other)
+        assert edge == pytest.approx(other_edge)
+
+
+@pytest.mark.parametrize(
+    ("seed", "config"),
+    [
+        (0, StartsConfig(spacing_m=0.5, clearance_m=0.25)),
+        (1, StartsConfig(spacing_m=0.3, clearance_m=0.1)),
+        (2, StartsConfig(spacing_m=0.4, clearance_m=0.0)),
+        (3, StartsConfig(spacing_m=0.7, clearance_m=0.2)),
+    ],
+)
+def test_starts_are_the_empty_leaves_that_keep_clear_thinned_from_the_largest(seed: int, config: StartsConfig) -> None:
+    points = room(seed)
+    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
+
+
+def test_the_spacing_grows_until_there_are_few_enough() -> None:
+    points, config = room(4), StartsConfig(spacing_m=0.3, clearance_m=0.1, max_starts=20)
+    found = octree_starts(points, config)
+    assert 8 < len(found) <= 20
+    assert_same(found, twin.octree_starts(points.astype(np.float64), config))
+
+
+def test_within_a_region_the_leaves_are_those_of_the_region() -> None:
+    points, config = room(5), StartsConfig(spacing_m=0.4, clearance_m=0.1)
+    region = np.array([3.5, -4.8, 0.3]), np.array([4.9, -3.7, 1.5])
+    assert_same(octree_starts(points, config, region), twin.octree_starts(points.astype(np.float64), config, region))
+
+
+def test_a_place_without_a_free_leaf_still_gets_a_start_in_its_middle() -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (20_000, 3)).astype(np.float32)
+    starts = octree_starts(points, StartsConfig(spacing_m=0.5))
+    assert starts.positions == pytest.approx(np.full((1, 3), 0.5), abs=0.01)
+    assert starts.leaf_sizes.tolist() == [0.5]
+
+
+@pytest.mark.parametrize("scale", [0.4, 1.5])
+def test_a_scan_that_is_too_large_has_cells_that_fit_into_memory(scale: float) -> None:
+    points = (room(8) * np.float32(scale)).astype(np.float32)
+    lower, upper = np.quantile(points, 0.002, axis=0), np.quantile(points, 0.998, axis=0)
+    volume = np.prod([max(side, 1.0) for side in upper - lower])
+    least = 4 * (volume / 3000) ** (1 / 3)
+    config = StartsConfig(spacing_m=0.1, clearance_m=0.1, max_cells=3000)
+    expected = twin.octree_starts(points.astype(np.float64), replace(config, spacing_m=float(least)))
+    assert_same(octree_starts(points, config), expected)
+
+
+@pytest.mark.parametrize(("spacing", "max_starts"), [(0.5, 800), (0.31, 800), (0.2, 60), (9.0, 800)])
+def test_grid_starts_divide_every_axis_evenly(spacing: float, max_starts: int) -> None:
+    points = room(6).astype(np.float64)
+    lower, upper = np.quantile(points, 0.002, axis=0), np.quantile(points, 0.998, axis=0)
+    step = spacing
+    while True:
+        counts = [max(1, round((high - low) / step)) for low, high in zip(lower, upper, strict=True)]
+        if np.prod(counts) <= max_starts:
+            break
+        step *= 1.05
+    expected = [
+        [low + (k + 0.5) * (high - low) / n for k, low, high, n in zip(cell, lower, upper, counts, strict=True)]
+        for cell in np.ndindex(*counts)
+    ]
+    found = grid_starts(room(6), StartsConfig(spacing_m=spacing, max_starts=max_starts))
+    np.testing.assert_allclose(found.positions, expected, atol=1e-6)
+    assert found.leaf_sizes.tolist() == pytest.approx([step] * len(expected))
+
+
+def test_a_grid_of_a_region_reaches_all_of_it_and_no_further() -> None:
+    region = np.array([0.0, 10.0, -3.0]), np.array([2.0, 13.0, -2.0])
+    found = grid_starts(room(6), StartsConfig(spacing_m=1.0), region).positions
+    assert sorted({tuple(each) for each in found.tolist()}) == [
+        (x, y, -2.5) for x in (0.5, 1.5) for y in (10.5, 11.5, 12.5)
+    ]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_region_without_room_is_refused(axis: int) -> None:
+    low, high = np.array([3.5, -4.8, 0.8]), np.array([4.9, -3.7, 1.5])
+    high[axis] = low[axis]
+    for find in (octree_starts, grid_starts):
+        with pytest.raises(OptionsError, match=r"starts\.region"):
+            find(room(7), StartsConfig(), (low, high))
