@@ -29,8 +29,12 @@ class RunFolder:
         (data_dir / "run").mkdir(parents=True, exist_ok=True)
         self._own = data_dir / "run"
         self._lock = _locked(self._own / "lock")
-        self.path = _short_folder(data_dir)
-        _empty(self.path)
+        try:
+            self.path = _short_folder(data_dir)
+            _empty(self.path)
+        except OSError:
+            self._lock.close()
+            raise
 
     def close(self) -> None:
         """Remove what is left in the folder, and the folder itself where it is a stand-in, and let the next service in."""
