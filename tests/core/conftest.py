@@ -1,5 +1,7 @@
 """Maps and panoramas shared by the tests of the algorithm; the expensive ones are made once per session."""
 
+from functools import cache
+
 import pytest
 import torch
 
@@ -19,9 +21,14 @@ def box() -> PaintedBox:
     return PaintedBox(seed=3)
 
 
+@cache
+def _index_of_the_box() -> MapIndex:
+    return build_map_index(PaintedBox(seed=3).scan())
+
+
 @pytest.fixture(scope="session")
-def box_index(box: PaintedBox) -> MapIndex:
-    return build_map_index(box.scan())
+def box_index() -> MapIndex:
+    return _index_of_the_box()  # one, although tests in other folders take this fixture over
 
 
 @pytest.fixture(scope="session")

@@ -98,7 +98,9 @@ def test_the_order_of_points_in_the_scan_hardly_moves_the_answer(
     cloud = box.scan()
     order = np.random.default_rng(0).permutation(len(cloud))
     shuffled = dataclasses.replace(cloud, positions=cloud.positions[order], colors=cloud.colors[order])
-    assert_found(localizer.localize(box_panorama, [build_map_index(shuffled)]), box_pose, 0.01, 0.3)
+    assert_found(
+        localizer.localize(box_panorama, [build_map_index(shuffled, IndexOptions(spacing_m=0.7))]), box_pose, 0.01, 0.3
+    )
 
 
 @pytest.mark.slow
@@ -138,6 +140,7 @@ def test_the_light_changes_of_the_paper_do_not_matter(
 # Several maps, wrong maps, ambiguity.
 
 
+@pytest.mark.slow
 def test_a_map_of_another_place_is_not_localized_in(
     localizer: Localizer, other_box_index: MapIndex, box_panorama: Panorama
 ) -> None:
@@ -146,7 +149,8 @@ def test_a_map_of_another_place_is_not_localized_in(
     assert found.best is None or found.best.confidence < 0.5
 
 
-@pytest.mark.parametrize("right", [pytest.param(0, marks=pytest.mark.slow), 1])
+@pytest.mark.slow
+@pytest.mark.parametrize("right", [0, 1])
 def test_of_several_maps_the_right_one_is_named(
     localizer: Localizer,
     box_index: MapIndex,
@@ -168,9 +172,10 @@ def test_of_several_maps_the_right_one_is_named(
 @pytest.fixture(scope="module")
 def symmetric() -> tuple[PaintedBox, MapIndex]:
     box = PaintedBox(seed=9, symmetric=True)
-    return box, build_map_index(box.scan())
+    return box, build_map_index(box.scan(), IndexOptions(spacing_m=0.7))
 
 
+@pytest.mark.slow
 def test_a_room_that_looks_the_same_from_both_sides_is_ambiguous_and_both_sides_are_named(
     localizer: Localizer, symmetric: tuple[PaintedBox, MapIndex], box_pose: Pose
 ) -> None:
@@ -187,6 +192,7 @@ def test_a_room_that_looks_the_same_from_both_sides_is_ambiguous_and_both_sides_
         assert any(pose_error(pose, side).within(0.05, 5.0) for pose in named)
 
 
+@pytest.mark.slow
 def test_a_hint_decides_between_the_sides_of_a_symmetric_room(
     localizer: Localizer, symmetric: tuple[PaintedBox, MapIndex], box_pose: Pose
 ) -> None:
@@ -213,11 +219,12 @@ def test_top_k_returns_that_many_poses_best_first_each_elsewhere(
             assert not pose_error(candidate.pose, other.pose).within(0.5, 15.0)
 
 
+@pytest.mark.slow
 def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates(
     localizer: Localizer, box: PaintedBox, box_panorama: Panorama, box_pose: Pose
 ) -> None:
     offset = np.array([4_500_000.25, 5_400_000.5, 312.125])
-    index = build_map_index(box.scan(origin_offset=offset))
+    index = build_map_index(box.scan(origin_offset=offset), IndexOptions(spacing_m=0.8))
     near = tuple((offset + np.array([1.9, 2.2, 1.4])).tolist())
     found = localizer.localize(box_panorama, [index], hints=Hints(position_m=near, radius_m=0.7))
     assert_found(found, Pose(box_pose.rotation, box_pose.position + offset))
@@ -242,7 +249,7 @@ def test_a_scan_of_part_of_the_room_is_enough(
     cloud = box.scan()
     kept = cloud.positions[:, 0] < 3.4  # the far wall and a third of everything else was never scanned
     part = PointCloud(cloud.positions[kept], cloud.colors[kept])
-    found = localizer.localize(box_panorama, [build_map_index(part)])
+    found = localizer.localize(box_panorama, [build_map_index(part, IndexOptions(spacing_m=0.7))])
     assert found.status == "localized"
     assert_found(found, box_pose)
 
@@ -250,9 +257,10 @@ def test_a_scan_of_part_of_the_room_is_enough(
 LABELS = ((230, 25, 75), (60, 180, 75), (255, 225, 25), (0, 130, 200), (245, 130, 48), (145, 30, 180), (0, 0, 0))
 
 
+@pytest.mark.slow
 def test_semantic_labels_are_localized_by_their_boundaries(localizer: Localizer, box_pose: Pose) -> None:
     box = PaintedBox(seed=5, palette=LABELS)
-    index = build_map_index(box.scan(), IndexOptions(color_kind="labels"))
+    index = build_map_index(box.scan(), IndexOptions(color_kind="labels", spacing_m=0.7))
     assert index.color_kind == "labels"
     found = localizer.localize(box.panorama(box_pose), [index])
     assert found.status == "localized"
@@ -261,6 +269,7 @@ def test_semantic_labels_are_localized_by_their_boundaries(localizer: Localizer,
     assert_found(found, box_pose)
 
 
+@pytest.mark.slow
 def test_one_place_registered_twice_is_ambiguous(
     localizer: Localizer, box_index: MapIndex, other_box_index: MapIndex, box_panorama: Panorama
 ) -> None:
@@ -280,6 +289,7 @@ def lit_by_a_lamp(panorama: Panorama) -> Panorama:
     return Panorama(lit.astype(np.uint8), panorama.valid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angles", "position"), [((130, 8, -5), (1.7, 2.4, 1.5)), ((20, -8, 5), (1.2, 1.4, 1.3))])
 def test_a_lamp_hardly_moves_the_pose(
     localizer: Localizer,

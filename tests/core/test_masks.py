@@ -24,6 +24,7 @@ def right_half() -> np.ndarray:
     return ignored
 
 
+@pytest.mark.slow
 def test_a_panorama_masked_by_half_is_still_found_and_what_is_under_the_mask_has_no_influence(
     localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, right_half: np.ndarray
 ) -> None:

@@ -28,6 +28,7 @@ def _no_inference_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch, "inference_mode", without_gradients)
 
 
+@pytest.mark.slow
 def test_a_query_computes_where_its_localizer_is(
     localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
 ) -> None:
@@ -46,6 +47,7 @@ def test_a_query_computes_where_its_localizer_is(
     assert sum(device.asked.values()) < MOST_ASKED
 
 
+@pytest.mark.slow
 def test_an_index_is_built_where_it_is_told(box: PaintedBox) -> None:
     cloud, options = box.scan(5000), IndexOptions(starts_method="grid", spacing_m=1.5)
     here = build_map_index(cloud, options)

@@ -3,7 +3,7 @@
 import io
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import httpx
@@ -63,21 +63,21 @@ class BadScan:
     """A file that cannot become a map: refused at once with `status`, or accepted and the map then failed; `says` is in the message."""
 
     name: str
-    content: bytes
+    make: Callable[[], bytes]
     statuses: tuple[int, ...]
     says: tuple[str, ...] = field(default=())
 
 
 POINTS = np.random.default_rng(1).uniform(0, 3, (500, 3))
 BAD_SCANS = {
-    "empty file": BadScan("room.ply", b"", (400, 415, 422), ("empty",)),
+    "empty file": BadScan("room.ply", lambda: b"", (400, 415, 422), ("empty",)),
     "truncated PLY": BadScan(
-        "room.ply", small_room().scan[: len(small_room().scan) // 2], (422,), ("expected", "points")
+        "room.ply", lambda: small_room().scan[: len(small_room().scan) // 2], (422,), ("expected", "points")
     ),
-    "PLY without colour": BadScan("room.ply", ascii_ply(POINTS, with_color=False), (422,), ("colo",)),
-    "NaN points": BadScan("room.ply", ascii_ply(np.full((50, 3), np.nan)), (422,), ("finite",)),
-    "a single point": BadScan("room.ply", ascii_ply(POINTS[:1]), (422,), ("point",)),
-    "wrong extension": BadScan("room.ply", jpeg(64, 32), (415,), ("expected",)),
+    "PLY without colour": BadScan("room.ply", lambda: ascii_ply(POINTS, with_color=False), (422,), ("colo",)),
+    "NaN points": BadScan("room.ply", lambda: ascii_ply(np.full((50, 3), np.nan)), (422,), ("finite",)),
+    "a single point": BadScan("room.ply", lambda: ascii_ply(POINTS[:1]), (422,), ("point",)),
+    "wrong extension": BadScan("room.ply", lambda: jpeg(64, 32), (415,), ("expected",)),
 }
 BAD_IMAGES = {
     "text as image": (b"this is no image at all, but a letter " * 40, 415),
@@ -89,7 +89,7 @@ BAD_IMAGES = {
 
 def refusal_of(service: RunningService, scan: BadScan) -> tuple[int, str]:
     """Return the status and message of an upload; a map that fails after the upload counts as 422."""
-    answer = service.http.post("/maps", files={"file": (scan.name, scan.content)})
+    answer = service.http.post("/maps", files={"file": (scan.name, scan.make())})
     if answer.status_code != 202:
         return answer.status_code, answer.json()["detail"]
     path = f"/maps/{answer.json()['id']}"

@@ -55,7 +55,9 @@ def test_the_sampled_share_of_a_start_is_that_of_the_sphere_where_points_lie(box
 
 def test_progress_moves_from_stage_to_stage_and_never_back(box: PaintedBox) -> None:
     seen: list[tuple[str, float]] = []
-    build_map_index(box.scan(3000), progress=lambda stage, share: seen.append((stage, share)))
+    build_map_index(
+        box.scan(3000), IndexOptions(spacing_m=0.7), progress=lambda stage, share: seen.append((stage, share))
+    )
     stages = list(dict.fromkeys(stage for stage, _ in seen))
     assert stages == ["finding starts", "rendering starts", "describing views"]
     for stage in stages:
@@ -169,6 +171,7 @@ def test_an_index_of_a_room_takes_less_than_a_megabyte(box_index: MapIndex) -> N
     assert len(encode_map_index(box_index)) < 1_000_000
 
 
+@pytest.mark.filterwarnings("ignore:invalid escape sequence:DeprecationWarning:pickletools")  # which tries to read them
 def test_the_bytes_run_no_code(box_index: MapIndex) -> None:
     import pickletools
 

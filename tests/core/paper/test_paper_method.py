@@ -41,11 +41,13 @@ def paper_answer(
     assert torch.is_grad_enabled()
 
 
+@pytest.mark.slow
 def test_the_paper_method_lands_near_in_a_tiny_cloud(paper_answer: Localization, box_pose: Pose) -> None:
     assert_found(paper_answer, box_pose, 0.3, 10.0)
     assert paper_answer.search.method == "paper"
 
 
+@pytest.mark.slow
 def test_the_paper_method_ranks_by_the_sampling_loss(paper_answer: Localization) -> None:
     assert paper_answer.best is not None
     losses = [candidate.sampling_loss for candidate in (paper_answer.best, *paper_answer.alternatives)]

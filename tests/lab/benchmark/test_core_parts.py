@@ -32,11 +32,13 @@ def whole_queries(parts: Parts) -> list[dict[str, Any]]:
     return [parts["stages"], *parts["maps"]["rows"], *(row["query"] for row in parts["scaling"]["rows"])]
 
 
+@pytest.mark.slow
 def test_all_figures_survive_json(parts: Parts) -> None:
     assert set(parts) == set(CORE_PARTS)
     json.dumps(parts, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_the_values_of_every_spread_are_in_order(parts: Parts) -> None:
     found = list(spreads(parts))
     assert len(found) > 50
@@ -49,6 +51,7 @@ def test_the_values_of_every_spread_are_in_order(parts: Parts) -> None:
         assert values[0] <= one["mean_ms"] <= values[-1]
 
 
+@pytest.mark.slow
 def test_a_search_takes_what_its_steps_take(parts: Parts, tiny: Sizes) -> None:
     rows = parts["search"]["rows"]
     measured = [(row["method"], row["starts"], row["rotations"], row["color_models"]) for row in rows]
@@ -60,6 +63,7 @@ def test_a_search_takes_what_its_steps_take(parts: Parts, tiny: Sizes) -> None:
         assert row["view_us"] * views == pytest.approx(row["total"]["median_ms"] * 1000)
 
 
+@pytest.mark.slow
 def test_a_whole_query_finds_the_pose_and_takes_longer_than_its_stages(parts: Parts) -> None:
     for query in whole_queries(parts):
         figures = query["figures"]
@@ -73,10 +77,12 @@ def test_a_whole_query_finds_the_pose_and_takes_longer_than_its_stages(parts: Pa
         assert all(query[name] > 0 for name in ("maps", "starts", "rotations", "points", "pixels"))
 
 
+@pytest.mark.slow
 def test_the_stages_include_the_pictures(parts: Parts) -> None:
     assert {"draw pictures", "encode pictures"} <= set(parts["stages"]["figures"]["stages"])
 
 
+@pytest.mark.slow
 def test_a_registration_has_times_sizes_and_memory(parts: Parts, tiny: Sizes) -> None:
     small, large = parts["registration"]["rows"]
     assert (small["median"]["points"], large["median"]["points"]) == (tiny.points, 5_000)
@@ -91,17 +97,20 @@ def test_a_registration_has_times_sizes_and_memory(parts: Parts, tiny: Sizes) ->
         assert row["peak_bytes"] >= one["peak_bytes"] >= one["base_bytes"] > 0
 
 
+@pytest.mark.slow
 def test_an_index_is_smaller_encoded_than_in_memory(parts: Parts) -> None:
     index = parts["index"]
     assert 0 < index["encoded_bytes"] < index["resident_bytes"]
     assert index["points"] == parts["stages"]["points"]
 
 
+@pytest.mark.slow
 def test_maps_are_as_many_as_asked_for_and_add_up(parts: Parts, tiny: Sizes) -> None:
     assert [row["maps"] for row in parts["maps"]["rows"]] == list(tiny.map_counts)
     assert parts["maps"]["rows"][0]["points"] == 2 * tiny.room_points
 
 
+@pytest.mark.slow
 def test_each_sweep_varies_its_own_quantity(parts: Parts) -> None:
     rows = parts["scaling"]["rows"]
     assert {row["parameter"] for row in rows} == {"starts", "rotations", "points", "pixels", "maps"}
@@ -109,6 +118,7 @@ def test_each_sweep_varies_its_own_quantity(parts: Parts) -> None:
         assert row["query"][row["parameter"]] == row["value"]
 
 
+@pytest.mark.slow
 def test_a_run_says_what_is_under_way(parts: Parts, heard: list[str]) -> None:
     assert any(text.startswith("search: fast") for text in heard)
     assert any(text.startswith("registering 5,000 points") for text in heard)

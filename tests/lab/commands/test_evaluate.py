@@ -43,6 +43,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_tables_json_rows_and_plots_are_written_and_a_second_run_reuses_the_rows(
     panoloc: Panoloc, cases: Path, tmp_path: Path
 ) -> None:
@@ -67,6 +68,7 @@ def test_tables_json_rows_and_plots_are_written_and_a_second_run_reuses_the_rows
     assert len((tmp_path / "out" / "rows.jsonl").read_text().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_without_matplotlib_it_says_that_there_are_no_plots(
     panoloc: Panoloc, cases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,7 @@ def finished(box_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     return file, [row for row, _ in _evaluation(box_folder, file, 1).rows()]
 
 
+@pytest.mark.slow
 def test_every_panorama_is_sent_to_its_own_map_and_to_a_stranger(finished: tuple[Path, list[Row]]) -> None:
     calls = [(row.query, row.scan, row.cross) for row in finished[1]]
     assert calls == [
@@ -41,6 +42,7 @@ def test_every_panorama_is_sent_to_its_own_map_and_to_a_stranger(finished: tuple
     ]
 
 
+@pytest.mark.slow
 def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tuple[Path, list[Row]]) -> None:
     model = load_confidence_model()
     for row in (row for row in finished[1] if not row.cross):
@@ -52,12 +54,14 @@ def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tu
         assert row.accuracy_position_m == pytest.approx(radius)
 
 
+@pytest.mark.slow
 def test_rows_of_strangers_have_no_error(finished: tuple[Path, list[Row]]) -> None:
     for row in (row for row in finished[1] if row.cross):
         assert row.position_error_m is None
         assert not row.within((100.0, 180.0))
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_not_run_again(
     box_folder: Path, finished: tuple[Path, list[Row]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -70,6 +74,7 @@ def test_a_finished_run_is_not_run_again(
     assert [row for row, _ in again] == finished[1]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_where_it_stopped(
     box_folder: Path, finished: tuple[Path, list[Row]], tmp_path: Path
 ) -> None:
@@ -82,6 +87,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
     assert repeated == [(row.query, row.scan, row.status) for row in finished[1]]
 
 
+@pytest.mark.slow
 def test_another_configuration_is_run_anew(box_folder: Path, finished: tuple[Path, list[Row]]) -> None:
     other = compared_method("fast=fast:search.num_candidates=3,search.num_rotations=64")
     scans = limited(folder_scans(box_folder), 1)[:1]
@@ -91,6 +97,7 @@ def test_another_configuration_is_run_anew(box_folder: Path, finished: tuple[Pat
     assert other.digest not in known
 
 
+@pytest.mark.slow
 def test_a_call_that_fails_is_a_row_that_says_why(box_folder: Path, tmp_path: Path) -> None:
     scans = limited(folder_scans(box_folder), 1)[:1]
     options = RunOptions("cpu", timeout_s=1e-9)

@@ -1,6 +1,7 @@
 """Changes between scan and photo, and the truth about them."""
 
 import numpy as np
+import pytest
 
 from core.geometry.pose import Pose
 from lab.rooms import (
@@ -72,6 +73,7 @@ def test_points_of_removed_things_are_changed_and_those_of_walls_are_not(
     assert 0.02 < truth.mean() < 0.8
 
 
+@pytest.mark.slow
 def test_about_the_asked_fraction_of_the_furniture_changes() -> None:
     changed, total = np.zeros(2), 0
     fractions = (0.3, 0.6)

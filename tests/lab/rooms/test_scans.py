@@ -1,6 +1,7 @@
 """What a scan contains: only what a station sees, with the noise that was asked for."""
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from lab.rooms import LABEL_COLORS, Scan, Scene, scan_scene, scan_with_truth, take_panorama
@@ -23,6 +24,7 @@ def first_hit(surface: Surface, start: NDArray[np.floating], end: NDArray[np.flo
     return float(t[hit].min()) if hit.any() else np.inf
 
 
+@pytest.mark.slow
 def test_every_scanned_point_is_the_first_thing_that_some_station_sees(flat: Scene) -> None:
     scan = scan_with_truth(flat, num_points=20_000)
     for point in scan.exact_positions[np.random.default_rng(0).permutation(len(scan.cloud))[:25]]:

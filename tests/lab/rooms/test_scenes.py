@@ -25,6 +25,7 @@ def test_another_seed_gives_another_scene() -> None:
     assert set(first.keys) != set(second.keys)
 
 
+@pytest.mark.slow
 def test_rooms_cover_small_and_large_areas() -> None:
     areas = [np.prod(build_scene(SceneSpec("room", seed)).rooms[0].size_m) for seed in range(7)]
     assert min(areas) < 16
@@ -38,6 +39,7 @@ def test_every_family_builds_a_furnished_room(family: str) -> None:
     assert sum(thing.item is not None for thing in scene.objects) >= 8
 
 
+@pytest.mark.slow
 def test_families_differ_in_color() -> None:
     means = []
     for family in ("classic", "office"):
@@ -48,6 +50,7 @@ def test_families_differ_in_color() -> None:
     assert warmth[0] > warmth[1] + 10
 
 
+@pytest.mark.slow
 def test_flats_have_four_to_six_rooms_joined_by_open_doorways(flat: Scene) -> None:
     assert 4 <= len(flat.rooms) <= 6
     joined = list(range(len(flat.rooms)))
@@ -65,6 +68,7 @@ def test_flats_have_four_to_six_rooms_joined_by_open_doorways(flat: Scene) -> No
     assert len(set(joined)) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["room", "bare", "flat"])
 def test_rooms_have_no_holes_to_the_outside(kind: str) -> None:
     scene = build_scene(SceneSpec(kind, 6))  # type: ignore[arg-type]
@@ -79,6 +83,7 @@ def test_rooms_have_no_holes_to_the_outside(kind: str) -> None:
         assert from_behind.mean() < 0.01
 
 
+@pytest.mark.slow
 def test_a_bare_room_holds_little() -> None:
     counts = [
         sum(t.item is not None and t.movable for t in build_scene(SceneSpec("bare", s)).objects) for s in range(6)
@@ -98,6 +103,7 @@ def test_cameras_stand_in_free_space_at_eye_height(kind: str) -> None:
     assert ((positions[:, 2] >= 1.0) & (positions[:, 2] <= 1.9)).all()
 
 
+@pytest.mark.slow
 def test_a_street_is_as_long_as_the_search_cuboid_of_the_paper() -> None:
     scene = build_scene(SceneSpec("street", 0))
     low, high = scan_scene(scene, num_points=20_000, color_kind="labels").bounds

@@ -32,7 +32,9 @@ def case() -> Case:
     return make_case("changed", replace(SUITES["changed"], num_points=5000), 3, width=256)
 
 
-@pytest.mark.parametrize("name", suite_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "changed" else pytest.mark.slow) for name in suite_names()]
+)
 def test_every_suite_gives_complete_cases(name: str) -> None:
     case = make_case(name, replace(SUITES[name], num_points=4000), 1, width=128)
     assert len(case.cloud) == 4000
@@ -64,6 +66,7 @@ def test_the_region_of_the_street_holds_the_camera() -> None:
     assert (case.pose.position <= np.array(case.region[1])).all()
 
 
+@pytest.mark.slow
 def test_held_out_families_are_respected() -> None:
     suite = replace(SUITES["rooms"], num_points=2000)
     case, same = (make_case("rooms", suite, 4, families, 64) for families in (["office"], ["office"]))

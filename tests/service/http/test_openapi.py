@@ -110,6 +110,7 @@ def test_every_reference_leads_somewhere() -> None:
     assert "#/components/schemas/LocalizeOptions" in found
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 def test_the_service_does_what_its_document_says(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     with listening(tmp_path, redis_server.url) as url:
