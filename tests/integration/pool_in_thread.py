@@ -1,6 +1,7 @@
 """A pool in an event loop of its own, driven from ordinary test functions."""
 
 import asyncio
+import gc
 import json
 import threading
 import time
@@ -74,6 +75,7 @@ class PoolInThread:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
+        gc.collect()  # what Ray leaves behind is warned of here, not in a test that comes later
 
 
 def query(name: str, maps: tuple[str, ...] = ("map_a",), timeout_s: float = 30, **script: Any) -> LocalizeJob:

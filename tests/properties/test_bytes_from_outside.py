@@ -130,6 +130,7 @@ def test_random_bytes_are_no_panorama(data: bytes) -> None:
             read_panorama(attempt)
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning:PIL.TiffImagePlugin")  # that EXIF data are damaged, as they are
 @settings(max_examples=150)
 @given(st.sampled_from(sorted(PICTURES)), changes, st.sampled_from((60, 250, 10**9)))
 def test_a_damaged_picture_is_refused_or_still_a_picture(kind: str, edits: list[tuple[float, int]], reach: int) -> None:
