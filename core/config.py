@@ -148,7 +148,7 @@ class RefinementConfig:
     middle_stop: StoppingRule = StoppingRule(0.002, 0.002, interval=3)
     # Rows, and robust scale: changed furniture loses its vote as poses settle.
     middle_rounds: tuple[tuple[int, float], ...] = ((64, 2.5), (128, 1.5))
-    unchanged_distance: float = 0.3  # canonical colour distance at which a pixel counts half as unchanged
+    unchanged_difference: float = 0.3  # canonical colour distance at which a pixel counts half as unchanged
     unchanged_regions: int = 32  # that the height of a view is divided into, to tell what changed
     fine_stop: StoppingRule = StoppingRule(0.0003, 0.0003, interval=2)
     fine_candidates: int = 2
@@ -169,7 +169,7 @@ class JudgeConfig:
     height: int = 64  # rows of the rendering
     final_height: int = 128
     patch_rows: int = 8
-    inlier_distance: float = 0.15  # canonical colour distance at which a pixel counts half
+    inlier_difference: float = 0.15  # canonical colour distance at which a pixel counts half
     brightness_bins: int = 16  # of the mutual information
     min_variance: float = 1e-4  # of canonical colours; below it contrast is noise
     min_patch_variance: float = 1e-3
@@ -187,7 +187,7 @@ class JudgeConfig:
 class ChangeConfig:
     """What has changed since the scan (see `core.judge.change_maps`)."""
 
-    half_score_distance: float = 0.2  # of canonical colours; the score is 0.5 there
+    half_score_difference: float = 0.2  # of canonical colours; the score is 0.5 there
     changed_below: float = 0.5  # score
     sampled_points: int = 50_000  # of the scan, enough for a fraction
 

@@ -4,16 +4,14 @@
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from docs.generated_part import with_part
 from service.settings import Settings
 
-BEGIN = "<!-- settings: begin (scripts/update-docs writes this table) -->\n"
-END = "<!-- settings: end -->"
 # From here on digits are grouped; pydantic reads the groups.
 _LONG_NUMBER = 10_000
 
@@ -29,14 +27,8 @@ def settings_table() -> str:
 
 
 def with_current_table(page: str) -> str:
-    """Return the page with the table between its two marks replaced; raises ValueError without the marks."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(
-            f"Expected the marks {BEGIN.strip()!r} and {END!r} in the page; put them where the table belongs."
-        )
-    return f"{before}{BEGIN}\n{settings_table()}\n{END}{after}"
+    """Return the page with its table replaced by the current one; raises ValueError without its marks."""
+    return with_part(page, "settings", settings_table())
 
 
 def _variables(prefix: str, name: str, field: FieldInfo) -> Iterator[str]:
@@ -65,13 +57,3 @@ def _meaning(field: FieldInfo) -> str:
     choices = [repr(choice).strip("'") for choice in get_args(field.annotation) if isinstance(choice, str)]
     text = " ".join((field.description or "").split()).replace("|", "\\|")
     return f"{text} One of {', '.join(choices)}." if choices and choices[0] not in text else text
-
-
-def main() -> None:
-    """Rewrite the table in the README of the current folder."""
-    readme = Path("README.md")
-    readme.write_text(with_current_table(readme.read_text(encoding="utf-8")), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

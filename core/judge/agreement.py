@@ -50,7 +50,7 @@ def agreement(comparison: Comparison, height: int, config: JudgeConfig) -> Agree
     mass = weight.sum(-1)
     share_inside = weight / mass.clamp_min(1e-12)[..., None]
     inside = _correlation(patches[0], patches[1], share_inside, config.min_patch_variance, joint_channels=True)[..., 0]
-    distance_square = (scan - panorama).square().sum(-1) / config.inlier_distance**2
+    distance_square = (scan - panorama).square().sum(-1) / config.inlier_difference**2
     return Agreement(
         correlation,
         (inside * mass).sum(-1),

@@ -68,11 +68,11 @@ def _pixel_scores(comparison: Comparison, config: ChangeConfig) -> Tensor:
     for _ in range(3):
         gain, offset = fit_gain_offset(panorama, scan, weights)
         fitted = panorama * gain[:, None] + offset[:, None]
-        distance = (fitted - scan).norm(dim=-1) / config.half_score_distance
+        distance = (fitted - scan).norm(dim=-1) / config.half_score_difference
         weights = comparison.weights / (1 + distance.square()).square()
     height, width = comparison.views.depth.shape[1:]
     shape = (3, height, width)
-    sharp = _nearest_distance(fitted[0].T.reshape(shape), scan[0].T.reshape(shape)) / config.half_score_distance
+    sharp = _nearest_distance(fitted[0].T.reshape(shape), scan[0].T.reshape(shape)) / config.half_score_difference
     score = 1 / (1 + sharp.square())
     # Changes are objects, not pixels: a median-like smoothing removes single outliers at edges.
     padded = wrap_border(score[None])

@@ -95,7 +95,7 @@ def unchanged_share(comparison: Comparison, config: RefinementConfig) -> Tensor:
     frees poses that furniture holds back, but it also mutes edges, which the last millimetres need.
     """
     height, width = comparison.views.depth.shape[1:]
-    distance_square = (comparison.scan - comparison.panorama).square().sum(-1) / config.unchanged_distance**2
+    distance_square = (comparison.scan - comparison.panorama).square().sum(-1) / config.unchanged_difference**2
     share = (1 / (1 + distance_square)).view(-1, 1, height, width)
     reach = max(1, height // config.unchanged_regions)
     padded = torch.nn.functional.pad(share, (reach, reach, 0, 0), mode="circular")

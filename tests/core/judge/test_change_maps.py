@@ -18,7 +18,7 @@ HEIGHT, WIDTH = 24, 48
 SOLID = pixel_solid_angles(HEIGHT, WIDTH).expand(-1, WIDTH)
 CENTER = torch.tensor([1.0, -2.0, 0.5])
 BLOCK = slice(8, 16), slice(10, 22)
-CONFIG = ChangeConfig(half_score_distance=0.2, changed_below=0.5, sampled_points=50_000)
+CONFIG = ChangeConfig(half_score_difference=0.2, changed_below=0.5, sampled_points=50_000)
 
 
 def picture() -> torch.Tensor:
@@ -90,7 +90,7 @@ def test_points_have_the_score_of_the_pixel_that_shows_them() -> None:
 
 def test_a_sample_of_the_points_tells_how_many_changed() -> None:
     every = compared(picture(), with_block(picture())).map_changed_fraction
-    few = ChangeConfig(half_score_distance=0.2, changed_below=0.5, sampled_points=1200)
+    few = ChangeConfig(half_score_difference=0.2, changed_below=0.5, sampled_points=1200)
     assert compared(picture(), with_block(picture()), config=few).map_changed_fraction == pytest.approx(every, abs=0.02)
 
 
@@ -117,10 +117,10 @@ def test_scores_and_shares_are_those_of_a_loop_over_the_pixels() -> None:
     scan = picture().double().numpy()
     panorama = with_block(picture()).double().numpy() * 0.8 + rng.normal(0, 0.15, scan.shape)
     weights = SOLID.double().numpy() * (rng.uniform(size=(HEIGHT, WIDTH)) > 0.1)
-    for config in (CONFIG, ChangeConfig(half_score_distance=0.3, changed_below=0.7)):
+    for config in (CONFIG, ChangeConfig(half_score_difference=0.3, changed_below=0.7)):
         first, second, third = (torch.from_numpy(each).float() for each in (scan, panorama, weights))
         found = compared(first, second, third, config=config)
-        expected = twin.pixel_scores(scan, panorama, weights, config.half_score_distance)
+        expected = twin.pixel_scores(scan, panorama, weights, config.half_score_difference)
         seen = weights > 0
         np.testing.assert_allclose(found.score_map_2d[seen], expected[seen], atol=1e-4)
         changed = weights[expected < config.changed_below].sum() / weights.sum()
