@@ -1,11 +1,18 @@
 """Hints as limits on poses."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
+import pytest
 import torch
 
 from core.config import SearchConfig
-from core.search.pose_limits import PoseLimits
+from core.errors import OptionsError
+from core.geometry.rotations import rotation_from_vector
+from core.options import Hints
+from core.search.pose_limits import PoseLimits, pose_limits
 
 
 def test_limits_widen_for_the_search_and_not_for_the_answer() -> None:
@@ -34,3 +41,152 @@ def test_a_heading_near_half_a_turn_wraps() -> None:
         ]
     )
     assert limits.allows_rotation(torch.stack((turned, across, torch.eye(3)))).tolist() == [True, True, False]
+
+
+MAP: Any = SimpleNamespace(origin_offset=np.array([1_000_000.25, -2_000_000.5, 100.0]))
+
+
+def turned(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> torch.Tensor:
+    """Return the rotation about one of the axes, degrees."""
+    return rotation_from_vector(torch.deg2rad(torch.tensor([x, y, z])))
+
+
+def test_without_hints_nothing_is_limited() -> None:
+    for hints in (None, Hints()):
+        limits = pose_limits(hints, MAP)
+        assert bool(limits.allows_position(torch.tensor([1e6, -1e6, 1e6])))
+        assert bool(limits.allows_rotation(turned(x=180.0)))
+        assert (limits.center, limits.lower, limits.upper, limits.max_tilt, limits.heading) == (None,) * 5
+
+
+def test_hints_become_limits_in_the_map_s_own_frame_and_in_radians() -> None:
+    limits = pose_limits(
+        Hints(
+            position_m=(1_000_001.0, -2_000_000.0, 101.5),
+            radius_m=3.0,
+            region=((1_000_000.0, -2_000_001.0, 99.0), (1_000_002.25, -1_999_999.5, 103.0)),
+            max_tilt_deg=20.0,
+            heading_deg=90.0,
+            heading_tolerance_deg=30.0,
+        ),
+        MAP,
+    )
+    assert limits.center is not None
+    assert limits.lower is not None
+    assert limits.upper is not None
+    assert limits.center.tolist() == [0.75, 0.5, 1.5]
+    assert limits.center.dtype == torch.float32
+    assert (limits.lower.tolist(), limits.upper.tolist()) == ([-0.25, -0.5, -1.0], [2.0, 1.0, 3.0])
+    assert limits.radius_m == 3.0
+    assert limits.max_tilt == pytest.approx(math.radians(20))
+    assert limits.heading == pytest.approx(math.pi / 2)
+    assert limits.heading_tolerance == pytest.approx(math.radians(30))
+
+
+@pytest.mark.parametrize(
+    ("hints", "max_tilt_deg"),
+    [
+        (Hints(upright=True), 15.0),
+        (Hints(upright=True, max_tilt_deg=3.0), 3.0),
+        (Hints(max_tilt_deg=0.0), 0.0),
+        (Hints(upright=True, max_tilt_deg=0.0), 0.0),
+        (Hints(), None),
+    ],
+)
+def test_upright_means_fifteen_degrees_unless_the_caller_says_how_much(
+    hints: Hints, max_tilt_deg: float | None
+) -> None:
+    found = pose_limits(hints, MAP).max_tilt
+    assert found == (None if max_tilt_deg is None else pytest.approx(math.radians(max_tilt_deg)))
+
+
+def test_a_position_is_taken_within_five_metres_and_a_heading_within_45_degrees() -> None:
+    limits = pose_limits(Hints(position_m=(1_000_000.25, -2_000_000.5, 100.0), heading_deg=0.0), MAP)
+    assert limits.radius_m == 5.0
+    assert limits.heading == 0.0
+    places = torch.tensor([[0.0, 4.9, 0.0], [0.0, 0.0, -5.1]])
+    assert limits.allows_position(places).tolist() == [True, False]
+    headings = torch.stack([turned(z=44.0), turned(z=-44.0), turned(z=46.0), turned(z=-46.0)])
+    assert limits.allows_rotation(headings).tolist() == [True, True, False, False]
+
+
+INFINITE = float("inf")
+REFUSED: dict[str, tuple[Hints, str]] = {
+    "position": (Hints(position_m=(0, math.nan, 0)), "hints: expected finite numbers"),
+    "region": (Hints(region=((0, 0, 0), (1, INFINITE, 1))), "hints: expected finite numbers"),
+    "heading": (Hints(heading_deg=INFINITE), "hints: expected finite numbers"),
+    "radius without a position": (Hints(radius_m=1.0), r"hints\.radius_m: expected together with"),
+    "no radius": (Hints(position_m=(0, 0, 0), radius_m=0.0), r"hints\.radius_m: expected a positive number"),
+    "endless radius": (Hints(position_m=(0, 0, 0), radius_m=INFINITE), r"hints\.radius_m: expected a positive number"),
+    "negative tilt": (Hints(max_tilt_deg=-0.1), r"hints\.max_tilt_deg: expected 0 to 180"),
+    "tilt beyond upside down": (Hints(max_tilt_deg=180.1), r"hints\.max_tilt_deg: expected 0 to 180"),
+    "no tolerance": (
+        Hints(heading_deg=1.0, heading_tolerance_deg=0.0),
+        r"hints\.heading_tolerance_deg: expected more than 0",
+    ),
+    "tolerance of more than a turn": (
+        Hints(heading_tolerance_deg=180.1),
+        r"hints\.heading_tolerance_deg: expected more than 0",
+    ),
+    "flat region": (Hints(region=((0, 0, 0), (1, 0, 1))), r"hints\.region: expected min below max"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_hints_that_make_no_sense_are_refused(name: str) -> None:
+    hints, said = REFUSED[name]
+    with pytest.raises(OptionsError, match=said):
+        pose_limits(hints, MAP)
+
+
+@pytest.mark.parametrize(
+    "hints",
+    [
+        Hints(max_tilt_deg=180.0),
+        Hints(heading_deg=-1000.0, heading_tolerance_deg=180.0),
+        Hints(position_m=(0, 0, 0), radius_m=1e-6),
+        Hints(region=((0, 0, 0), (1, 1e-3, 1))),
+    ],
+)
+def test_hints_at_the_end_of_their_range_are_taken(hints: Hints) -> None:
+    pose_limits(hints, MAP)
+
+
+def test_a_region_ends_at_its_faces_and_a_radius_at_its_sphere() -> None:
+    limits = PoseLimits(center=torch.zeros(3), radius_m=2.0, lower=-torch.ones(3), upper=torch.tensor([1.0, 1.0, 3.0]))
+    places = torch.tensor([[1.0, 1.0, 1.0], [1.01, 0, 0], [0, -1.01, 0], [0, 0, 2.0], [0, 0, 2.01], [-1.0, -1.0, -1.0]])
+    assert limits.allows_position(places).tolist() == [True, False, False, True, False, True]
+    widened = torch.tensor([[1.2, 0, 0], [1.3, 0, 0], [0, -1.2, 0], [0, 0, 2.2], [0, 0, 2.3]])
+    assert limits.allows_position(widened, 0.25).tolist() == [True, False, True, True, False]
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_tilt_counts_alike_to_all_sides_and_whatever_the_heading(axis: str) -> None:
+    limits = PoseLimits(max_tilt=math.radians(20))
+    for degrees, allowed in ((19.0, True), (-19.0, True), (21.0, False), (-21.0, False), (180.0, False)):
+        for heading in (0.0, 77.0, 190.0):
+            assert bool(limits.allows_rotation(turned(z=heading) @ turned(**{axis: degrees}))) is allowed
+    assert bool(limits.allows_rotation(turned(x=25.0), math.radians(6)))
+    assert bool(PoseLimits(max_tilt=math.pi).allows_rotation(turned(x=180.0), 1.0))
+
+
+def test_looking_straight_up_a_camera_has_no_heading() -> None:
+    limits = PoseLimits(heading=0.0, heading_tolerance=math.radians(10))
+    assert bool(limits.allows_rotation(turned(z=180.0) @ turned(y=-88.0)))
+    assert not bool(limits.allows_rotation(turned(z=180.0) @ turned(y=-86.0)))
+    assert bool(limits.allows_rotation(turned(z=14.0), math.radians(5)))
+    assert not bool(limits.allows_rotation(turned(z=16.0), math.radians(5)))
+
+
+def test_the_search_reaches_beyond_the_hints_by_its_margins() -> None:
+    limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
+    config = SearchConfig(hint_margin_m=0.2, hint_margin_deg=7.0)
+    assert limits.searched_starts(torch.tensor([[1.19, 0, 0], [1.21, 0, 0]]), config).tolist() == [True, False]
+    assert limits.searched_rotations(torch.stack((turned(x=16.5), turned(x=17.5))), config).tolist() == [True, False]
+
+
+def test_a_pose_is_allowed_when_both_its_place_and_its_rotation_are() -> None:
+    limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
+    here, there = torch.zeros(3), torch.tensor([2.0, 0.0, 0.0])
+    cases = ((turned(), here), (turned(), there), (turned(x=11.0), here), (turned(x=11.0), there))
+    assert [limits.allows_pose(*case) for case in cases] == [True, False, False, False]

@@ -1,0 +1,104 @@
+"""The points that a pose itself sees, and how much those count that have changed."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from core.config import RefinementConfig
+from core.geometry.projection import pixel_directions, pixel_solid_angles
+from core.geometry.rotations import even_directions
+from core.light.local_contrast import mixed_with_contrast
+from core.refine.candidate_points import points_seen_from_poses, unchanged_share
+
+HEIGHT, WIDTH, COUNT = 16, 32, 200
+
+
+def rendered(tables: bool = True) -> tuple[Any, Any]:
+    """Return a cloud and two renderings of it, in which every third pixel shows no point."""
+    made = torch.Generator().manual_seed(0)
+    positions = torch.randn((HEIGHT * WIDTH, 3), generator=made)
+    point = torch.stack([torch.randperm(HEIGHT * WIDTH, generator=made) for _ in range(2)])
+    point[:, ::3] = -1
+    x, y, z = pixel_directions(HEIGHT, WIDTH).unbind(-1)
+    color = (0.5 + 0.4 * torch.stack((x, y * z, z), dim=-1)).expand(2, -1, -1, -1).contiguous()
+    views = SimpleNamespace(
+        depth=torch.ones((2, HEIGHT, WIDTH)),
+        point=point.view(2, HEIGHT, WIDTH),
+        color=color,
+        valid=torch.ones((2, HEIGHT, WIDTH), dtype=torch.bool),
+    )
+    scan = torch.rand((2, HEIGHT * WIDTH, 3), generator=made)
+    comparison = SimpleNamespace(views=views, scan=scan, tables=torch.zeros(1) if tables else None)
+    return SimpleNamespace(positions=positions), comparison
+
+
+def shown_pixels() -> list[int]:
+    """Return the pixels that even directions fall into, each once, in the order of the image."""
+    pixels = set()
+    for x, y, z in even_directions(COUNT).tolist():
+        column = int((math.pi - math.atan2(y, x)) / (2 * math.pi) * WIDTH)
+        row = int((math.pi / 2 - math.asin(z)) / math.pi * HEIGHT)
+        pixels.add(min(row, HEIGHT - 1) * WIDTH + min(column, WIDTH - 1))
+    return sorted(pixels)
+
+
+def test_each_direction_gives_the_point_that_its_pixel_shows_weighted_by_what_the_pixel_covers() -> None:
+    cloud, comparison = rendered()
+    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
+    pixels = shown_pixels()
+    number = comparison.views.point.flatten(1)[:, pixels]
+    solid = pixel_solid_angles(HEIGHT, WIDTH).expand(-1, WIDTH).flatten()[pixels]
+    seen = number >= 0
+    assert found.weights.shape == (2, len(pixels))
+    assert 0.2 < float((~seen).float().mean()) < 0.5
+    torch.testing.assert_close(found.weights, seen * solid / solid.mean())
+    torch.testing.assert_close(found.positions[seen], cloud.positions[number[seen]])
+
+
+def test_points_have_the_colours_of_their_pixels_mixed_with_contrast() -> None:
+    cloud, comparison = rendered()
+    views = comparison.views
+    mixed = mixed_with_contrast(comparison.scan.view(views.color.shape), views.color, views.valid.float(), 0.3)
+    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
+    torch.testing.assert_close(found.colors, mixed.flatten(1, 2)[:, shown_pixels()])
+    assert float((found.colors - comparison.scan[:, shown_pixels()]).abs().max()) > 0.05
+
+
+def test_labels_have_no_contrast() -> None:
+    cloud, comparison = rendered(tables=False)
+    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
+    assert torch.equal(found.colors, comparison.scan[:, shown_pixels()])
+
+
+def test_further_weights_multiply_those_of_the_pixels() -> None:
+    cloud, comparison = rendered()
+    plain = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
+    extra = torch.rand((2, HEIGHT * WIDTH), generator=torch.Generator().manual_seed(1))
+    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3, extra)
+    torch.testing.assert_close(found.weights, plain.weights * extra[:, shown_pixels()])
+
+
+@pytest.mark.parametrize("regions", [4, 8, 64])
+def test_what_agrees_is_told_for_regions_and_not_for_pixels(regions: int) -> None:
+    config = RefinementConfig(unchanged_distance=0.4, unchanged_regions=regions)
+    rng = np.random.default_rng(0)
+    scan, panorama = rng.uniform(size=(2, 2, HEIGHT, WIDTH, 3))
+    comparison: Any = SimpleNamespace(
+        scan=torch.from_numpy(scan).flatten(1, 2),
+        panorama=torch.from_numpy(panorama).flatten(1, 2),
+        views=SimpleNamespace(depth=torch.ones((2, HEIGHT, WIDTH))),
+    )
+    found = unchanged_share(comparison, config).numpy().reshape(2, HEIGHT, WIDTH)
+    agreeing = 1 / (1 + ((scan - panorama) ** 2).sum(-1) / 0.4**2)
+    reach = max(1, HEIGHT // regions)
+    for k, row, column in ((0, 0, 0), (1, 7, 31), (0, 15, 16), (1, 5, 9), (0, 1, 30)):
+        around = [
+            agreeing[k, min(max(row + down, 0), HEIGHT - 1), (column + across) % WIDTH]
+            for down in range(-reach, reach + 1)
+            for across in range(-reach, reach + 1)
+        ]
+        assert found[k, row, column] == pytest.approx(np.mean(around) ** 2)
