@@ -84,7 +84,7 @@ def test_further_weights_multiply_those_of_the_pixels() -> None:
 
 @pytest.mark.parametrize("regions", [4, 8, 64])
 def test_what_agrees_is_told_for_regions_and_not_for_pixels(regions: int) -> None:
-    config = RefinementConfig(unchanged_distance=0.4, unchanged_regions=regions)
+    config = RefinementConfig(unchanged_difference=0.4, unchanged_regions=regions)
     rng = np.random.default_rng(0)
     scan, panorama = rng.uniform(size=(2, 2, HEIGHT, WIDTH, 3))
     comparison: Any = SimpleNamespace(

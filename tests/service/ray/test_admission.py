@@ -1,3 +1,5 @@
+from contextlib import ExitStack
+
 import pytest
 
 from service.errors import QueueFullError
@@ -44,3 +46,33 @@ def test_nobody_is_told_to_come_back_at_once_or_never() -> None:
         admission.note_duration(1e6)
     with admission.admit():
         assert admission.retry_after_s == 60
+
+
+@pytest.mark.parametrize("num_workers", [0, 1, 3])
+def test_a_place_is_counted_for_each_worker_and_one_where_there_is_none_yet(num_workers: int) -> None:
+    admission = Admission(queue_limit=1)
+    admission.set_num_workers(num_workers)
+    with ExitStack() as held:
+        for number in range(max(1, num_workers) + 1):
+            assert admission.num_admitted == number
+            held.enter_context(admission.admit())
+        assert admission.queue_depth == 1
+        with pytest.raises(QueueFullError) as refused, admission.admit():
+            pass
+        assert refused.value.retry_after_s == admission.retry_after_s
+
+
+def test_before_anything_was_measured_a_request_is_taken_to_last_a_second() -> None:
+    admission = Admission(queue_limit=9)
+    with admission.admit(), admission.admit(), admission.admit():
+        assert admission.retry_after_s == 3
+
+
+def test_the_newest_duration_counts_a_fifth() -> None:
+    admission = Admission(queue_limit=9)
+    admission.note_duration(11.0)
+    with admission.admit():
+        assert admission.retry_after_s == 3
+    admission.note_duration(53.0)
+    with admission.admit():
+        assert admission.retry_after_s == 13
