@@ -35,7 +35,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "core/judge/*.py": ("tests/core/judge",),
     "core/index/map_codec.py": ("tests/properties/test_codec_packing.py", *_INDEX),
     "core/index/starts.py": ("tests/reference/test_starts_twin.py",),
-    "core/index/map_diagnostics.py": ("tests/core/index/test_map_diagnostics.py",),
+    "core/index/map_diagnostics.py": ("tests/core/index/test_map_values.py",),
+    "core/index/map_index.py": ("tests/core/index/test_map_values.py", "tests/core/index/test_map_index.py"),
     "core/index/map_builder.py": ("tests/core/index/test_map_builder.py", "tests/core/index/test_map_index.py"),
     "core/index/*.py": _INDEX,
 }

@@ -1,9 +1,14 @@
 """Which hypotheses remain."""
 
+import math
+
+import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.judge.hypotheses import Hypothesis, by_score, merged, within_margin
+from core.config import JudgeConfig, PoseDistance
+from core.geometry.rotations import rotation_from_vector
+from core.judge.hypotheses import Hypothesis, by_map, by_score, merged, stacked_poses, with_refined, within_margin
+from core.refine.refinement import Refined
 
 JUDGE = JudgeConfig()
 
@@ -35,3 +40,63 @@ def test_hypotheses_that_converged_to_one_pose_count_once() -> None:
     elsewhere = Hypothesis(1, 0, torch.eye(3), torch.zeros(3), score=0.2)
     kept = by_score([*near, apart, elsewhere], JUDGE.distinct)
     assert [h.score for h in kept] == [near[3].score, 0.2, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "angle_deg", "is_near"),
+    [(0.4, 14.0, True), (0.5, 0.0, False), (0.6, 0.0, False), (0.0, 16.0, False), (0.4, 16.0, False)],
+)
+def test_two_hypotheses_are_near_when_both_place_and_orientation_are(
+    distance_m: float, angle_deg: float, is_near: bool
+) -> None:
+    turned = rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(angle_deg)]))
+    one = placed(0.0)
+    other = Hypothesis(0, 3, turned, torch.tensor([0.0, distance_m, 0.0]))
+    assert one.is_near(other, PoseDistance(0.5, 15.0)) is is_near
+    assert other.is_near(one, PoseDistance(0.5, 15.0)) is is_near
+    elsewhere = Hypothesis(1, 3, torch.eye(3), torch.zeros(3))
+    assert not one.is_near(elsewhere, PoseDistance(0.5, 15.0))
+
+
+def test_hypotheses_are_grouped_by_map_in_the_order_in_which_maps_first_come() -> None:
+    given = [placed(1.0, map_number=4), placed(2.0, map_number=1), placed(3.0, map_number=4)]
+    found = [(number, [float(h.position[0]) for h in group]) for number, group in by_map(given)]
+    assert found == [(4, [1.0, 3.0]), (1, [2.0])]
+    rotations, positions = stacked_poses(given)
+    assert rotations.shape == (3, 3, 3)
+    assert positions[:, 0].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() -> None:
+    group = [
+        Hypothesis(2, k, torch.eye(3), torch.zeros(3), score=0.1 * k, iterations=k, color_model="x") for k in range(3)
+    ]
+    refined = Refined(
+        numbers=torch.tensor([0, 2]),
+        rotations=torch.stack([rotation_from_vector(torch.tensor([0.0, 0.0, a])) for a in (0.1, 0.2)]),
+        positions=torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        loss=torch.tensor([0.25, 0.5]),
+        hessian=torch.stack((torch.eye(6), 2 * torch.eye(6))),
+        scale=torch.tensor([0.125, 0.75]),
+        steps=torch.tensor([7, 9]),
+    )
+    found = with_refined(group, refined)
+    assert [h.start for h in found] == [0, 2]  # the second had come together with one of these
+    for k, (one, before) in enumerate(zip(found, (group[0], group[2]), strict=True)):
+        assert torch.equal(one.rotation, refined.rotations[k])
+        assert torch.equal(one.position, refined.positions[k])
+        assert one.hessian is not None
+        assert torch.equal(one.hessian, refined.hessian[k])
+        assert (one.loss, one.residual_scale) == (float(refined.loss[k]), float(refined.scale[k]))
+        assert one.iterations == before.iterations + int(refined.steps[k])
+        assert (one.map_number, one.score, one.color_model) == (2, before.score, "x")
+
+
+def test_as_many_are_kept_as_are_wanted_and_as_fit_into_the_margin() -> None:
+    ranked = [placed(3.0 * k, 1.0 - 0.1 * k) for k in range(6)]
+    assert len(within_margin(ranked, 3, 0.9)) == 3
+    assert [h.score for h in within_margin(ranked, 6, 0.25)] == [1.0, 0.9, 0.8]
+    # Those beyond the wanted number count as elsewhere, too.
+    together = [placed(0.01 * k, 1.0 - 0.1 * k) for k in range(3)]
+    kept = within_margin([*together, placed(9.0, 0.1), placed(19.0, 0.05)], 2, 0.9, JUDGE.place)
+    assert [h.score for h in kept] == [1.0, 0.9, 0.1]

@@ -188,3 +188,21 @@ def test_the_last_step_of_a_refinement_is_not_lengthened_and_those_before_are() 
     torch.testing.assert_close(twice.rotations, second.rotations)
     torch.testing.assert_close(twice.loss, second.loss)
     assert [int(found.steps) for found in (once, twice)] == [1, 2]
+
+
+def test_each_of_several_candidates_is_held_to_the_limits_alone() -> None:
+    level, points = scene()
+    both = PointPlanes(
+        *(each.expand(2, *each.shape[1:]).contiguous() for each in (points.positions, points.colors, points.weights))
+    )
+    turns = torch.tensor([[0.002, 0.0, -0.001], [0.1, -0.2, 0.1]])
+    moves = torch.tensor([[0.001, -0.002, 0.001], [0.3, 0.2, -0.2]])
+    rotations, positions = ROTATION @ rotation_from_vector(turns), POSITION + moves
+    config = replace(RULES, max_turn_rad=0.02, max_move_m=0.01)
+    history = initial_history(2, config, torch.device("cpu"))
+    together = gauss_newton_step(level, both, rotations, positions, both.weights, history, config, False)
+    for k in range(2):
+        alone = step_from(level, points, config, tuple(turns[k].tolist()), tuple(moves[k].tolist()))
+        torch.testing.assert_close(together.history.step[k], alone.history.step[0], atol=1e-4, rtol=1e-3)
+        torch.testing.assert_close(together.positions[k], alone.positions[0], atol=1e-4, rtol=1e-3)
+        torch.testing.assert_close(together.loss[k], alone.loss[0], atol=1e-4, rtol=1e-3)

@@ -190,3 +190,9 @@ def test_a_pose_is_allowed_when_both_its_place_and_its_rotation_are() -> None:
     here, there = torch.zeros(3), torch.tensor([2.0, 0.0, 0.0])
     cases = ((turned(), here), (turned(), there), (turned(x=11.0), here), (turned(x=11.0), there))
     assert [limits.allows_pose(*case) for case in cases] == [True, False, False, False]
+
+
+def test_half_a_region_is_none() -> None:
+    below = PoseLimits(lower=torch.ones(3))
+    assert bool(below.allows_position(torch.zeros(3)))
+    assert bool(PoseLimits(upper=torch.zeros(3)).allows_position(torch.ones(3)))

@@ -64,6 +64,7 @@ def test_a_place_is_counted_for_each_worker_and_one_where_there_is_none_yet(num_
 
 def test_before_anything_was_measured_a_request_is_taken_to_last_a_second() -> None:
     admission = Admission(queue_limit=9)
+    assert admission.queue_depth == 0
     with admission.admit(), admission.admit(), admission.admit():
         assert admission.retry_after_s == 3
 
