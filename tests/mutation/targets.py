@@ -25,6 +25,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "service/ray/pool.py": _POOL,
     "core/search/pose_limits.py": ("tests/core/search/test_pose_limits.py", "tests/properties/test_hints.py"),
     "core/search/pose_scores.py": ("tests/core/search/test_pose_scores.py", "tests/reference/test_search_twin.py"),
+    "core/search/map_search.py": (
+        "tests/core/search/test_map_search.py",
+        "tests/core/search/test_search_and_candidates.py",
+    ),
     "core/search/*.py": ("tests/core/search",),
     "core/refine/gauss_newton.py": (*_STEP, "tests/core/refine/test_refinement.py"),
     "core/refine/*.py": ("tests/core/refine",),
