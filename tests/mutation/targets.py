@@ -31,6 +31,11 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     "core/search/*.py": ("tests/core/search",),
     "core/refine/gauss_newton.py": (*_STEP, "tests/core/refine/test_refinement.py"),
+    "core/refine/refinement.py": ("tests/core/refine/test_stopping.py", "tests/core/refine/test_refinement.py"),
+    "core/refine/candidate_points.py": (
+        "tests/core/refine/test_points_seen_from_poses.py",
+        "tests/core/refine/test_candidate_points.py",
+    ),
     "core/refine/*.py": ("tests/core/refine",),
     "core/judge/agreement.py": ("tests/reference/test_judge_twin.py", "tests/core/judge/test_agreement.py"),
     "core/judge/change_maps.py": ("tests/core/judge/test_change_maps.py",),

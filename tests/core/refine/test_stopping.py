@@ -1,0 +1,155 @@
+"""When candidates stop and which of them are merged, against one candidate and one step at a time."""
+
+import math
+
+import pytest
+import torch
+
+from core.config import PoseDistance, StepConfig, StoppingRule
+from core.geometry.projection import pixel_directions
+from core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
+from core.panorama.image_level import ImageLevel, prepare_level
+from core.refine.gauss_newton import PoseStep, gauss_newton_step, initial_history
+from core.refine.refinement import CandidatePoints, Refined, joined, refine
+
+HEIGHT, COUNT = 32, 150
+CONFIG = StepConfig()
+# Turns (rad) and moves (m) off the true pose: two that meet, one that is nearly there, one far off.
+TURNS = torch.tensor([[0.05, -0.02, 0.03], [-0.04, 0.05, 0.0], [0.001, 0.0, 0.0], [0.3, -0.5, 0.9]])
+MOVES = torch.tensor([[0.1, 0.05, 0.0], [-0.1, 0.0, 0.08], [0.001, 0.0, -0.001], [0.5, 0.6, -0.4]])
+
+
+def painted(directions: torch.Tensor) -> torch.Tensor:
+    x, y, z = directions.unbind(-1)
+    return 0.5 + 0.3 * torch.stack(((3 * x + 2 * y).sin(), (4 * y - z).sin(), (3 * z + x).cos()), dim=-1)
+
+
+@pytest.fixture(scope="module")
+def level() -> ImageLevel:
+    image = painted(pixel_directions(HEIGHT, 2 * HEIGHT)).permute(2, 0, 1).contiguous()
+    return prepare_level(image, torch.ones(image.shape[1:]))
+
+
+def candidates() -> tuple[CandidatePoints, torch.Tensor, torch.Tensor]:
+    """Return points of four candidates, each with points of its own, and the poses that they begin with."""
+    parts = []
+    for k in range(4):
+        directions = even_directions(COUNT + 1)[k % 2 :][:COUNT]
+        distance = 1 + 2 * torch.rand((COUNT, 1), generator=torch.Generator().manual_seed(k))
+        weights = torch.rand((1, COUNT), generator=torch.Generator().manual_seed(k + 9)) + 0.5
+        parts.append(CandidatePoints((distance * directions)[None], painted(directions)[None], weights))
+    return joined(parts), rotation_from_vector(TURNS), MOVES
+
+
+class Alone:
+    """One candidate, step by step."""
+
+    def __init__(self, number: int) -> None:
+        points, rotations, positions = candidates()
+        one = slice(number, number + 1)
+        self.number, self.points = number, points.take(torch.tensor([number])).planes()
+        self.rotation, self.position, self.weights = rotations[one], positions[one], self.points.weights
+        self.history = initial_history(1, CONFIG, torch.device("cpu"))
+        self.num_steps = 0
+        self.last: PoseStep | None = None
+
+    def step(self, level: ImageLevel, relaxed: bool) -> None:
+        self.last = gauss_newton_step(
+            level, self.points, self.rotation, self.position, self.weights, self.history, CONFIG, relaxed
+        )
+        self.rotation, self.position = self.last.rotations, self.last.positions
+        self.weights, self.history = self.last.weights, self.last.history
+        self.num_steps += 1
+
+    @property
+    def loss(self) -> float:
+        assert self.last is not None
+        return float(self.last.loss)
+
+
+def one_by_one(level: ImageLevel, iterations: int, stop: StoppingRule, groups: list[int] | None) -> list[Alone]:
+    """Refine all candidates as the rule says: after every `interval` steps the worse of two near ones goes, then those rest that
+    hardly moved."""
+    left = [Alone(number) for number in range(4)]
+    resting: list[Alone] = []
+    for done in range(1, iterations + 1):
+        for each in left:
+            each.step(level, relaxed=done < iterations)
+        if done % stop.interval or done == iterations:
+            continue
+        if stop.merge is not None:
+            kept: list[Alone] = []
+            for each in sorted([*left, *resting], key=lambda one: one.loss):
+                if not any(are_near(each, other, stop.merge, groups) for other in kept):
+                    kept.append(each)
+            left, resting = [each for each in left if each in kept], [each for each in resting if each in kept]
+        for each in list(left):
+            step = each.history.step[0]
+            if float(step[:3].norm()) < stop.turn_rad and float(step[3:].norm()) < stop.move_m:
+                left.remove(each)
+                resting.append(each)
+    return sorted([*left, *resting], key=lambda one: one.number)
+
+
+def are_near(one: Alone, other: Alone, near: PoseDistance, groups: list[int] | None) -> bool:
+    if groups is not None and groups[one.number] != groups[other.number]:
+        return False
+    angle = float(rotation_angle(one.rotation[0], other.rotation[0]))
+    return float((one.position - other.position).norm()) < near.distance_m and angle < math.radians(near.angle_deg)
+
+
+def assert_same(found: Refined, expected: list[Alone]) -> None:
+    assert found.numbers.tolist() == [each.number for each in expected]
+    assert found.steps.tolist() == [each.num_steps for each in expected]
+    for k, each in enumerate(expected):
+        assert each.last is not None
+        torch.testing.assert_close(found.rotations[k], each.rotation[0], atol=1e-3, rtol=0)
+        torch.testing.assert_close(found.positions[k], each.position[0], atol=1e-3, rtol=0)
+        torch.testing.assert_close(found.loss[k], each.last.loss[0], atol=1e-4, rtol=1e-2)
+        torch.testing.assert_close(found.scale[k], each.last.scale[0], atol=1e-4, rtol=1e-2)
+        torch.testing.assert_close(found.hessian[k], each.last.hessian[0], atol=0.5, rtol=1e-2)
+
+
+STOPS = {
+    "none": StoppingRule(0.0, 0.0, interval=3),
+    "nearly there": StoppingRule(0.02, 0.02, interval=2),
+    "turns alone": StoppingRule(9.0, 0.02, interval=2),
+    "moves alone": StoppingRule(0.02, 9.0, interval=2),
+    "all that meet": StoppingRule(0.0, 0.0, PoseDistance(0.05, 3.0), interval=3),
+    "both": StoppingRule(0.01, 0.01, PoseDistance(0.05, 3.0), interval=2),
+    "after every step": StoppingRule(0.01, 0.01, PoseDistance(0.02, 1.0), interval=1),
+    "seldom": StoppingRule(0.05, 0.05, PoseDistance(0.1, 9.0), interval=5),
+}
+
+
+@pytest.mark.parametrize("name", STOPS)
+@pytest.mark.parametrize("groups", [None, [0, 1, 0, 1]], ids=["one map", "two maps"])
+def test_candidates_stop_and_merge_as_if_each_went_alone(
+    level: ImageLevel, name: str, groups: list[int] | None
+) -> None:
+    points, rotations, positions = candidates()
+    of = None if groups is None else torch.tensor(groups)
+    found = refine(level, points, rotations, positions, 8, CONFIG, STOPS[name], of)
+    assert_same(found, one_by_one(level, 8, STOPS[name], groups))
+
+
+def test_the_rules_above_stop_and_merge_some_and_not_all(level: ImageLevel) -> None:
+    left = {name: one_by_one(level, 8, stop, None) for name, stop in STOPS.items()}
+    assert [each.num_steps for each in left["none"]] == [8] * 4
+    assert 2 <= len(left["all that meet"]) < 4
+    assert {each.num_steps for each in left["nearly there"]} > {2}
+
+
+@pytest.mark.parametrize("iterations", [1, 4, 5])
+def test_without_a_rule_all_steps_are_taken(level: ImageLevel, iterations: int) -> None:
+    points, rotations, positions = candidates()
+    found = refine(level, points, rotations, positions, iterations, CONFIG)
+    assert_same(found, one_by_one(level, iterations, StoppingRule(0.0, 0.0, interval=99), None))
+
+
+def test_no_step_leaves_the_poses_as_they_are(level: ImageLevel) -> None:
+    points, rotations, positions = candidates()
+    found = refine(level, points, rotations, positions, 0, CONFIG)
+    assert torch.equal(found.rotations, rotations)
+    assert torch.equal(found.positions, positions)
+    assert found.steps.tolist() == [0] * 4
