@@ -6,7 +6,15 @@ import sys
 HEAVY = {"torch", "ray", "numpy", "PIL", "open3d", "fastapi", "pydantic", "redis"}
 
 
-LIGHT = {"core", "core.errors", "core.options", "core.panorama", "core.panorama.image_header"}
+LIGHT = {
+    "core",
+    "core.camera",
+    "core.camera.camera",
+    "core.errors",
+    "core.options",
+    "core.panorama",
+    "core.panorama.image_header",
+}
 
 
 def test_client_commands_import_nothing_heavy() -> None:

@@ -196,6 +196,8 @@ async def test_maps_outlive_every_key_of_redis(running: RunningService, redis_cl
 
 LIGHT = {
     "core",
+    "core.camera",
+    "core.camera.camera",
     "core.errors",
     "core.options",
     "core.panorama",
