@@ -73,6 +73,7 @@ def test_pixel_centres_lie_at_half_integers() -> None:
     assert directions[row, column].tolist() == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_projection_and_pixel_directions_use_the_same_pixels() -> None:
     u, v = project(pixel_directions(H, W), H, W)
     columns, rows = torch.arange(W) + 0.5, torch.arange(H) + 0.5
@@ -196,6 +197,7 @@ def test_distances_and_durations_name_their_unit(made: type) -> None:
             assert field.name.endswith("_s"), field.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(CORE.rglob("*.py")), ids=lambda path: path.stem)
 def test_no_module_and_no_name_is_from_the_list_of_words_that_say_nothing(path: Path) -> None:
     assert path.stem not in ("utils", "helpers", "common", "misc", "util", "helper")

@@ -70,6 +70,7 @@ def test_an_answer_carries_losses_iterations_timings_and_the_runner_up(answer: L
     assert answer.best.num_iterations > 0
 
 
+@pytest.mark.slow
 def test_the_same_query_gives_the_same_answer_to_the_bit(
     answer: Localization, localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
 ) -> None:
@@ -85,6 +86,7 @@ def test_the_same_query_gives_the_same_answer_to_the_bit(
     np.testing.assert_array_equal(again.score_map_2d, answer.score_map_2d)
 
 
+@pytest.mark.slow
 def test_registration_gives_the_same_bytes_twice(box: PaintedBox) -> None:
     cloud = box.scan(3000)
     options = IndexOptions(spacing_m=1.5)
@@ -232,6 +234,7 @@ def test_a_scan_with_survey_coordinates_gives_poses_in_survey_coordinates(
     assert (index.bounds[0] > offset - 0.1).all()
 
 
+@pytest.mark.slow
 def test_a_map_that_went_through_its_bytes_gives_the_same_pose_within_millimetres(
     localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, answer: Localization
 ) -> None:

@@ -22,6 +22,7 @@ def photo_of(box: PaintedBox, camera: Camera, pose: Pose) -> np.ndarray:
     return box.color_along(pose.position, rays).reshape(camera.height_px, camera.width_px, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hfov_deg", "hints"), [(100.0, None), (75.0, Hints(upright=True))], ids=["wide", "with gravity"]
 )
@@ -35,6 +36,7 @@ def test_a_photo_is_found_where_it_was_taken(
     assert_found(found, box_pose, 0.1, 5.0)
 
 
+@pytest.mark.slow
 def test_a_photo_of_another_place_is_never_localized(
     localizer: Localizer, other_box_index: MapIndex, box: PaintedBox, box_pose: Pose
 ) -> None:

@@ -15,6 +15,7 @@ from core.scan.ply.writer import encode_ply
 from tests.core.painted_box import PaintedBox
 
 
+@pytest.mark.slow
 def test_the_example_in_the_docstring_runs(box: PaintedBox, box_pose: Pose, tmp_path: Path) -> None:
     photo, scan_path = io.BytesIO(), tmp_path / "box.ply"
     scan_path.write_bytes(encode_ply(box.scan()))

@@ -4,6 +4,7 @@ import dataclasses
 import inspect
 
 import numpy as np
+import pytest
 import torch
 
 import core.index.map_builder
@@ -92,6 +93,7 @@ def test_the_map_is_described_without_any_query() -> None:
     assert "Panorama" not in inspect.getsource(core.index.map_builder)
 
 
+@pytest.mark.slow
 def test_a_scan_of_black_walls_is_described_like_one_of_any_other_colour() -> None:
     box = PaintedBox(seed=2, size_m=(3.0, 3.0, 2.4))
     cloud = box.scan(6_000)

@@ -17,6 +17,7 @@ def definitions(node: ast.Module | ast.ClassDef) -> Iterator[ast.ClassDef | ast.
             yield child
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", ["core", "lab", "service"])
 def test_every_public_name_has_a_docstring(package: str) -> None:
     missing = []

@@ -59,6 +59,7 @@ def test_a_walk_names_files_that_exist_and_none_twice(path: str) -> None:
     assert [name for name in files if not (ROOT / name).exists()] == []
 
 
+@pytest.mark.slow
 def test_a_query_takes_the_walk(localizer: Localizer, box: PaintedBox, box_index: MapIndex) -> None:
     encoded, picture = encode_map_index(box_index), io.BytesIO()
     pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
@@ -72,6 +73,7 @@ def test_a_query_takes_the_walk(localizer: Localizer, box: PaintedBox, box_index
     assert entered(query) == [name for name in WALKS["POST /localize"] if name.startswith("core/")]
 
 
+@pytest.mark.slow
 def test_a_registration_takes_the_walk(box: PaintedBox, tmp_path: Path) -> None:
     scan = tmp_path / "scan.ply"
     write_ply(scan, box.scan())

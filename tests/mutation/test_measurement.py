@@ -104,6 +104,7 @@ def test_tests_see_the_changed_file_and_whoever_runs_for_ever_is_ended() -> None
     assert done.stdout.splitlines() == ["none: lives", "fault: noticed", "for ever: timed out"], done.stderr
 
 
+@pytest.mark.slow
 def test_the_command_shows_what_it_would_run() -> None:
     command = [sys.executable, "-m", "tests.mutation", "--list", "--sample", "3", "--only", "service/ray/admission.py"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60, check=True)

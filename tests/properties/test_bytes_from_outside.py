@@ -60,6 +60,7 @@ def test_a_map_index_cut_short_is_refused(length: int) -> None:
         decode_map_index(INDEX[:length])
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(changes, st.sampled_from((12, 400, 1500, len(INDEX))))
 def test_a_damaged_map_index_is_refused_or_still_an_index(edits: list[tuple[float, int]], reach: int) -> None:
@@ -86,6 +87,7 @@ def own_header() -> dict[str, Any]:
     return header
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(st.sampled_from(sorted(own_header())), json_values)
 def test_a_map_index_with_any_value_in_its_header_is_refused_or_still_an_index(field: str, value: Any) -> None:
@@ -93,6 +95,7 @@ def test_a_map_index_with_any_value_in_its_header_is_refused_or_still_an_index(f
         decode_map_index(with_header(own_header() | {field: value}))
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     st.integers(0, len(own_header()["arrays"]) - 1),
@@ -130,6 +133,7 @@ def test_random_bytes_are_no_panorama(data: bytes) -> None:
             read_panorama(attempt)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning:PIL.TiffImagePlugin")  # that EXIF data are damaged, as they are
 @settings(max_examples=150)
 @given(st.sampled_from(sorted(PICTURES)), changes, st.sampled_from((60, 250, 10**9)))

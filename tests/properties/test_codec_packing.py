@@ -16,6 +16,7 @@ def test_steps_come_back_exactly(steps: np.ndarray) -> None:
     np.testing.assert_array_equal(unpack_steps(pack_steps(steps)), steps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [32, 64, 256])
 @given(colors=COLORS)
 def test_colors_come_back_within_half_a_step(levels: int, colors: np.ndarray) -> None:
@@ -23,6 +24,7 @@ def test_colors_come_back_within_half_a_step(levels: int, colors: np.ndarray) ->
     assert np.abs(back.astype(int) - colors.astype(int)).max() <= 255 / (levels - 1) / 2 + 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [32, 64, 256])
 @given(colors=COLORS)
 def test_rounding_twice_rounds_no_further(levels: int, colors: np.ndarray) -> None:

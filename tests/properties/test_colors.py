@@ -1,6 +1,7 @@
 """Canonical colours, whatever the light."""
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,6 +21,7 @@ def as_image(colors: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(colors.astype(np.float32) / 255)[None]
 
 
+@pytest.mark.slow
 @given(byte_colors, tone_curves)
 def test_equalization_does_not_see_a_growing_tone_curve_per_channel(colors: np.ndarray, curves: np.ndarray) -> None:
     levels = colors % 60

@@ -111,6 +111,7 @@ def test_any_number_of_rotations_is_orthonormal(count: int) -> None:
     assert bool((torch.linalg.det(found) > 0.999).all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [216, 2304])
 def test_rotations_are_uniform_no_orientation_is_far_from_one_and_none_is_crowded(count: int) -> None:
     found = uniform_rotations(count).double()

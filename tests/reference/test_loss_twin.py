@@ -99,6 +99,7 @@ def test_masked_points_have_no_part_in_the_sampling_loss(problem: tuple[Sampling
     assert float(sampling_loss(with_mask, *pose)) == pytest.approx(float(sampling_loss(repainted, *pose)), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProblem, np.ndarray]) -> None:
     from core.paper.sampling_loss import minimize_by_adam
 

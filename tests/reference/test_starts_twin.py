@@ -32,6 +32,7 @@ def assert_same(found: Starts, expected: list[twin.Leaf]) -> None:
         assert edge == pytest.approx(other_edge)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "config"),
     [
@@ -46,6 +47,7 @@ def test_starts_are_the_empty_leaves_that_keep_clear_thinned_from_the_largest(se
     assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
 
 
+@pytest.mark.slow
 def test_the_spacing_grows_until_there_are_few_enough() -> None:
     points, config = room(4), StartsConfig(spacing_m=0.3, clearance_m=0.1, max_starts=20)
     found = octree_starts(points, config)

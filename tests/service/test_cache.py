@@ -236,6 +236,7 @@ def test_a_map_is_forgotten_with_its_answers_and_nothing_of_others(
     assert keys(client) == {"index:map_b:2:0f", "progress:map_b:2", "of_map:map_b", "localization:loc_2", *pictures}
 
 
+@pytest.mark.slow
 def test_the_http_process_is_told_when_redis_is_away() -> None:
     questions: tuple[Callable[[Cache], Awaitable[object]], ...] = (
         lambda cache: cache.check(),

@@ -25,6 +25,7 @@ def test_a_scanned_box_is_fit_for_use(box_index: MapIndex) -> None:
     assert map_diagnostics(box_index, IndexOptions(), box_index.num_points) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_points", [2, 100, 999])
 def test_a_map_of_few_points_says_how_many(box: PaintedBox, num_points: int) -> None:
     cloud = box.scan(3000)
@@ -34,6 +35,7 @@ def test_a_map_of_few_points_says_how_many(box: PaintedBox, num_points: int) -> 
     assert f"only {num_points} points" in diagnostics["few_points"].message
 
 
+@pytest.mark.slow
 def test_a_thousand_points_are_not_few(box: PaintedBox) -> None:
     cloud = box.scan(3000)
     assert "few_points" not in found(PointCloud(cloud.positions[:1000], cloud.colors[:1000]))
@@ -56,12 +58,14 @@ def test_starts_beside_the_scan_are_counted_and_said_to_see_little(box: PaintedB
     assert diagnostics["region_outside_scan"].message.startswith("6 of 6 starts lie outside of the scan ((")
 
 
+@pytest.mark.slow
 def test_starts_are_cut_to_the_scan_where_an_octree_meets_a_generous_region(box: PaintedBox) -> None:
     generous = IndexOptions(region=((-1.0, 1.0, 0.5), (9.0, 3.0, 1.8)))
     diagnostics = found(box.scan(6000), generous)
     assert {code: each.severity for code, each in diagnostics.items()} == {"region_outside_scan": "info"}
 
 
+@pytest.mark.slow
 def test_a_region_within_the_scan_is_no_matter_of_note_whatever_the_origin(box: PaintedBox) -> None:
     far = moved(box.scan(6000), (400_000.0, 5_000_000.0, 100.0))
     inside = IndexOptions("grid", 1.0, region=((400_001.0, 5_000_001.0, 100.5), (400_003.0, 5_000_003.0, 102.0)))
@@ -69,6 +73,7 @@ def test_a_region_within_the_scan_is_no_matter_of_note_whatever_the_origin(box: 
     assert "region_outside_scan" in found(far, IndexOptions("grid", 1.0, region=((1.0, 1.0, 0.5), (3.0, 3.0, 2.0))))
 
 
+@pytest.mark.slow
 def test_points_that_were_merged_are_told() -> None:
     cloud = PaintedBox(size_m=(3.0, 3.0, 2.5)).scan(300_000)
     diagnostics = found(cloud)

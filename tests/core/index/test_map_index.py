@@ -20,6 +20,7 @@ class WithdrawnError(Exception):
     """What a caller may raise who no longer wants the work."""
 
 
+@pytest.mark.slow
 def test_an_index_describes_its_scan(box: PaintedBox, box_index: MapIndex) -> None:
     assert box_index.num_points == 24_000
     assert box_index.num_points_read == 24_000
@@ -44,6 +45,7 @@ def test_the_bytes_of_an_index_are_counted(box_index: MapIndex) -> None:
     assert counted < 60_000_000
 
 
+@pytest.mark.slow
 def test_the_sampled_share_of_a_start_is_that_of_the_sphere_where_points_lie(box: PaintedBox) -> None:
     cloud, options = box.scan(20_000), IndexOptions(starts_method="grid", spacing_m=1.2)
     below = cloud.positions[:, 2] < np.median(cloud.positions[:, 2])
@@ -53,6 +55,7 @@ def test_the_sampled_share_of_a_start_is_that_of_the_sphere_where_points_lie(box
     assert 0.3 < float(half.sampled_shares.mean() / whole.sampled_shares.mean()) < 0.7
 
 
+@pytest.mark.slow
 def test_progress_moves_from_stage_to_stage_and_never_back(box: PaintedBox) -> None:
     seen: list[tuple[str, float]] = []
     build_map_index(
@@ -75,6 +78,7 @@ def test_registration_stops_when_its_progress_says_so(box: PaintedBox) -> None:
         build_map_index(box.scan(3000), progress=cancel)
 
 
+@pytest.mark.slow
 def test_a_region_of_starts_is_given_in_the_scans_own_frame(box: PaintedBox) -> None:
     offset = np.array([1000.0, 2000.0, 30.0])
     low, high = offset + np.array([1, 1, 0.8]), offset + np.array([3, 2.5, 1.9])
@@ -86,6 +90,7 @@ def test_a_region_of_starts_is_given_in_the_scans_own_frame(box: PaintedBox) -> 
         build_map_index(box.scan(6000), options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 63, 200])
 def test_a_scan_of_a_handful_of_points_becomes_a_map_or_is_refused_with_reason(count: int) -> None:
     rng = np.random.default_rng(0)
@@ -141,6 +146,7 @@ def test_an_index_read_back_differs_only_by_stated_rounding(box_index: MapIndex,
     assert read_back.num_points_read == box_index.num_points_read
 
 
+@pytest.mark.slow
 def test_rounding_happens_once(box_index: MapIndex, read_back: MapIndex) -> None:
     again = decode_map_index(encode_map_index(read_back))
     torch.testing.assert_close(again.positions, read_back.positions, atol=1e-5, rtol=0)

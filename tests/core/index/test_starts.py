@@ -38,6 +38,7 @@ def test_starts_keep_away_from_furniture(room_points: np.ndarray) -> None:
     assert not inside.any()
 
 
+@pytest.mark.slow
 def test_the_number_of_starts_follows_the_volume_up_to_the_limit() -> None:
     counts = []
     for side in (3.0, 6.0, 12.0, 24.0):

@@ -197,6 +197,7 @@ def test_a_panorama_of_a_few_pixels_is_refused() -> None:
         read_panorama(encoded(picture(64, 32)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(4098, 2049), (5010, 2505)])
 def test_a_large_jpeg_with_an_odd_number_of_rows_is_still_two_to_one(size: tuple[int, int]) -> None:
     panorama = read_panorama(encoded(picture(*size), "JPEG"))

@@ -25,6 +25,7 @@ def pinhole_photo(box: PaintedBox, camera: Camera) -> np.ndarray:
     return box.color_along(POSE.position, directions).reshape(camera.height_px, camera.width_px, 3)
 
 
+@pytest.mark.slow
 def test_a_photo_lies_on_the_sphere_where_the_panorama_shows_the_same(box: PaintedBox) -> None:
     camera = Camera.from_hfov("pinhole", 640, 480, 69.0)
     photo = pinhole_photo(box, camera)
@@ -59,6 +60,7 @@ def test_masked_pixels_neither_show_nor_bleed_into_their_neighbours() -> None:
     assert not placed.valid[:, columns // 2 :].any()
 
 
+@pytest.mark.slow
 def test_a_large_photo_is_averaged_and_not_picked_from() -> None:
     camera = Camera.from_hfov("pinhole", 4000, 3000, 69.0)
     stripes = np.zeros((3000, 4000, 3), np.uint8)

@@ -28,6 +28,7 @@ def width_and_height_deg(valid: np.ndarray) -> tuple[float, float]:
     return 360 * valid[rows // 2].mean(), 180 * valid[:, columns // 2].mean()
 
 
+@pytest.mark.slow
 def test_a_photo_of_a_given_field_of_view_covers_it() -> None:
     found = read_panorama(encoded(picture(640, 480)), camera=CameraDescription("pinhole", hfov_deg=69.0))
     assert width_and_height_deg(found.valid) == pytest.approx((69.0, 54.5), abs=1.0)
@@ -70,6 +71,7 @@ def test_a_given_camera_goes_before_what_the_shape_suggests() -> None:
     assert found.valid.mean() < 0.1
 
 
+@pytest.mark.slow
 def test_a_phones_sweep_covers_its_part_of_the_cylinder() -> None:
     found = read_panorama(encoded(picture(1800, 500)), camera=CameraDescription("cylindrical", hfov_deg=180.0))
     across, down = width_and_height_deg(found.valid)
@@ -95,6 +97,7 @@ def test_a_mask_over_the_whole_photo_is_refused() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_large_photo_is_as_good_as_its_small_copy() -> None:
     small, large = picture(1000, 750), np.asarray(Image.fromarray(picture(1000, 750)).resize((4000, 3000)))
     camera = CameraDescription("pinhole", hfov_deg=69.0)

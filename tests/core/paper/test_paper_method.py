@@ -76,6 +76,7 @@ def test_the_paper_method_runs_without_each_of_its_parts(
     assert found.search.num_poses > 0
 
 
+@pytest.mark.slow
 def test_the_paper_method_stops_soon_after_its_deadline(box: PaintedBox, box_pose: Pose, tiny_index: MapIndex) -> None:
     config = PaperConfig(
         num_starts=4, num_rotations=24, iterations=1_000_000, view_height=64, map_rows=8, map_columns=16

@@ -122,6 +122,7 @@ STOPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STOPS)
 @pytest.mark.parametrize("groups", [None, [0, 1, 0, 1]], ids=["one map", "two maps"])
 def test_candidates_stop_and_merge_as_if_each_went_alone(

@@ -113,6 +113,7 @@ def test_the_files_are_good_before_they_are_damaged(intact: dict[str, bytes], tm
     assert len(read_scan(path)) >= 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CUT_IS_ALWAYS_SEEN)
 @settings(max_examples=25, deadline=None)
 @given(share=st.floats(0, 0.97))
@@ -125,6 +126,7 @@ def test_a_cut_file_is_never_read_as_a_whole_one(intact: dict[str, bytes], name:
             read_scan(path, OPTIONS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MAKERS)
 @settings(max_examples=60, deadline=None)
 @given(

@@ -133,6 +133,7 @@ def test_thinning_is_said_with_its_voxel_size(cloud: PointCloud, scan_file: Scan
     assert "60 points were thinned to" in next(note.message for note in read.diagnostics if note.code == "thinned")
 
 
+@pytest.mark.slow
 def test_progress_rises_from_zero_to_one(scan_file: ScanFile) -> None:
     text = text_scan(np.random.default_rng(0).random((150_000, 3)))
     seen: list[float] = []

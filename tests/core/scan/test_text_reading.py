@@ -155,6 +155,7 @@ def test_more_points_than_allowed_are_refused_while_reading(cloud: PointCloud, s
         read_scan(scan_file("scan.xyz", table(cloud)), ScanOptions(max_points=59))
 
 
+@pytest.mark.slow
 def test_a_file_of_many_blocks_keeps_every_line(scan_file: ScanFile) -> None:
     rng = np.random.default_rng(3)
     values = np.column_stack([rng.integers(-9999, 9999, (200_000, 3)) / 1000, rng.integers(0, 256, (200_000, 3))])

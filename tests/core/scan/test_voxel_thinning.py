@@ -35,6 +35,7 @@ clouds = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(clouds, st.integers(1, 2000))
 def test_never_more_than_asked_inside_the_bounds_and_the_same_every_time(cloud: PointCloud, max_points: int) -> None:
@@ -79,6 +80,7 @@ def test_grouping_agrees_with_its_obvious_twin_at_every_extent(spread: float) ->
     assert found == reference_groups(positions, 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_points", [2_000, 30_000])
 def test_walls_are_thinned_to_nearly_as_many_points_as_allowed(max_points: int) -> None:
     cloud = random_cloud(1, 150_000, "walls")

@@ -8,6 +8,7 @@ import pytest
 from lab.benchmark.plots import write_plots
 
 
+@pytest.mark.slow
 def test_each_sweep_becomes_a_picture(parts: dict[str, dict[str, Any]], tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     written = write_plots(parts["scaling"]["rows"], tmp_path) or []

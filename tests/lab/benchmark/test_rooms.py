@@ -9,6 +9,7 @@ from lab.benchmark.painted_room import PaintedRoom
 from lab.benchmark.rooms import Rooms, spacing_for
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [20, 100, 400])
 def test_the_spacing_puts_about_as_many_starts_into_a_room(wanted: int) -> None:
     cloud = PaintedRoom(0).scan(20_000)
@@ -16,6 +17,7 @@ def test_the_spacing_puts_about_as_many_starts_into_a_room(wanted: int) -> None:
     assert 0.7 * wanted <= len(found) <= 1.3 * wanted
 
 
+@pytest.mark.slow
 def test_a_room_is_made_once_and_said() -> None:
     said: list[str] = []
     rooms = Rooms(torch.device("cpu"), said.append)

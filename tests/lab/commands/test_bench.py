@@ -42,6 +42,7 @@ def request_of(out: Path, **changed: Any) -> BenchRequest:
     return BenchRequest(**{**options, **changed})
 
 
+@pytest.mark.slow
 def test_figures_and_tables_of_chosen_parts_are_printed_and_written(panoloc: Panoloc, tmp_path: Path) -> None:
     arguments = ("bench", "--quick", "--part", "search", "--part", "index", "--threads", "1", "--out", tmp_path)
     done = panoloc(*arguments, "--device", "cpu")

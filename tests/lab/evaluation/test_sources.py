@@ -47,6 +47,7 @@ def test_unknown_suites_and_families_are_refused() -> None:
         suite_scans("rooms", [1], families=["baroque"])
 
 
+@pytest.mark.slow
 def test_a_loaded_suite_case_knows_its_pose_and_what_changed() -> None:
     scan = suite_scans("changed", [3], width=128, num_points=5000)[0]
     loaded = scan.load()

@@ -62,6 +62,7 @@ def test_jpeg_keeps_size_and_mask(ramp: Panorama) -> None:
     assert (compressed.color != ramp.color).any()
 
 
+@pytest.mark.slow
 def test_a_hand_covers_the_nadir_and_nothing_else(room_view: View) -> None:
     panorama, covered = show_hand(room_view.panorama, seed=3)
     assert covered[-4:].all()
@@ -69,6 +70,7 @@ def test_a_hand_covers_the_nadir_and_nothing_else(room_view: View) -> None:
     np.testing.assert_array_equal(panorama.color[~covered], room_view.panorama.color[~covered])
 
 
+@pytest.mark.slow
 def test_at_night_windows_are_dark_and_nothing_counts_as_changed(room: Scene, room_view: View) -> None:
     dark = night(room)
     view = take_view(dark, room_view.pose, 512)

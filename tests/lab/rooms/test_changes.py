@@ -25,6 +25,7 @@ def test_an_unchanged_scene_has_no_changed_pixels_or_points(room: Scene, room_vi
     assert not changed_points(room_scan, room, room).any()
 
 
+@pytest.mark.slow
 def test_rugs_are_gone_and_the_floor_below_counts_as_changed() -> None:
     seed = next(s for s in range(50) if any("/rug@" in key for key in build_scene(SceneSpec("room", s)).keys))
     scene = build_scene(SceneSpec("room", seed))
@@ -93,6 +94,7 @@ def test_walls_floors_lamps_radiators_and_sockets_never_change(room: Scene, chan
     assert fixed <= set(changed_room.keys)
 
 
+@pytest.mark.slow
 def test_doors_of_a_flat_swing_around_their_hinges(flat: Scene) -> None:
     now = change_scene(flat, 1.0, seed=1)
     before = {thing.key: thing for thing in flat.objects if thing.hinge}
@@ -108,6 +110,7 @@ def test_doors_of_a_flat_swing_around_their_hinges(flat: Scene) -> None:
         assert after[key].key != key
 
 
+@pytest.mark.slow
 def test_a_street_changes_its_cars_but_not_its_houses() -> None:
     scene = build_scene(SceneSpec("street", 1))
     now = change_scene(scene, 0.6, 1)

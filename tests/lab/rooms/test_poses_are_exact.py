@@ -46,6 +46,7 @@ def test_the_image_centre_looks_forward_and_columns_run_clockwise(
     np.testing.assert_allclose(found, direction, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_scanned_colors_are_found_where_the_pose_projects_their_points(room_scan: Scan, room_view: View) -> None:
     visible = visible_from(room_scan.exact_positions, room_view, 512)
     assert visible.sum() > 5000

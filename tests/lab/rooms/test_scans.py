@@ -47,6 +47,7 @@ def test_range_noise_has_the_deviation_that_was_asked_for(room_scan: Scan) -> No
     assert 0.0036 < np.sqrt((off**2).mean()) < 0.0044
 
 
+@pytest.mark.slow
 def test_a_scan_has_as_many_points_as_asked_for_in_every_room(flat: Scene) -> None:
     cloud = scan_scene(flat, num_points=30_000)
     assert len(cloud) == 30_000

@@ -8,6 +8,7 @@ from lab.rooms import FAMILIES, Scene, SceneSpec, build_scene, sample_pose, scan
 from lab.rooms.capture.free_space import random_rotation
 
 
+@pytest.mark.slow
 def test_the_same_specification_gives_the_same_scan_and_panorama() -> None:
     clouds, images = [], []
     for _ in range(2):
@@ -19,6 +20,7 @@ def test_the_same_specification_gives_the_same_scan_and_panorama() -> None:
     np.testing.assert_array_equal(images[0], images[1])
 
 
+@pytest.mark.slow
 def test_another_seed_gives_another_scene() -> None:
     first, second = (build_scene(SceneSpec("room", seed, family="nordic")) for seed in (1, 2))
     assert first.rooms != second.rooms
@@ -33,6 +35,7 @@ def test_rooms_cover_small_and_large_areas() -> None:
     assert all(8 <= area <= 60 for area in areas)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family_builds_a_furnished_room(family: str) -> None:
     scene = build_scene(SceneSpec("room", 3, family=family))
@@ -94,6 +97,7 @@ def test_a_bare_room_holds_little() -> None:
     assert np.mean(counts) < 0.5 * np.mean(furnished)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["room", "flat", "street"])
 def test_cameras_stand_in_free_space_at_eye_height(kind: str) -> None:
     scene = build_scene(SceneSpec(kind, 5))  # type: ignore[arg-type]

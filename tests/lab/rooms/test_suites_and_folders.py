@@ -54,11 +54,13 @@ def test_every_suite_gives_complete_cases(name: str) -> None:
         assert case.panorama.color.std() > 8
 
 
+@pytest.mark.slow
 def test_cases_are_made_one_by_one_and_only_when_asked_for() -> None:
     cases = suite_cases("labels", range(10**9), width=64)
     assert next(cases).seed == 0
 
 
+@pytest.mark.slow
 def test_the_region_of_the_street_holds_the_camera() -> None:
     case = make_case("street", replace(SUITES["street"], num_points=2000), 5, width=64)
     assert case.region is not None
@@ -82,6 +84,7 @@ def test_an_unknown_suite_or_family_is_refused_at_once() -> None:
         suite_cases("rooms", [0], families=["baroque"])
 
 
+@pytest.mark.slow
 def test_a_case_folder_holds_scan_panorama_and_truth(case: Case, tmp_path: Path) -> None:
     truth = json.loads(write_case(case, tmp_path).read_text())
     (query,) = truth["queries"]
@@ -115,6 +118,7 @@ def test_label_panoramas_are_written_without_loss(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / truth["queries"][0]["image"])), case.panorama.color)
 
 
+@pytest.mark.slow
 def test_survey_coordinates_keep_their_millimetres_on_disk(tmp_path: Path) -> None:
     import open3d
 
@@ -127,6 +131,7 @@ def test_survey_coordinates_keep_their_millimetres_on_disk(tmp_path: Path) -> No
     assert np.abs(read - (np.array(truth["queries"][0]["position_m"]) - case.cloud.origin_offset)).max() < 15
 
 
+@pytest.mark.slow
 def test_turning_the_frame_turns_cloud_and_pose_alike() -> None:
     plain, turned = (
         make_case("x", replace(SUITES["rooms"], num_points=500, survey_frame=s), 2, width=64) for s in (False, True)
@@ -148,6 +153,7 @@ def test_both_poses_in_twin_rooms_show_the_same_picture() -> None:
     assert (first == second).all(-1).mean() > 0.995
 
 
+@pytest.mark.slow
 def test_a_partial_panorama_masks_what_it_does_not_show() -> None:
     case = make_case("partial", replace(SUITES["partial"], num_points=500), 1, width=64)
     assert case.panorama.valid[8:24].all()

@@ -63,6 +63,7 @@ def test_links_stay_whole_in_a_pipe(panoloc: Panoloc, panorama: Path) -> None:
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "field", ["confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts", "alternatives"]
 )

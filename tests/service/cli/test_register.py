@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import httpx
+import pytest
 
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
@@ -57,6 +58,7 @@ def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeServ
     assert done.out == ""
 
 
+@pytest.mark.slow
 def test_a_short_outage_while_waiting_is_sat_out(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
     outage = [problem(503, "No cache", "Redis is away", **{"retry-after": "0"})]
     answer = fake.handle

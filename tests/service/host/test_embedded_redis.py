@@ -87,6 +87,7 @@ def test_after_stop_nothing_is_left(server: EmbeddedRedis, short_folder: Path) -
     assert not (short_folder / "redis.sock").exists()
 
 
+@pytest.mark.slow
 def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
     program = textwrap.dedent("""
         import sys, time

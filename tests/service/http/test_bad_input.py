@@ -19,6 +19,7 @@ pytestmark = pytest.mark.anyio
 JPEG_WITHOUT_SIZE = b"\xff\xd8\xff\xe0\x00\x10JFIF"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scan", "name", "status", "says"),
     [

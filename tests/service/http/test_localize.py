@@ -84,6 +84,7 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
     assert 0 < job.deadline_unix_s - time.time() <= 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "settings", "timeout_s"),
     [
@@ -114,6 +115,7 @@ async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningSe
     assert running.pool.jobs[0].options.camera == wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "said"),
     [
@@ -192,6 +194,7 @@ async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningS
     assert "retry-after" not in reply.headers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "status"),
     [

@@ -112,6 +112,7 @@ async def test_patch_changes_what_is_given_and_nothing_else(running: RunningServ
     assert body["updated_at"] > body["created_at"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", [{"name": None}, {"name": ""}, {"tags": None}, {"nmae": "x"}, {"georeference": {"latitude_deg": 91}}]
 )

@@ -153,6 +153,7 @@ def own_redis() -> Iterator[EmbeddedRedis]:
         lifeline.close()
 
 
+@pytest.mark.slow
 async def test_redis_away_is_503_and_back_is_200_without_a_restart(tmp_path: Path, own_redis: EmbeddedRedis) -> None:
     async with running_service(tmp_path, own_redis.url) as running:
         map_id = await running.ready_map()
@@ -209,6 +210,7 @@ LIGHT = {
 }
 
 
+@pytest.mark.slow
 def test_the_application_loads_without_torch_ray_and_open3d() -> None:
     program = "import sys, service.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)

@@ -113,6 +113,7 @@ def grey_png() -> bytes:
     return encode_png(np.full((128, 256, 3), 128, dtype=np.uint8))
 
 
+@pytest.mark.slow
 def test_a_registered_map_is_in_redis_and_describes_itself(place: Place) -> None:
     reply = place.registrar.register(place.job)
     assert reply.failure is None
@@ -129,6 +130,7 @@ def test_a_registered_map_is_in_redis_and_describes_itself(place: Place) -> None
     assert reply.outcome.points_ply.startswith(b"ply\n")
 
 
+@pytest.mark.slow
 def test_a_map_whose_starts_lie_beside_the_scan_becomes_ready_with_diagnostics(place: Place) -> None:
     assert place.registrar.register(place.job).outcome.diagnostics == []  # type: ignore[union-attr]
     beside = replace(OPTIONS.index, region=((30.0, 30.0, 0.5), (32.0, 33.0, 1.5)))
@@ -138,6 +140,7 @@ def test_a_map_whose_starts_lie_beside_the_scan_becomes_ready_with_diagnostics(p
     assert {each["severity"] for each in reply.outcome.diagnostics} == {"warning"}
 
 
+@pytest.mark.slow
 def test_a_query_takes_the_index_from_redis_once_and_keeps_it(place: Place) -> None:
     place.registrar.register(place.job)
     first, second = place.worker.localize(query()), place.worker.localize(query())
@@ -152,6 +155,7 @@ def test_a_query_takes_the_index_from_redis_once_and_keeps_it(place: Place) -> N
     assert {"load", "decode", "search", "pictures"} <= set(first.outcome.timings_s)
 
 
+@pytest.mark.slow
 def test_the_search_gets_the_options_and_what_is_left_of_the_time(place: Place) -> None:
     place.registrar.register(place.job)
     place.worker.localize(query(seconds=20))
@@ -160,6 +164,7 @@ def test_the_search_gets_the_options_and_what_is_left_of_the_time(place: Place) 
     assert 15 < call["timeout_s"] <= 20
 
 
+@pytest.mark.slow
 def test_an_index_that_redis_has_lost_is_reported_and_can_be_built_again(place: Place) -> None:
     place.registrar.register(place.job)
     place.redis.flushall()
@@ -169,6 +174,7 @@ def test_an_index_that_redis_has_lost_is_reported_and_can_be_built_again(place: 
     assert place.worker.localize(query()).outcome is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["register", "rebuild"])
 def test_an_index_whose_map_was_deleted_while_it_was_built_is_not_kept(
     place: Place, monkeypatch: pytest.MonkeyPatch, way: str
@@ -193,6 +199,7 @@ def test_a_query_past_its_deadline_is_not_begun(place: Place) -> None:
     assert place.localizer.calls == []
 
 
+@pytest.mark.slow
 def test_what_is_no_image_fails_by_the_name_of_its_error(place: Place) -> None:
     place.registrar.register(place.job)
     reply = place.worker.localize(query(panorama=b"this is text"))
