@@ -55,6 +55,12 @@ def test_the_spacing_grows_until_there_are_few_enough() -> None:
     assert_same(found, twin.octree_starts(points.astype(np.float64), config))
 
 
+def test_a_place_lower_than_the_spacing_has_one_layer_of_cells() -> None:
+    points, config = room(10), StartsConfig(spacing_m=0.5, clearance_m=0.1)
+    points = points[points[:, 2] < 0.9]
+    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
+
+
 def test_what_holds_for_a_room_holds_for_a_hall() -> None:
     points, config = room(9) * np.float32(6), StartsConfig(spacing_m=3.0, clearance_m=0.7)
     assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))

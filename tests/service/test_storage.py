@@ -185,6 +185,22 @@ def test_a_write_that_fails_leaves_nothing_behind(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_write_that_cannot_begin_says_why(storage: FolderStorage, tmp_path: Path) -> None:
+    (tmp_path / "map.json").mkdir()
+    too_long = "a" * 250
+    with pytest.raises(OSError, match="File name too long"):
+        storage.replace(too_long, b"data")
+    with pytest.raises(IsADirectoryError):
+        storage.replace("map.json", b"data")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map.json"]
+
+
+def test_uploads_share_a_folder(storage: FolderStorage, tmp_path: Path) -> None:
+    (storage.spool_folder() / "one").touch()
+    assert storage.spool_folder() == tmp_path / "uploads"
+    assert (tmp_path / "uploads" / "one").exists()
+
+
 def test_deleting_takes_everything_below_at_once(storage: FolderStorage, tmp_path: Path) -> None:
     storage.put("maps/m/1/scan.ply", b"a scan")
     storage.delete_all("maps/m")
@@ -205,9 +221,9 @@ def test_tidying_removes_what_a_crash_left_and_nothing_else(storage: FolderStora
 
 @pytest.mark.parametrize("key", ["../x", "maps/../../x", "/etc/passwd", "", "a//b", "a/\0", "a\\..\\b", "."])
 def test_a_key_never_leaves_the_folder(storage: FolderStorage, key: str) -> None:
-    with pytest.raises(StoredFileMissingError):
+    with pytest.raises(StoredFileMissingError, match="expected a key such as"):
         storage.read(key)
-    with pytest.raises(StoredFileMissingError):
+    with pytest.raises(StoredFileMissingError, match="expected a key such as"):
         storage.put(key, b"x")
 
 

@@ -90,11 +90,12 @@ def test_colours_and_spacing_are_those_of_the_scan(index: MapIndex) -> None:
         assert {tuple(row) for row in colors[colors[:, -1] > 0][:, :3].tolist()} <= codes
 
 
-def test_points_are_kept_in_the_order_of_a_curve_that_fills_space() -> None:
+@pytest.mark.parametrize("size", [0.25, 1.0, 8.0])
+def test_points_are_kept_in_the_order_of_a_curve_that_fills_space(size: float) -> None:
     cells = np.array(list(itertools.product(range(4), repeat=3)))
     shuffled = np.random.default_rng(0).permutation(cells)
-    cloud = PointCloud(shuffled.astype(np.float32), np.zeros((64, 3), np.uint8))
-    found = build_map_index(cloud, IndexOptions("grid", 2.0), config=CONFIG).positions.numpy()
+    cloud = PointCloud((shuffled * size).astype(np.float32), np.zeros((64, 3), np.uint8))
+    found = build_map_index(cloud, IndexOptions("grid", 2.0 * size), config=CONFIG).positions.numpy() / size
 
     def place(cell: np.ndarray) -> int:
         """Return the place along the curve: the bits of x, y and z in turn, x the lowest; the far side is cell 1023."""

@@ -77,6 +77,8 @@ def test_residuals_lose_their_weight_by_the_square_of_what_they_are_to_the_scale
     assert float(step.scale) == pytest.approx(scale, rel=1e-5)
     np.testing.assert_allclose(step.weights[0].numpy(), (1 + (size / scale) ** 2) ** -2, rtol=1e-4)
     assert float(step.loss) == pytest.approx(np.mean(size**2 / (size**2 + scale**2)), rel=1e-4)
+    faint = replace(points, colors=points.colors + residual, weights=points.weights * 1e-4)
+    assert float(step_from(level, faint, replace(RULES, fit_light=False)).loss) == pytest.approx(float(step.loss))
 
 
 def test_where_all_fits_the_scale_stays_above_what_is_noise() -> None:

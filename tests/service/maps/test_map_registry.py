@@ -188,6 +188,30 @@ def test_two_maps_do_not_share_the_last_place(tmp_path: Path) -> None:
     assert FolderStorage(tmp_path).names("maps") == ["map_a"]
 
 
+def test_three_maps_do_not_share_the_last_two_places(tmp_path: Path) -> None:
+    registry = loaded(tmp_path, max_maps=2)
+
+    async def add_all() -> list[BaseException | None]:
+        every = (registry.add(record(name)) for name in ("map_a", "map_b", "map_c"))
+        return await asyncio.gather(*every, return_exceptions=True)
+
+    assert [type(each) for each in asyncio.run(add_all())] == [type(None), type(None), MapLimitError]
+
+
+def test_pages_of_a_tag_show_the_maps_that_bear_it(tmp_path: Path) -> None:
+    registry = loaded(tmp_path)
+    for number in range(6):
+        tags = ("even",) if number % 2 == 0 else ("odd", "other")
+        asyncio.run(registry.add(record(f"map_{number}", f"2026-01-0{number + 1}", tags)))
+    first, cursor = registry.page("even", 2, None)
+    assert [each.id for each in first] == ["map_0", "map_2"]
+    second, end = registry.page("even", 2, cursor)
+    assert [each.id for each in second] == ["map_4"]
+    assert end is None
+    assert registry.page("none", 2, None) == ([], None)
+    assert len(registry.page(None, 9, None)[0]) == 6
+
+
 def test_no_more_maps_than_allowed(tmp_path: Path) -> None:
     registry = loaded(tmp_path, max_maps=1)
     asyncio.run(registry.add(record("map_a")))

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import threading
 import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
@@ -345,6 +346,26 @@ def test_before_there_are_workers_callers_are_told_what_is_waited_for() -> None:
     run(scenario())
 
 
+def test_on_the_way_up_a_pool_says_how_far_it_has_come() -> None:
+    async def scenario() -> None:
+        may_connect, may_deploy = threading.Event(), threading.Event()
+        cluster, serving = ScriptedCluster(), ScriptedServing()
+        connect, deploy = cluster.connect, serving.deploy
+        cluster.connect = lambda: (may_connect.wait(10), connect())[1]  # type: ignore[method-assign]
+        serving.deploy = lambda: (may_deploy.wait(10), deploy())[1]  # type: ignore[method-assign]
+        pool = RayPool(cast(Any, cluster), cast(Any, serving), Admission(3))
+        await pool.start()
+        await until(lambda: pool.state().waiting_for == "Ray")
+        may_connect.set()
+        await until(lambda: pool.state().waiting_for == "workers")
+        assert not pool.state().ready
+        may_deploy.set()
+        await until(lambda: pool.state().ready)
+        await pool.stop(drain_s=0)
+
+    run(scenario())
+
+
 def test_a_pool_whose_workers_are_not_up_yet_is_not_ready() -> None:
     async def scenario() -> None:
         serving = ScriptedServing(reply())
@@ -361,7 +382,9 @@ def test_a_pool_whose_workers_are_not_up_yet_is_not_ready() -> None:
 
 
 @pytest.mark.parametrize("fault", ["connect", "unreachable", "running"])
-def test_a_pool_that_does_not_come_up_says_why_and_begins_again(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
+    fault: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(pool_module, "_RESTART_PAUSE_S", 0.2)
     monkeypatch.setattr(pool_module, "_WATCH_PERIOD_S", 0.02)
 
@@ -394,7 +417,10 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(fault: str, monk
         assert pool.state().num_workers == 2
         await pool.stop(drain_s=0)
 
-    run(scenario())
+    with caplog.at_level(logging.WARNING, "service.ray.pool"):
+        run(scenario())
+    (told,) = (vars(each) for each in caplog.records if each.name == "service.ray.pool")
+    assert told["error"].startswith("machine b: no Redis")
 
 
 def test_ray_is_only_ever_asked_in_one_thread() -> None:
