@@ -55,6 +55,11 @@ def upload_and_wait(
         place = client.register_map(scan, options, progress)
     if not wait:
         return place
+    if not session.messages.is_terminal:
+        # No bar tells it there, and whoever gives up waiting should know what goes on without him.
+        session.messages.print(
+            f"Map {place['id']}: the scan is stored, its registration goes on in the service.", markup=False
+        )
     try:
         with show_registration(session.messages) as on_update:
             return client.wait_for_map(place["id"], on_update)

@@ -106,3 +106,8 @@ def test_a_service_that_goes_away_while_waiting_leaves_the_id(panoloc: Panoloc, 
     done = panoloc("register", scan)
     assert done.code == 5
     assert "map_1 is registered when the service runs again" in done.err
+
+
+def test_whoever_gives_up_waiting_knows_the_id_of_what_goes_on(panoloc: Panoloc, scan: Path) -> None:
+    done = panoloc("register", scan)
+    assert f"Map {READY_MAP['id']}: the scan is stored" in done.err
