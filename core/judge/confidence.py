@@ -1,7 +1,7 @@
 """Confidence: a calibrated probability that a pose is within 0.3 m and 10 degrees, and the radius of its error.
 
 The probability is a logistic function of what the judge measured and of the margin over the best other place; its coefficients were fitted
-by `scripts/fit_confidence.py` on poses with known truth (docs/confidence.md says on which, and how it held on others).
+by `panoloc evaluate fit` on poses with known truth (docs/confidence.md says on which, and how it held on others).
 """
 
 import json

@@ -5,8 +5,6 @@ that the caller describes, else a pinhole of the focal length that EXIF gives. W
 alpha channel or a separate mask marks pixels to ignore.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -72,7 +70,7 @@ def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bo
 def _draft(image: Image.Image, factor: int) -> None:
     """Let a JPEG be decoded at a fraction of its size, which is several times faster."""
     if image.format in ("JPEG", "MPO") and factor > 1:
-        image.draft("RGB", (math.ceil(image.size[0] / factor), math.ceil(image.size[1] / factor)))
+        image.draft("RGB", (max(1, image.size[0] // factor), max(1, image.size[1] // factor)))
 
 
 def _masked(valid: NDArray[np.bool_], mask: bytes | None, max_pixels: int) -> NDArray[np.bool_]:
