@@ -16,8 +16,10 @@ from core.judge.confidence import ConfidenceModel, error_radii, features_of, for
 from core.judge.hypotheses import Hypothesis, MethodResult, distinct
 from core.options import MAX_TOP_K, Hints, Method, Status
 from core.panorama.panorama import Panorama
+from core.panorama.session import Photo, Session
+from core.panorama.session_sphere import session_on_sphere
 from core.paper.paper_method import PaperMethod
-from core.results import Candidate, Evidence, Localization, SearchSummary
+from core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from core.stage_clock import StageClock
 
 _HINTS_MAY_BE_WRONG = (
@@ -40,7 +42,7 @@ class Localizer:
 
     def localize(
         self,
-        panorama: Panorama,
+        query: Panorama | Photo | Session,
         maps: Sequence[MapIndex],
         *,
         method: Method = "fast",
@@ -48,12 +50,18 @@ class Localizer:
         top_k: int = 1,
         timeout_s: float | None = None,
     ) -> Localization:
-        """Find where the panorama was taken.
+        """Find where a panorama, a photo, or the photos of a session were taken.
 
         maps: at least one index, on this localizer's device. hints narrow the search; the answer never exceeds them.
         top_k: how many poses to return in all; those after the best one come as alternatives.
         Raises OptionsError for options out of range and DeadlineExceededError when `timeout_s` passes.
         """
+        if not isinstance(query, Panorama):
+            session = Session.of_photo(query) if isinstance(query, Photo) else query
+            panorama, session_from_panorama = session_on_sphere(session)
+            found = self.localize(panorama, maps, method=method, hints=hints, top_k=top_k, timeout_s=timeout_s)
+            return _for_session(found, session, session_from_panorama)
+        panorama = query
         if not maps:
             raise OptionsError("maps: expected at least one map to search")
         if not 1 <= top_k <= MAX_TOP_K:
@@ -136,6 +144,27 @@ class Localizer:
             if alone >= model.threshold:
                 return "ambiguous"
         return "localized" if candidates[0].confidence >= model.threshold else "not_localized"
+
+
+def _for_session(found: Localization, session: Session, session_from_panorama: Pose) -> Localization:
+    """Return the answer with poses of the first image, and those of all images at the best pose."""
+    first = session.images[0].session_from_camera
+    panorama_from_session = session_from_panorama.inverse()
+    if found.best is None:
+        return found
+    map_from_session = found.best.pose.after(panorama_from_session)
+
+    def of_first(candidate: Candidate) -> Candidate:
+        return replace(candidate, pose=candidate.pose.after(panorama_from_session).after(first))
+
+    images = tuple(FoundImage(map_from_session.after(image.session_from_camera), None) for image in session.images)
+    return replace(
+        found,
+        best=of_first(found.best),
+        alternatives=tuple(map(of_first, found.alternatives)),
+        map_from_session=map_from_session,
+        images=images,
+    )
 
 
 def _orthonormal(rotation: torch.Tensor) -> Any:

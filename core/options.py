@@ -114,6 +114,33 @@ class Hints:
     heading_tolerance_deg: float | None = None
 
 
+@dataclass(frozen=True)
+class TrackedPose:
+    """`session_from_camera` as a device's own tracking gives it, in the axes of the query's `frame`.
+
+    position_m: (x, y, z), metres. quaternion_xyzw: a unit quaternion.
+    """
+
+    position_m: Vector = (0.0, 0.0, 0.0)
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """What is known of the poses of a session.
+
+    up_known: the session's up axis is against gravity. position_noise_m, orientation_noise_deg: standard deviations of the tracking
+    between images.
+    """
+
+    up_known: bool = False
+    position_noise_m: float = 0.01
+    orientation_noise_deg: float = 0.5
+
+
+MAX_IMAGES = 32
+"""Of one query."""
+
 DEFAULT_RADIUS_M = 5.0
 """Of a hinted position without a radius."""
 DEFAULT_TILT_DEG = 15.0

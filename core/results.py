@@ -57,6 +57,18 @@ class Evidence:
 
 
 @dataclass(frozen=True)
+class FoundImage:
+    """One image of a session at the best pose.
+
+    pose: in the map's own frame. agreement: correlation of what it shows with the scan seen from there, −1..1; None where nothing of
+    the scan is in view.
+    """
+
+    pose: Pose
+    agreement: float | None
+
+
+@dataclass(frozen=True)
 class Localization:
     """The answer to one query.
 
@@ -65,6 +77,7 @@ class Localization:
     accuracy_position_m, accuracy_orientation_deg: 68 % radii. score_map_2d: (h, w) float32 in 0..1, per pixel of the
     down-scaled panorama, 1 = matches the scan. score_points: works out `point_scores`.
     timings_s: seconds per stage. evidence: None without a best candidate.
+    map_from_session, images: of a query of photos; `best.pose` is then that of its first image.
     """
 
     status: Status
@@ -80,6 +93,8 @@ class Localization:
     score_points: Callable[[], NDArray[np.float32]] | None = None
     evidence: Evidence | None = None
     warnings: tuple[str, ...] = ()
+    map_from_session: Pose | None = None
+    images: tuple[FoundImage, ...] = ()
 
     @cached_property
     def point_scores(self) -> NDArray[np.float32] | None:

@@ -4,6 +4,7 @@ Convention: `map_from_camera` maps camera coordinates (x forward, y left, z up) 
 `x_map = rotation · x_camera + position`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import get_args
 
@@ -22,12 +23,13 @@ _CAMERA_AXES: dict[str, NDArray[np.float64]] = {
     "webxr": np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]]),
     "unity": np.array([[0.0, -1, 0], [0, 0, 1], [1, 0, 0]]),
 }
-# Map axes: webxr and unity have y up. webxr (x, y, z) = (x, z, −y) of the map; unity (left-handed) = (−y, z, x) as in ROS–Unity bridges.
+# Map axes: webxr and unity have y up. webxr (x, y, z) = (x, z, −y) of the map; unity (left-handed) = (x, z, y): of a map that is east,
+# north, up it makes x east, y up, z north.
 _MAP_AXES: dict[str, NDArray[np.float64]] = {
     "ros": np.eye(3),
     "opencv": np.eye(3),
     "webxr": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "unity": np.array([[0.0, -1, 0], [0, 0, 1], [1, 0, 0]]),
+    "unity": np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]),
 }
 
 
@@ -52,6 +54,26 @@ class Pose:
         camera, world = _CAMERA_AXES[frame], _MAP_AXES[frame]
         return Pose(world @ self.rotation @ camera.T, world @ self.position)
 
+    @classmethod
+    def from_frame(cls, position: Sequence[float], quaternion_xyzw: Sequence[float], frame: Frame) -> "Pose":
+        """Return the pose that `in_frame(frame)` would give as this position (metres) and unit quaternion.
+
+        Raises OptionsError for any other name of a frame.
+        """
+        if frame not in _CAMERA_AXES:
+            raise OptionsError(f"frame: expected one of {', '.join(FRAMES)}, got {frame!r}")
+        camera, world = _CAMERA_AXES[frame], _MAP_AXES[frame]
+        rotation = _matrix_of(np.asarray(quaternion_xyzw, np.float64))
+        return cls(world.T @ rotation @ camera, world.T @ np.asarray(position, np.float64))
+
+    def after(self, first: "Pose") -> "Pose":
+        """Return the pose that maps by `first` and then by this one: `a_from_b.after(b_from_c)` is `a_from_c`."""
+        return Pose(self.rotation @ first.rotation, self.rotation @ first.position + self.position)
+
+    def inverse(self) -> "Pose":
+        """Return the pose that maps back."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.position)
+
     @property
     def matrix(self) -> NDArray[np.float64]:
         """Return the homogeneous (4, 4) matrix."""
@@ -72,6 +94,18 @@ class Pose:
         if abs(r[2, 0]) > 1 - 1e-9:
             return float(np.arctan2(-r[0, 1], r[1, 1])), pitch, 0.0
         return float(np.arctan2(r[1, 0], r[0, 0])), pitch, float(np.arctan2(r[2, 1], r[2, 2]))
+
+
+def _matrix_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
+    x, y, z, w = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def quaternion_of(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -33,13 +33,28 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
     camera = camera.resized(color.shape[1], color.shape[0])
     u, v, shown = project_to_image(camera, _directions(rows))
     sampled, seen = _sample(color, valid, u, v, shown)
+    _check_share(seen, camera)
+    return Panorama(sampled, seen)
+
+
+def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
+    """Raise PanoramaShapeError where next to nothing of the sphere is visible in a photo with the valid pixels (h, w)."""
+    rows = _MIN_ROWS
+    u, v, shown = project_to_image(camera, _directions(rows))
+    column, row = u[shown].astype(np.int64), v[shown].astype(np.int64)
+    seen = shown.copy()
+    seen[shown] = valid[np.minimum(row, valid.shape[0] - 1), np.minimum(column, valid.shape[1] - 1)]
+    _check_share(seen, camera)
+
+
+def _check_share(seen: NDArray[np.bool_], camera: Camera) -> None:
+    rows = len(seen)
     share = float((seen * np.sin(np.pi * (np.arange(rows) + 0.5) / rows)[:, None]).mean() * np.pi / 2)
     if share < _MIN_SHARE:
         raise PanoramaShapeError(
             f"image: expected a photo that shows at least {_MIN_SHARE:.1%} of the sphere, got {share:.2%} "
             f"({camera.hfov_deg:.1f} degrees across); check the intrinsics and the mask"
         )
-    return Panorama(sampled, seen)
 
 
 def _rows_of_sphere(camera: Camera) -> int:

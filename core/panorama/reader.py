@@ -17,7 +17,8 @@ from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
 from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, swaps_sides
 from core.panorama.image_header import IMAGE
 from core.panorama.panorama import Panorama
-from core.panorama.photo import FINEST_PX_PER_RAD, photo_on_sphere
+from core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
+from core.panorama.session import Photo
 
 _DRAFT_HEIGHT = 512  # nothing looks closer; a JPEG of twice this or more is decoded at a half, a quarter or an eighth
 
@@ -29,7 +30,19 @@ def read_panorama(
     camera: CameraDescription | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> Panorama:
-    """Decode a panorama, or a photo onto the sphere.
+    """Decode a panorama, or a photo onto the sphere; arguments and errors as of `read_image`."""
+    image = read_image(data, mask, camera=camera, max_pixels=max_pixels)
+    return image if isinstance(image, Panorama) else photo_on_sphere(image.color, image.valid, image.camera)
+
+
+def read_image(
+    data: bytes,
+    mask: bytes | None = None,
+    *,
+    camera: CameraDescription | None = None,
+    max_pixels: int = MAX_PIXELS,
+) -> Panorama | Photo:
+    """Decode a panorama, or a photo of a known camera.
 
     data: a JPEG, PNG or WebP file, 8 or 16 bit. mask: an image of the same aspect ratio, non-zero = ignore. camera: what took it; None: the
     file says so itself. max_pixels: checked against the header before anything is decoded.
@@ -60,11 +73,13 @@ def read_panorama(
     return Panorama(color, _masked(valid, mask, max_pixels))
 
 
-def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Panorama:
-    """Decode a photo and place it on the sphere."""
+def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
+    """Decode a photo, no larger than it says anything."""
     _draft(image, int(min(camera.fx_px, camera.fy_px) / FINEST_PX_PER_RAD))
     color, valid = color_and_alpha(decode(image, IMAGE, turned=not as_stored))
-    return photo_on_sphere(color, _masked(valid, mask, max_pixels), camera)
+    valid = _masked(valid, mask, max_pixels)
+    check_share(valid, camera := camera.resized(valid.shape[1], valid.shape[0]))
+    return Photo(color, valid, camera)
 
 
 def _draft(image: Image.Image, factor: int) -> None:

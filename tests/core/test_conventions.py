@@ -122,8 +122,8 @@ def test_frames_are_named_and_each_camera_looks_forward_along_its_own_axis() -> 
     assert FRAMES == ("ros", "opencv", "webxr", "unity")
     pose = Pose(np.eye(3), np.array([1.0, 2.0, 3.0]))  # looks along map x, left is map y
     forward = {"ros": [1, 0, 0], "opencv": [0, 0, 1], "webxr": [0, 0, -1], "unity": [0, 0, 1]}
-    map_x = {"ros": [1, 0, 0], "opencv": [1, 0, 0], "webxr": [1, 0, 0], "unity": [0, 0, 1]}
-    position = {"ros": [1, 2, 3], "opencv": [1, 2, 3], "webxr": [1, 3, -2], "unity": [-2, 3, 1]}
+    map_x = {"ros": [1, 0, 0], "opencv": [1, 0, 0], "webxr": [1, 0, 0], "unity": [1, 0, 0]}
+    position = {"ros": [1, 2, 3], "opencv": [1, 2, 3], "webxr": [1, 3, -2], "unity": [1, 3, 2]}
     for frame in FRAMES:
         written = pose.in_frame(frame)
         np.testing.assert_allclose(written.rotation @ forward[frame], map_x[frame], atol=1e-12)

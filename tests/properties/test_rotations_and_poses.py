@@ -94,7 +94,7 @@ def test_every_frame_describes_the_same_camera_and_the_same_point(
         "ros": map_point,
         "opencv": map_point,
         "webxr": np.array([map_point[0], map_point[2], -map_point[1]]),
-        "unity": np.array([-map_point[1], map_point[2], map_point[0]]),
+        "unity": np.array([map_point[0], map_point[2], map_point[1]]),
     }[frame]
     np.testing.assert_allclose(through_frame, expected, atol=1e-9 * (1 + np.abs(map_point).max()))
     np.testing.assert_allclose(written.rotation @ written.rotation.T, np.eye(3), atol=1e-9)

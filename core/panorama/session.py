@@ -1,0 +1,62 @@
+"""A session: photos of known cameras, and the poses that the device's own tracking gives them among each other."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.camera.camera import Camera
+from core.errors import PanoramaShapeError
+from core.geometry.pose import Pose
+from core.options import SessionOptions
+from core.panorama.panorama import Panorama
+
+
+@dataclass(frozen=True)
+class Photo:
+    """An image of a known camera.
+
+    color: (h, w, 3) uint8, RGB. valid: (h, w) bool, False where it is to be ignored. camera: of an image of exactly this size.
+    """
+
+    color: NDArray[np.uint8]
+    valid: NDArray[np.bool_]
+    camera: Camera
+
+    def __post_init__(self) -> None:
+        size = (self.camera.height_px, self.camera.width_px)
+        if self.valid.shape != size or self.color.shape != (*size, 3):
+            raise PanoramaShapeError(
+                f"photo: expected color (h, w, 3) and valid (h, w) of the camera's {size[1]} x {size[0]} pixels, "
+                f"got {self.color.shape} and {self.valid.shape}"
+            )
+
+    @classmethod
+    def of_panorama(cls, panorama: Panorama) -> "Photo":
+        """Return a full sphere as a photo, to be one of several."""
+        height, width = panorama.valid.shape
+        per_rad = width / (2 * math.pi)
+        camera = Camera("equirectangular", width, height, per_rad, per_rad, width / 2, height / 2)
+        return cls(panorama.color, panorama.valid, camera)
+
+
+@dataclass(frozen=True)
+class SessionImage:
+    """One photo of a session, and where it was taken: x_session = R x_camera + t, camera x forward, y left, z up, metres."""
+
+    photo: Photo
+    session_from_camera: Pose
+
+
+@dataclass(frozen=True)
+class Session:
+    """One to 32 photos that were taken from poses known among each other, right-handed, z up where `options.up_known`."""
+
+    images: tuple[SessionImage, ...]
+    options: SessionOptions = field(default_factory=SessionOptions)
+
+    @classmethod
+    def of_photo(cls, photo: Photo) -> "Session":
+        """Return the session of one photo, whose own frame it is."""
+        return cls((SessionImage(photo, Pose(np.eye(3), np.zeros(3))),))
