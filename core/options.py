@@ -140,6 +140,12 @@ class SessionOptions:
 
 MAX_IMAGES = 32
 """Of one query."""
+MAX_SESSION_SPAN_M = 100.0
+"""Between the first image of a session and any other: what is farther apart is a mistake of the tracking, or in other units."""
+MAX_POSITION_NOISE_M, MAX_ORIENTATION_NOISE_DEG = 1.0, 30.0
+"""Of a tracking that still says something."""
+QUATERNION_TOLERANCE = 0.01
+"""Of the norm of a quaternion that is called unit: devices and JSON writers round."""
 
 DEFAULT_RADIUS_M = 5.0
 """Of a hinted position without a radius."""

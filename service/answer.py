@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from core.options import Frame
-from service.jobs import ARTIFACTS, FoundPose, LocalizeOutcome
+from service.jobs import ARTIFACTS, FoundImage, FoundPose, LocalizeOutcome, RigidMotion
 
 Document = dict[str, Any]
 
@@ -17,10 +17,10 @@ def answer_document(
     """Return the 200 body of `POST /localize`.
 
     frame: that the query asked for. total_s: seconds that the caller waited; `queue` is what the worker did not need of them.
-    warnings: of the HTTP side, after those of the search. A panorama that fits no pose has `pose: null`; the best guess
-    then leads the alternatives.
+    warnings: of the HTTP side, after those of the search. A query that fits no pose has `pose: null`, and so have its
+    images; the best guess then leads the alternatives.
     """
-    best = outcome.best
+    best, motion = outcome.best, outcome.map_from_session
     answer = None if outcome.status == "not_localized" else best
     others = outcome.alternatives if answer is best or best is None else (best, *outcome.alternatives)
     return {
@@ -29,6 +29,8 @@ def answer_document(
         "map_id": answer and answer.map.id,
         "map_revision": answer and answer.map.revision,
         "pose": answer and _pose(answer, frame),
+        "map_from_session": None if answer is None or motion is None else _motion(motion),
+        "images": [_image(each, frame, known=answer is not None) for each in outcome.images],
         "geopose": None,
         "confidence": best.confidence if best else 0.0,
         "accuracy": answer and {
@@ -58,14 +60,26 @@ def picture_path(localization_id: str, name: str) -> str:
 def _pose(found: FoundPose, frame: Frame) -> Document:
     return {
         "frame": frame,
-        "map_from_camera": {
-            "position_m": dict(zip("xyz", found.position_m, strict=True)),
-            "quaternion": dict(zip("xyzw", found.quaternion_xyzw, strict=True)),
-            "matrix": found.matrix,
-        },
+        "map_from_camera": _motion(found),
         "yaw_deg": found.yaw_deg,
         "pitch_deg": found.pitch_deg,
         "roll_deg": found.roll_deg,
+    }
+
+
+def _motion(found: FoundPose | RigidMotion) -> Document:
+    return {
+        "position_m": dict(zip("xyz", found.position_m, strict=True)),
+        "quaternion": dict(zip("xyzw", found.quaternion_xyzw, strict=True)),
+        "matrix": found.matrix,
+    }
+
+
+def _image(found: FoundImage, frame: Frame, *, known: bool) -> Document:
+    return {
+        "pose": _pose(found.pose, frame) if known and found.pose is not None else None,
+        "agreement": found.agreement,
+        "camera": {"model": found.model, "hfov_deg": found.hfov_deg},
     }
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Literal, Protocol, get_args
 
-from core.camera.camera import CameraDescription
-from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, Status
+from core.camera.camera import CameraDescription, CameraModel
+from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, Status, TrackedPose
 
 Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
 ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
@@ -45,31 +45,44 @@ class MapRef:
 class QueryOptions:
     """What a caller asks of one query.
 
-    timeout_s: seconds for the answer. frame: axes of the poses in the answer. camera: what took the image; None: the file says so itself.
-    top_k: poses in the answer. artifacts: each once.
+    timeout_s: seconds for the answer. frame: axes of all poses that are sent and returned. session: what is known of the poses of the
+    images. top_k: poses in the answer. artifacts: each once.
     """
 
     timeout_s: float
     method: Method = "fast"
     frame: Frame = "ros"
-    camera: CameraDescription | None = None
+    session: SessionOptions = field(default_factory=SessionOptions)
     hints: Hints | None = None
     artifacts: tuple[Artifact, ...] = ()
     top_k: int = 1
 
 
 @dataclass(frozen=True)
+class QueryImage:
+    """One image of a query.
+
+    data, mask: the files as they were uploaded (JPEG, PNG or WebP), not decoded. camera: what took it; None: the file says so itself.
+    session_from_camera: where it was taken, as the device tracked it; None for the one image of a query without a session.
+    """
+
+    data: bytes
+    mask: bytes | None = None
+    camera: CameraDescription | None = None
+    session_from_camera: TrackedPose | None = None
+
+
+@dataclass(frozen=True)
 class LocalizeJob:
     """One query.
 
-    panorama, mask: the files as they were uploaded (JPEG, PNG or WebP), not decoded. maps: at least one, all ready.
-    deadline_unix_s: after it nobody waits for the answer any more.
+    images: at least one; of several each has its pose. maps: at least one, all ready. deadline_unix_s: after it nobody waits for the
+    answer any more.
     """
 
     localization_id: str
     request_id: str
-    panorama: bytes
-    mask: bytes | None
+    images: tuple[QueryImage, ...]
     maps: tuple[MapRef, ...]
     options: QueryOptions
     deadline_unix_s: float
@@ -94,11 +107,35 @@ class FoundPose:
 
 
 @dataclass(frozen=True)
+class RigidMotion:
+    """x_to = R x_from + t in plain values: position_m [x, y, z]; quaternion_xyzw [x, y, z, w]; matrix 4 x 4, row by row."""
+
+    position_m: list[float]
+    quaternion_xyzw: list[float]
+    matrix: list[list[float]]
+
+
+@dataclass(frozen=True)
+class FoundImage:
+    """One image at the best pose.
+
+    pose: its own, None without a best pose. agreement: correlation of what it shows with the scan seen from there, −1..1; None where that
+    is unknown. model, hfov_deg: the camera that it was taken for, and the degrees that it is wide; 360 of a full panorama.
+    """
+
+    pose: FoundPose | None
+    agreement: float | None
+    model: CameraModel
+    hfov_deg: float
+
+
+@dataclass(frozen=True)
 class LocalizeOutcome:
     """What was found for one query, in values that survive JSON; `service.answer` makes the answer of it.
 
-    best: the most probable pose, also when the status is `not_localized`; None only when nothing could be searched.
-    alternatives: others, best first. accuracy: 68 % radii. timings_s: seconds of the worker by stage. search: figures for the
+    best: the most probable pose, of the first image, also when the status is `not_localized`; None only when nothing could be searched.
+    alternatives: others, best first. map_from_session: at the best pose, both sides in the axes that the query asked for. images: one
+    per image of the query, in its order. accuracy: 68 % radii. timings_s: seconds of the worker by stage. search: figures for the
     caller's log. pictures: PNGs by name, those of `options.artifacts` that could be drawn.
     """
 
@@ -113,6 +150,8 @@ class LocalizeOutcome:
     search: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     pictures: dict[str, bytes] = field(default_factory=dict)
+    map_from_session: RigidMotion | None = None
+    images: tuple[FoundImage, ...] = ()
 
 
 @dataclass(frozen=True)

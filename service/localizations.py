@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import structlog
@@ -12,7 +13,7 @@ from core.panorama.image_header import read_image_header
 from service.answer import Document, answer_document
 from service.cache import Cache
 from service.errors import EXPECTED_ERRORS, LocalizationNotFoundError, ServiceError
-from service.jobs import LocalizeJob, LocalizeOutcome, QueryOptions, WorkerPool, new_id, now
+from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
 from service.metrics import Metrics
@@ -32,8 +33,7 @@ _OVERDUE_S = 10.0
 class LocalizeRequest:
     """What a caller asks."""
 
-    panorama: bytes
-    mask: bytes | None
+    images: tuple[QueryImage, ...]
     maps: MapChoice
     options: QueryOptions
     request_id: str
@@ -126,7 +126,7 @@ class Localizations:
         await self._cache.put_answer(localization_id, body, outcome.pictures, [ref.id for ref in chosen.refs])
         await self._forget_deleted(chosen)
         if self._settings.keep_images:
-            await self._keep(localization_id, query.panorama)
+            await self._keep(localization_id, query.images)
         self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
         return body
 
@@ -139,8 +139,7 @@ class Localizations:
             job = LocalizeJob(
                 localization_id,
                 query.request_id,
-                query.panorama,
-                query.mask,
+                query.images,
                 chosen.refs,
                 query.options,
                 deadline_unix_s,
@@ -176,9 +175,11 @@ class Localizations:
                 await self._cache.put_state(pending["id"], failed)
             raise
 
-    async def _keep(self, localization_id: str, panorama: bytes) -> None:
-        kind = read_image_header(panorama).kind
-        await asyncio.to_thread(self._storage.put, f"panoramas/{localization_id}.{kind}", panorama)
+    async def _keep(self, localization_id: str, images: Sequence[QueryImage]) -> None:
+        for number, image in enumerate(images, 1):
+            name = localization_id if len(images) == 1 else f"{localization_id}-{number:02}"
+            kind = read_image_header(image.data).kind
+            await asyncio.to_thread(self._storage.put, f"panoramas/{name}.{kind}", image.data)
 
 
 def _unknown(localization_id: str, lifetime_s: int) -> LocalizationNotFoundError:

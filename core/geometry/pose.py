@@ -54,6 +54,16 @@ class Pose:
         camera, world = _CAMERA_AXES[frame], _MAP_AXES[frame]
         return Pose(world @ self.rotation @ camera.T, world @ self.position)
 
+    def between_worlds(self, frame: Frame) -> "Pose":
+        """Return a pose that maps one world (z up) to another, such as `map_from_session`, with both in the axes of `frame`.
+
+        Raises OptionsError for any other name of a frame.
+        """
+        if frame not in _MAP_AXES:
+            raise OptionsError(f"frame: expected one of {', '.join(FRAMES)}, got {frame!r}")
+        world = _MAP_AXES[frame]
+        return Pose(world @ self.rotation @ world.T, world @ self.position)
+
     @classmethod
     def from_frame(cls, position: Sequence[float], quaternion_xyzw: Sequence[float], frame: Frame) -> "Pose":
         """Return the pose that `in_frame(frame)` would give as this position (metres) and unit quaternion.

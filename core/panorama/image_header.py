@@ -1,9 +1,12 @@
 """Size and kind of an image from its first bytes, so that a bomb is refused before anything is decoded. Needs no numpy."""
 
 import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from core.errors import (
+    CoreError,
     MaskDamagedError,
     MaskFormatError,
     MaskTooLargeError,
@@ -41,8 +44,31 @@ IMAGE = Upload("image", PanoramaFormatError, PanoramaDamagedError, PanoramaTooLa
 MASK = Upload("mask", MaskFormatError, MaskDamagedError, MaskTooLargeError)
 
 
-def check_image(data: bytes, upload: Upload, max_pixels: int) -> None:
-    """Look at the header of an upload. Raises its `format_error`, or `too_large_error` for more than `max_pixels` pixels."""
+@contextmanager
+def numbered(number: int, count: int) -> Iterator[None]:
+    """Say in the message about one of several images which one it is, counted from 1."""
+    try:
+        yield
+    except CoreError as error:
+        raise error if count == 1 else type(error)(f"{error} (image {number} of {count})") from error
+
+
+def check_images(files: Sequence[bytes], upload: Upload, max_pixels: int) -> None:
+    """Look at the headers of all files of one kind. Raises as `check_image` does, for more than `max_pixels` pixels together, too."""
+    total = 0
+    for number, data in enumerate(files, 1):
+        with numbered(number, len(files)):
+            header = check_image(data, upload, max_pixels)
+        total += header.width * header.height
+    if total > max_pixels:
+        raise upload.too_large_error(
+            f"{upload.name}: expected at most {max_pixels:,} pixels in all {len(files)} files together, got {total:,}; scale them down, "
+            "1920 x 1440 is plenty for a frame, or send fewer"
+        )
+
+
+def check_image(data: bytes, upload: Upload, max_pixels: int) -> ImageHeader:
+    """Return the header of an upload. Raises its `format_error`, or `too_large_error` for more than `max_pixels` pixels."""
     try:
         header = read_image_header(data)
     except PanoramaFormatError as error:
@@ -52,6 +78,7 @@ def check_image(data: bytes, upload: Upload, max_pixels: int) -> None:
             f"{upload.name}: expected at most {max_pixels:,} pixels, got {header.width:,} x {header.height:,}; scale it down, "
             "4096 x 2048 is plenty"
         )
+    return header
 
 
 def read_image_header(data: bytes) -> ImageHeader:

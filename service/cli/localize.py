@@ -1,20 +1,21 @@
-"""`panoloc localize`: find where panoramas were taken."""
+"""`panoloc localize`: find where panoramas, photos and sessions were taken."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from core.options import MAX_TOP_K, Frame, Method
+from core.options import MAX_IMAGES, MAX_TOP_K, Frame, Method
 from core.panorama.image_header import KNOWN_FORMATS
 from service.cli.answer_files import AnswerFolder
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.progress import show_waiting
+from service.cli.query_options import camera_object, hints_object
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
 from service.client import ApiProblemError, JsonObject, PanolocClient
 from service.jobs import ARTIFACTS, QueryOptions
 
@@ -25,9 +26,26 @@ Cuboid = tuple[float, float, float, float, float, float]
 def localize(
     ctx: typer.Context,
     panoramas: Annotated[
-        list[Path],
-        typer.Argument(exists=True, dir_okay=False, readable=True, help=f"Panoramas or photos ({KNOWN_FORMATS})."),
-    ],
+        list[Path] | None,
+        typer.Argument(
+            exists=True,
+            dir_okay=False,
+            readable=True,
+            help=f"Panoramas or photos ({KNOWN_FORMATS}), each a query of its own.",
+        ),
+    ] = None,
+    tracked: Annotated[
+        Path | None,
+        typer.Option(
+            "--session",
+            exists=True,
+            metavar="PATH",
+            help=f"{FILE_NAME}, or the folder that holds it: all its frames in one query, by the poses in it.",
+        ),
+    ] = None,
+    up_known: Annotated[
+        bool, typer.Option("--up-known", help="The z axis of --session is against gravity, as AR devices track it.")
+    ] = False,
     map_id: Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")] = None,
     tag: Annotated[str | None, typer.Option(help="Search all maps that bear this tag instead.")] = None,
     out: Annotated[
@@ -69,31 +87,62 @@ def localize(
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Find where panoramas were taken in a map. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
+    """Find where panoramas, photos or the frames of a session were taken. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
     if bool(map_id) == bool(tag):
         raise typer.BadParameter(
             f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them.",
             param_hint="--map",
         )
-    hints = _hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
+    session: Session = ctx.obj
+    session.json_output = json
+    described = camera_object(hfov, camera)
+    if bool(panoramas) == bool(tracked) or (tracked and described) or (up_known and not tracked):
+        raise typer.BadParameter(
+            "expected images, or --session PATH alone, whose file describes the cameras; --up-known belongs to it",
+            param_hint="--session",
+        )
+    hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
     options: JsonObject = {"frame": frame, "method": method, "top_k": top_k}
     options["artifacts"] = list(ARTIFACTS) if out else []
-    described = _camera_object(hfov, camera)
     options |= {"cameras": [described]} if described else {}
     options |= {"hints": hints} if hints else {}
     options |= {"timeout_s": timeout} if timeout else {}
-    session: Session = ctx.obj
-    session.json_output = json
+    queries = [_Query(path, [path]) for path in panoramas or ()]
+    queries += [_session_query(session, tracked, frame, up_known)] if tracked else []
     with session.client(url) as client:
         command = _Localize(
             session, client, tuple(map_id or ()), tag, mask, options, AnswerFolder(out) if out else None
         )
-        return worst_of([command.run(panorama, several=len(panoramas) > 1) for panorama in panoramas])
+        return worst_of([command.run(query, several=len(queries) > 1) for query in queries])
+
+
+@dataclass(frozen=True)
+class _Query:
+    """What is localized at once. name: of its answer. options: that it alone has."""
+
+    name: Path
+    images: Sequence[Path]
+    options: JsonObject = field(default_factory=dict)
+
+
+def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool) -> _Query:
+    """Return the query of all frames of a file. Raises typer.BadParameter for a file that is none."""
+    try:
+        found = read_transforms(tracked, frame)
+    except TransformsError as error:
+        raise typer.BadParameter(str(error), param_hint="--session") from error
+    chosen = spread_evenly(found, MAX_IMAGES)
+    if len(chosen) < len(found):
+        session.messages.print(f"{len(chosen)} of {len(found)} frames are sent, spread evenly: one query takes no more")
+    options: JsonObject = {"cameras": [each.camera for each in chosen]}
+    options |= {"session": {"up": "known"}} if up_known else {}
+    folder = tracked if tracked.is_dir() else tracked.parent
+    return _Query(folder.resolve(), [each.path for each in chosen], options)
 
 
 @dataclass(frozen=True)
 class _Localize:
-    """What all panoramas of one command have in common."""
+    """What all queries of one command have in common."""
 
     session: Session
     client: PanolocClient
@@ -103,26 +152,30 @@ class _Localize:
     options: JsonObject
     folder: AnswerFolder | None
 
-    def run(self, panorama: Path, *, several: bool) -> ExitCode:
-        """Localize and show one panorama; among several, a refused one does not stop the others."""
+    def run(self, query: _Query, *, several: bool) -> ExitCode:
+        """Localize and show one query; among several, a refused one does not stop the others."""
         try:
-            with show_waiting(self.session.messages, f"localizing {escape(panorama.name)}"):
-                answer = self.client.localize(panorama, self.map_ids, self.tag, self.mask, self.options)
+            with show_waiting(self.session.messages, f"localizing {escape(query.name.name)}"):
+                answer = self.client.localize(
+                    query.images, self.map_ids, self.tag, self.mask, self.options | query.options
+                )
         except ApiProblemError as problem:
             if not several:
                 raise
-            self._show_problem(panorama, problem)
+            self._show_problem(query.name, problem)
             return ExitCode.ERROR
-        saved = self.folder.save(panorama, answer, self.client) if self.folder else []
-        self._show(panorama, answer, saved)
+        saved = self.folder.save(query.name, answer, self.client) if self.folder else []
+        self._show(query, answer, saved)
         return exit_code_of(answer["status"])
 
-    def _show(self, panorama: Path, answer: JsonObject, saved: list[Path]) -> None:
+    def _show(self, query: _Query, answer: JsonObject, saved: list[Path]) -> None:
+        files = [str(path) for path in query.images]
         if self.session.json_output:
-            self.session.print_json({"panorama": str(panorama), **answer})
+            about = {"session": str(query.name), "files": files} if query.options else {"panorama": files[0]}
+            self.session.print_json({**about, **answer})
             return
-        self.session.results.print(f"[bold]{escape(str(panorama))}[/]")
-        self.session.show_answer(answer, self.client)
+        self.session.results.print(f"[bold]{escape(str(query.name))}[/]")
+        self.session.show_answer(answer, self.client, [path.name for path in query.images])
         if saved:
             self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
 
@@ -133,52 +186,3 @@ class _Localize:
             f"[bold]{escape(str(panorama))}[/]  [bold red]{escape(problem.title)}[/] (HTTP {problem.status})"
         )
         self.session.messages.print(escape(str(problem)))
-
-
-def _camera_object(hfov_deg: float | None, file: Path | None) -> JsonObject | None:
-    """Return the camera as the HTTP API takes it, None where nothing is said of it. Raises typer.BadParameter for a file that is none."""
-    if file is None:
-        return None if hfov_deg is None else {"model": "pinhole", "hfov_deg": hfov_deg}
-    if hfov_deg is not None:
-        raise typer.BadParameter(
-            "expected --hfov or --camera, got both; the file can hold hfov_deg", param_hint="--hfov"
-        )
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise typer.BadParameter(f"expected a JSON file, but {file}: {error}", param_hint="--camera") from error
-    if not isinstance(found, dict):
-        raise typer.BadParameter(
-            f'expected an object such as {{"model": "pinhole", "hfov_deg": 69}} in {file}, got {type(found).__name__}',
-            param_hint="--camera",
-        )
-    return found
-
-
-def _hints_object(
-    position: tuple[float, float, float] | None,
-    radius: float | None,
-    region: tuple[float, float, float, float, float, float] | None,
-    upright: bool,
-    max_tilt: float | None,
-    heading: float | None,
-    heading_tolerance: float | None,
-) -> JsonObject:
-    """Return the hints that were given as the HTTP API takes them; metres and degrees.
-
-    Raises typer.BadParameter for a hint that means nothing without another.
-    """
-    if radius is not None and position is None:
-        raise typer.BadParameter("--radius needs --position X Y Z", param_hint="--radius")
-    if heading_tolerance is not None and heading is None:
-        raise typer.BadParameter("--heading-tolerance needs --heading", param_hint="--heading-tolerance")
-    given: JsonObject = {
-        "position_m": list(position) if position else None,
-        "radius_m": radius,
-        "region": {"min": list(region[:3]), "max": list(region[3:])} if region else None,
-        "upright": upright or None,
-        "max_tilt_deg": max_tilt,
-        "heading_deg": heading,
-        "heading_tolerance_deg": heading_tolerance,
-    }
-    return {name: value for name, value in given.items() if value is not None}

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -9,7 +10,7 @@ import httpx
 import typer
 from rich.console import Console
 
-from service.cli.tables import alternatives_table, answer_summary, picture_links
+from service.cli.tables import alternatives_table, answer_summary, images_table, picture_links
 from service.client import JsonObject, PanolocClient
 
 _PIPE_WIDTH = 500
@@ -47,9 +48,12 @@ class Session:
         """Return a client of the service at `url`, with the key from PANOLOC_API_KEY when it is set."""
         return PanolocClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
 
-    def show_answer(self, answer: JsonObject, client: PanolocClient) -> None:
-        """Print one localization and its alternatives as tables, and the links of its pictures so that no terminal breaks them."""
+    def show_answer(self, answer: JsonObject, client: PanolocClient, names: Sequence[str] = ()) -> None:
+        """Print one localization as tables, and the links of its pictures so that no terminal breaks them. names: of its images."""
         self.results.print(answer_summary(answer))
+        images = images_table(answer, names)
+        if images is not None:
+            self.results.print(images)
         others = alternatives_table(answer)
         if others is not None:
             self.results.print(others)

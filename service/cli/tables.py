@@ -1,12 +1,14 @@
 """Maps and answers as tables for people."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from service.client import JsonObject
+
+_WHOLE_TURN_DEG = 359.5
 
 _STATUS_STYLES = {
     "ready": "green",
@@ -70,12 +72,34 @@ def answer_summary(answer: JsonObject) -> Table:
     accuracy = answer.get("accuracy") or {}
     if pose and accuracy.get("position_m") is not None and accuracy.get("orientation_deg") is not None:
         rows.append(("accuracy", _accuracy(accuracy)))
+    motion = answer.get("map_from_session")
+    if motion and len(answer.get("images") or ()) > 1:
+        rows.append(("map from session", _motion(motion)))
     change = answer.get("change") or {}
-    if change.get("panorama_changed_fraction") is not None:
-        rows.append(("changed", f"{change['panorama_changed_fraction']:.0%} of the panorama"))
+    if pose and change.get("panorama_changed_fraction") is not None:
+        rows.append(("changed", f"{change['panorama_changed_fraction']:.0%} of {_what_is_shown(answer)}"))
     rows.append(("seconds", _seconds(answer.get("timings_s") or {})))
     rows += [("warning", str(warning)) for warning in answer.get("warnings") or []]
     return _two_columns(rows)
+
+
+def images_table(answer: JsonObject, names: Sequence[str]) -> Table | None:
+    """Return the images of a session, one per row, with their poses; None for a single image. names: of their files."""
+    images = answer.get("images") or []
+    if len(images) < 2:
+        return None
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("image", "position", "orientation", "agreement"):
+        table.add_column(heading, overflow="fold")
+    for number, image in enumerate(images):
+        pose, agreement = image.get("pose"), image.get("agreement")
+        table.add_row(
+            escape(names[number]) if number < len(names) else str(number + 1),
+            _position(pose) if pose else "",
+            _angles(pose) if pose else "",
+            "" if agreement is None else f"{agreement:.2f}",
+        )
+    return table
 
 
 def alternatives_table(answer: JsonObject) -> Table | None:
@@ -128,6 +152,20 @@ def _two_columns(rows: list[tuple[str, str | Text]]) -> Table:
 def _position(pose: JsonObject) -> str:
     centre = pose["map_from_camera"]["position_m"]
     return f"x {centre['x']:.3f}   y {centre['y']:.3f}   z {centre['z']:.3f} m"
+
+
+def _motion(motion: JsonObject) -> str:
+    at, turned = motion["position_m"], motion["quaternion"]
+    quaternion = "   ".join(f"{axis} {turned[axis]:.5f}" for axis in "xyzw")
+    return f"x {at['x']:.3f}   y {at['y']:.3f}   z {at['z']:.3f} m   quaternion {quaternion}"
+
+
+def _what_is_shown(answer: JsonObject) -> str:
+    images = answer.get("images") or []
+    if len(images) > 1:
+        return "what the images show"
+    part = any(((image.get("camera") or {}).get("hfov_deg") or 360) < _WHOLE_TURN_DEG for image in images)
+    return "what the photo shows" if part else "the panorama"
 
 
 def _angles(pose: JsonObject) -> str:

@@ -2,7 +2,7 @@
 
     with PanolocClient("http://127.0.0.1:8000") as client:
         place = client.wait_for_map(client.register_map(Path("office.ply"))["id"])
-        answer = client.localize(Path("photo.jpg"), map_ids=[place["id"]])
+        answer = client.localize(Path("photo.jpg"), map_ids=[place["id"]])    # or several images of one session
 
 Uploads are streamed from disk. All methods raise the classes of `service.client.errors`.
 """
@@ -26,6 +26,7 @@ from service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
+from service.client.file_parts import image_part, paths_of, sendable
 from service.client.upload_progress import ProgressFile, UploadProgress
 
 JsonObject = dict[str, Any]
@@ -87,7 +88,7 @@ class PanolocClient:
             reply = self._send(
                 "POST",
                 "/maps",
-                files={"file": (_sendable(scan.name), upload, "application/octet-stream")},
+                files={"file": (sendable(scan.name), upload, "application/octet-stream")},
                 data={"options": json.dumps(options)} if options else {},
                 timeout=httpx.Timeout(UPLOAD_READ_TIMEOUT_S, connect=CONNECT_TIMEOUT_S),
             )
@@ -143,27 +144,29 @@ class PanolocClient:
 
     def localize(
         self,
-        panorama: Path,
+        images: Path | Sequence[Path],
         map_ids: Sequence[str] = (),
         tag: str | None = None,
-        mask: Path | None = None,
+        mask: Path | Sequence[Path] | None = None,
         options: Mapping[str, Any] | None = None,
         progress: UploadProgress | None = None,
     ) -> JsonObject:
-        """Send a panorama and return the answer; `status` says whether a pose was found.
+        """Send one query and return the answer; `status` says whether a pose was found.
 
-        Either `map_ids` or `tag` names the maps. options: the `options` of `POST /localize`; without a `timeout_s` the
-        service's own rule says how long it takes, which may be many minutes, and so the answer is waited for.
+        images: a panorama or a photo, or those of one session, whose poses stand in `options["cameras"]`. mask: one for all, or one per
+        image. Either `map_ids` or `tag` names the maps. options: the `options` of `POST /localize`; without a `timeout_s` the service's
+        own rule says how long it takes, which may be many minutes, and so the answer is waited for. progress: of each image in turn.
         """
         deadline_s = (options or {}).get("timeout_s")
         fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
         fields |= {"tag": tag} if tag else {}
         fields |= {"options": json.dumps(options)} if options else {}
         with ExitStack() as stack:
-            image = ProgressFile(stack.enter_context(panorama.open("rb")), progress)
-            files: JsonObject = {"image": (_sendable(panorama.name), image, _image_type(panorama))}
-            if mask is not None:
-                files["mask"] = (_sendable(mask.name), stack.enter_context(mask.open("rb")), _image_type(mask))
+            files: list[tuple[str, Any]] = [
+                ("image", image_part(path, ProgressFile(stack.enter_context(path.open("rb")), progress)))
+                for path in paths_of(images)
+            ]
+            files += [("mask", image_part(path, stack.enter_context(path.open("rb")))) for path in paths_of(mask)]
             wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
             limits = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
             reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)
@@ -228,13 +231,3 @@ def _failure_text(error: object) -> str:
     if isinstance(error, dict):
         return str(error.get("detail") or error.get("message") or error.get("title") or error)
     return str(error or "the service gave no reason; see its log.")
-
-
-def _image_type(path: Path) -> str:
-    types = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png", ".webp": "image/webp"}
-    return types.get(path.suffix.lower(), "application/octet-stream")
-
-
-def _sendable(name: str) -> str:
-    """Return a file name as UTF-8 can carry it; bytes that are none become question marks."""
-    return name.encode("utf-8", "replace").decode()

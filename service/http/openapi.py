@@ -19,6 +19,16 @@ def binary_part(description: str) -> dict[str, Any]:
     return {"type": "string", "format": "binary", "description": description}
 
 
+def files_part(description: str, most: int) -> dict[str, Any]:
+    """Return the schema of a part that may come again, up to `most` times."""
+    return {
+        "type": "array",
+        "items": {"type": "string", "format": "binary"},
+        "maxItems": most,
+        "description": description,
+    }
+
+
 def json_part(model: type[BaseModel]) -> dict[str, Any]:
     """Return the schema of a part that holds JSON."""
     return {"$ref": _REF.format(model=model.__name__)}

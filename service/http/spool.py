@@ -15,12 +15,22 @@ MAX_FIELD_BYTES = 64 * 1024
 
 @dataclass(frozen=True)
 class PartRule:
-    """What a part of a form may be. setting: the name of its limit; spooled: goes to a file; repeatable: may come again."""
+    """What a part of a form may be.
+
+    max_bytes: of one. setting: the name of that limit. spooled: goes to a file. max_parts: how often it may come. max_full_parts: of
+    them may be as large as `max_bytes`; all together take no more bytes than these.
+    """
 
     max_bytes: int = MAX_FIELD_BYTES
     setting: str | None = None
     spooled: bool = False
-    repeatable: bool = False
+    max_parts: int = 1
+    max_full_parts: int = 1
+
+    @property
+    def max_total_bytes(self) -> int:
+        """Return the bytes of all parts of this name together."""
+        return self.max_bytes * self.max_full_parts
 
 
 @dataclass
@@ -98,4 +108,13 @@ def too_large(name: str, rule: PartRule, got: str = "more") -> UploadTooLargeErr
     limit = f" ({rule.setting})" if rule.setting else ""
     return UploadTooLargeError(
         f"{name}: expected at most {rule.max_bytes:,} bytes{limit}, got {got}; send a smaller file"
+    )
+
+
+def too_large_together(name: str, rule: PartRule, got: str = "more") -> UploadTooLargeError:
+    """Return the error for parts of one name that are together larger than their rule allows."""
+    limit = f" ({rule.max_full_parts} times {rule.setting})" if rule.setting else ""
+    return UploadTooLargeError(
+        f"{name}: expected at most {rule.max_total_bytes:,} bytes in all parts of this name together{limit}, got {got}; "
+        "send fewer or smaller files"
     )

@@ -4,6 +4,7 @@ Scans go to a file in the storage's spool folder, hashed on the way; images and 
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,12 +15,13 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import InvalidOptionsError, MalformedRequestError, UploadTooLargeError
-from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large
+from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large, too_large_together
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
-_MAX_PARTS = 128
+MAX_PARTS = 128
+"""Of one upload, whatever their names."""
 # What surrounds the parts: boundaries and headers.
 _ENVELOPE_BYTES = 64 * 1024
 _WRITE_BYTES = 2**20
@@ -42,6 +44,10 @@ class Form:
     def single(self, name: str) -> bytes | None:
         """Return the part of this name, None without one."""
         return next(iter(self.fields.get(name, [])), None)
+
+    def all(self, name: str) -> list[bytes]:
+        """Return the parts of this name in their order."""
+        return self.fields.get(name, [])
 
     def texts(self, name: str) -> list[str]:
         """Return all parts of this name as text. Raises InvalidOptionsError when one is not UTF-8."""
@@ -92,7 +98,8 @@ class _FormReader:
         self._header_name = b""
         self._header_value = b""
         self._num_parts = 0
-        self._seen: set[str] = set()
+        self._num_seen: Counter[str] = Counter()
+        self._num_bytes: Counter[str] = Counter()
         self._name = ""
         self._rule = PartRule()
         self._value = bytearray()
@@ -137,8 +144,8 @@ class _FormReader:
     def _begin_part(self) -> None:
         self._headers = []
         self._num_parts += 1
-        if self._num_parts > _MAX_PARTS:
-            raise UploadTooLargeError(f"expected at most {_MAX_PARTS} parts, got more; send fewer")
+        if self._num_parts > MAX_PARTS:
+            raise UploadTooLargeError(f"expected at most {MAX_PARTS} parts, got more; send fewer")
 
     def _on_header_field(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
@@ -156,9 +163,9 @@ class _FormReader:
         rule = self._rules.get(self._name)
         if rule is None:
             raise _field_error(self._name, f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}")
-        if self._name in self._seen and not rule.repeatable:
-            raise _field_error(self._name, "expected one part of this name, got several")
-        self._seen.add(self._name)
+        self._num_seen[self._name] += 1
+        if self._num_seen[self._name] > rule.max_parts:
+            raise _field_error(self._name, _too_many(rule))
         self._rule, self._value = rule, bytearray()
         if rule.spooled:
             assert self._spool_folder is not None
@@ -172,6 +179,9 @@ class _FormReader:
         self._value += data[start:end]
         if len(self._value) > self._rule.max_bytes:
             raise too_large(self._name, self._rule)
+        self._num_bytes[self._name] += end - start
+        if self._num_bytes[self._name] > self._rule.max_total_bytes:
+            raise too_large_together(self._name, self._rule)
 
     def _end_part(self) -> None:
         if self._rule.spooled and self._spool is not None:
@@ -195,10 +205,17 @@ def _boundary(headers: Mapping[str, str]) -> bytes:
 def _check_length(headers: Mapping[str, str], rules: Mapping[str, PartRule]) -> None:
     """Refuse by the declared length what would be refused later, before a byte is read."""
     declared = headers.get("content-length", "")
-    largest = max(rules.items(), key=lambda item: item[1].max_bytes)
-    allowed = sum(rule.max_bytes for rule in rules.values()) + _ENVELOPE_BYTES
+    name, largest = max(rules.items(), key=lambda item: item[1].max_total_bytes)
+    allowed = sum(rule.max_total_bytes for rule in rules.values()) + _ENVELOPE_BYTES
     if declared.isdigit() and int(declared) > allowed:
-        raise too_large(*largest, f"a request of {int(declared):,}")
+        refusal = too_large if largest.max_full_parts == 1 else too_large_together
+        raise refusal(name, largest, f"a request of {int(declared):,}")
+
+
+def _too_many(rule: PartRule) -> str:
+    if rule.max_parts == 1:
+        return "expected one part of this name, got several"
+    return f"expected at most {rule.max_parts} parts of this name, got more; send fewer"
 
 
 def _field_error(name: str, message: str) -> InvalidOptionsError:

@@ -1,4 +1,4 @@
-"""The worker that answers queries: finds the index of the map, decodes the panorama, localizes it, draws the pictures."""
+"""The worker that answers queries: finds the index of the map, decodes the images, localizes them, draws the pictures."""
 
 import os
 import socket
@@ -14,8 +14,6 @@ from core.index.map_builder import index_config_digest
 from core.index.map_codec import decode_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
-from core.panorama.panorama import Panorama
-from core.panorama.reader import read_panorama
 from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from core.results import Localization
 from service.cache import WorkerCache
@@ -25,6 +23,7 @@ from service.storage import open_storage
 from service.worker.map_catalog import MapCatalog
 from service.worker.outcomes import localize_outcome
 from service.worker.plan import WorkerSettings
+from service.worker.query_images import Query, read_query, shown_on_sphere
 from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
 
@@ -95,17 +94,17 @@ class _RunningQuery:
         if self.missing:
             return None
         options = self._job.options
-        panorama = self._timed("decode", self._panorama)
+        query = self._timed("decode", self._query)
         localization = self._localizer.localize(
-            panorama,
+            query,
             maps,
             method=options.method,
             hints=options.hints,
             top_k=options.top_k,
             timeout_s=self._remaining_s(),
         )
-        pictures = self._timed("pictures", lambda: _pictures(panorama, maps, localization, options.artifacts))
-        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures)
+        pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
+        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures, query)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
         found = []
@@ -118,9 +117,9 @@ class _RunningQuery:
                 found.append(index)
         return found
 
-    def _panorama(self) -> Panorama:
-        job = self._job
-        return read_panorama(job.panorama, job.mask, camera=job.options.camera, max_pixels=self._settings.max_pixels)
+    def _query(self) -> Query:
+        options = self._job.options
+        return read_query(self._job.images, options.frame, options.session, self._settings.max_pixels)
 
     def _remaining_s(self) -> float:
         remaining_s = self._job.deadline_unix_s - time.time()
@@ -136,16 +135,17 @@ class _RunningQuery:
 
 
 def _pictures(
-    panorama: Panorama, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
+    query: Query, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
 ) -> dict[str, bytes]:
     """Return the PNGs that show a person whether a pose is right, by the names in `wanted`: "score_map_2d", "score_map_3d", "overlay".
 
     Without any pose there is nothing to draw, so the result is empty; the outcome says why.
     """
-    if localization.best is None:
+    names = tuple(wanted)
+    if localization.best is None or not names:
         return {}
     index = maps[localization.best.map_position]
-    names = tuple(wanted)
+    panorama, localization = shown_on_sphere(query, localization)
     drawn = {}
     if "score_map_2d" in names:
         drawn["score_map_2d"] = draw_score_map_2d(panorama, localization)
@@ -153,7 +153,7 @@ def _pictures(
         view = view_scan(index, localization, with_scores="score_map_3d" in names)
         drawn |= {"score_map_3d": draw_score_map_3d(view), "overlay": draw_overlay(panorama, view)}
     # Compressing takes a third of the time, and needs no interpreter.
-    with ThreadPoolExecutor(len(names) or 1) as threads:
+    with ThreadPoolExecutor(len(names)) as threads:
         return dict(zip(names, threads.map(encode_png, (drawn[name] for name in names)), strict=True))
 
 

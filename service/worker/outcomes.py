@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.options import Frame
+from core.panorama.session import Photo, Session
 from core.results import Candidate, Localization
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
-from service.jobs import MAX_SAMPLE_POINTS, FoundPose, LocalizeOutcome, MapRef
+from service.jobs import MAX_SAMPLE_POINTS, FoundImage, FoundPose, LocalizeOutcome, MapRef, RigidMotion
+from service.worker.query_images import Query, photos_of
 
 
 def localize_outcome(
@@ -21,11 +24,12 @@ def localize_outcome(
     frame: Frame,
     timings_s: Mapping[str, float],
     pictures: dict[str, bytes],
+    query: Query,
 ) -> LocalizeOutcome:
     """Return what a query found.
 
     maps: in the order that `Candidate.map_position` counts. frame: axes of the poses. timings_s: seconds measured around the
-    search, added to its own. pictures: PNGs by name.
+    search, added to its own. pictures: PNGs by name. query: what was localized.
     """
     best = localization.best
     return LocalizeOutcome(
@@ -40,6 +44,8 @@ def localize_outcome(
         search=json_safe(_figures(localization)),
         warnings=localization.warnings,
         pictures=pictures,
+        map_from_session=_map_from_session(localization, query, frame),
+        images=_found_images(localization, query, maps, frame),
     )
 
 
@@ -90,18 +96,53 @@ def json_safe(value: Any) -> Any:
 
 
 def _found_pose(candidate: Candidate, maps: Sequence[MapRef], frame: Frame) -> FoundPose:
-    turned = candidate.pose.in_frame(frame)
+    position_m, quaternion_xyzw, matrix = _plain(candidate.pose.in_frame(frame))
     yaw, pitch, roll = (math.degrees(angle) for angle in candidate.pose.yaw_pitch_roll)
     return FoundPose(
         map=maps[candidate.map_position],
         confidence=json_safe(candidate.confidence),
-        position_m=json_safe(turned.position),
-        quaternion_xyzw=json_safe(turned.quaternion_xyzw),
-        matrix=json_safe(turned.matrix),
+        position_m=position_m,
+        quaternion_xyzw=quaternion_xyzw,
+        matrix=matrix,
         yaw_deg=json_safe(yaw),
         pitch_deg=json_safe(pitch),
         roll_deg=json_safe(roll),
     )
+
+
+def _map_from_session(localization: Localization, query: Query, frame: Frame) -> RigidMotion | None:
+    """Return it with both sides in the axes of `frame`. The frame of one camera without a pose is its session, in every axes."""
+    if localization.best is None:
+        return None
+    if isinstance(query, Session) and localization.map_from_session is not None:
+        return RigidMotion(*_plain(localization.map_from_session.between_worlds(frame)))
+    return RigidMotion(*_plain(localization.best.pose.in_frame(frame)))
+
+
+def _found_images(
+    localization: Localization, query: Query, maps: Sequence[MapRef], frame: Frame
+) -> tuple[FoundImage, ...]:
+    """Return what the query's images are and, at the best pose, where."""
+    photos, best = photos_of(query), localization.best
+    if best is None:
+        return tuple(_found_image(photo, None, None) for photo in photos)
+    found = [(image.pose, image.agreement) for image in localization.images] or [(best.pose, None)]
+    if len(found) == 1 and found[0][1] is None and localization.evidence is not None:
+        # One image agrees as the whole query does.
+        found = [(found[0][0], localization.evidence.measures.get("correlation"))]
+    return tuple(
+        _found_image(photo, _found_pose(replace(best, pose=pose), maps, frame), agreement)
+        for photo, (pose, agreement) in zip(photos, found, strict=True)
+    )
+
+
+def _found_image(photo: Photo, pose: FoundPose | None, agreement: float | None) -> FoundImage:
+    return FoundImage(pose, json_safe(agreement), photo.camera.model, round(photo.camera.hfov_deg, 3))
+
+
+def _plain(pose: Pose) -> tuple[list[float], list[float], list[list[float]]]:
+    """Return position, quaternion and matrix."""
+    return json_safe(pose.position), json_safe(pose.quaternion_xyzw), json_safe(pose.matrix)
 
 
 def _figures(localization: Localization) -> dict[str, Any]:

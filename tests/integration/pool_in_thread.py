@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryOptions, RegisterJob, RegisterOptions
+from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
@@ -79,12 +79,11 @@ class PoolInThread:
 
 
 def query(name: str, maps: tuple[str, ...] = ("map_a",), timeout_s: float = 30, **script: Any) -> LocalizeJob:
-    """Return a job whose panorama tells the scripted worker what to do."""
+    """Return a job whose image tells the scripted worker what to do."""
     return LocalizeJob(
         localization_id=f"loc_{name}",
         request_id=name,
-        panorama=json.dumps(script).encode(),
-        mask=None,
+        images=(QueryImage(json.dumps(script).encode()),),
         maps=tuple(MapRef(map_id, 1) for map_id in maps),
         options=QueryOptions(timeout_s),
         deadline_unix_s=time.time() + timeout_s,

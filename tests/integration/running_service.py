@@ -88,9 +88,10 @@ class RunningService:
         """Return the map."""
         return dict(self.http.get(f"/maps/{map_id}").json())
 
-    def localize(self, panorama: bytes, map_id: str, options: str = "{}") -> httpx.Response:
-        """Send one query and return the answer, whatever it is."""
-        files = {"image": ("panorama.jpg", panorama, "image/jpeg")}
+    def localize(self, image: bytes | list[bytes], map_id: str, options: str = "{}") -> httpx.Response:
+        """Send one query, of one image or several, and return the answer, whatever it is."""
+        images = image if isinstance(image, list) else [image]
+        files = [("image", (f"{number}.jpg", data, "image/jpeg")) for number, data in enumerate(images)]
         return self.http.post("/localize", files=files, data={"map_id": map_id, "options": options})
 
     def family(self) -> list[int]:

@@ -1,4 +1,4 @@
-"""A worker that does what the panorama's bytes say, so that the pool is tested without the algorithm's seconds."""
+"""A worker that does what the image's bytes say, so that the pool is tested without the algorithm's seconds."""
 
 import json
 import os
@@ -19,7 +19,7 @@ class ScriptedWorker:
         self._name = f"scripted-{os.getpid()}"
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        script = json.loads(job.panorama)
+        script = json.loads(job.images[0].data)
         self._note("started", job.request_id)
         missing = tuple(ref for ref in job.maps if script.get("needs_index") and not self._index(ref).exists())
         if missing:

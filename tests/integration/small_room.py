@@ -10,7 +10,7 @@ from PIL import Image
 
 from core.geometry.pose import Pose, PoseError, pose_error
 from core.scan.ply.writer import encode_ply
-from lab.rooms import SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
+from lab.rooms import Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
 
 # A dozen starts suffice for a room of 12 m².
 OPTIONS = '{"starts": {"method": "grid", "spacing_m": 1.0}}'
@@ -31,9 +31,15 @@ class SmallRoom:
 
 
 @cache
+def room_scene() -> Scene:
+    """Build the scene once."""
+    return build_scene(SceneSpec(kind="room", seed=5, area_m2=12))
+
+
+@cache
 def small_room() -> SmallRoom:
     """Build the room once."""
-    scene = build_scene(SceneSpec(kind="room", seed=5, area_m2=12))
+    scene = room_scene()
     pose = sample_pose(scene, np.random.default_rng(1))
     buffer = io.BytesIO()
     Image.fromarray(take_panorama(scene, pose, 512).color).save(buffer, "JPEG", quality=92)

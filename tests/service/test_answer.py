@@ -10,11 +10,14 @@ import pytest
 
 from core.geometry.pose import Pose
 from core.options import Frame, Status
+from core.panorama.panorama import Panorama
 from core.results import Candidate, Evidence, Localization, SearchSummary
 from service.answer import answer_document
 from service.jobs import MapRef
 from service.worker.outcomes import json_safe, localize_outcome
+from service.worker.query_images import Query
 
+PANORAMA = Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool))
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
 
 
@@ -51,8 +54,8 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
     )
 
 
-def body_of(found: Localization, frame: Frame = "ros") -> dict[str, Any]:
-    outcome = localize_outcome(found, MAPS, frame, {"decode": 0.03}, {})
+def body_of(found: Localization, frame: Frame = "ros", query: Query = PANORAMA) -> dict[str, Any]:
+    outcome = localize_outcome(found, MAPS, frame, {"decode": 0.03}, {}, query)
     return answer_document("loc_1", outcome, frame, total_s=0.5, warnings=["map_c is not ready"])
 
 

@@ -9,7 +9,7 @@ from service.answer import picture_path
 from service.http.access import require
 from service.http.openapi import picture_response
 from service.http.schemas import Localization, PendingLocalization
-from service.http.schemas.localization import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
+from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
 from service.problems import error_responses
 from service.services import services_of
 

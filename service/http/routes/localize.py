@@ -1,4 +1,4 @@
-"""Ask where a panorama was taken."""
+"""Ask where a panorama, a photo or the images of a session were taken."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -8,15 +8,22 @@ from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
-from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, Upload, check_image
+from core.options import MAX_IMAGES
+from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
 from service.answer import Document
 from service.errors import InvalidOptionsError
 from service.http.access import require
-from service.http.openapi import accepted_headers, binary_part, json_part, multipart
+from service.http.openapi import accepted_headers, files_part, json_part, multipart
+from service.http.query_images import query_images
 from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
-from service.http.schemas.localization import LOCALIZATION_EXAMPLE, OPTIONS_EXAMPLE, PENDING_EXAMPLE
+from service.http.schemas.localization_examples import (
+    LOCALIZATION_EXAMPLE,
+    OPTIONS_EXAMPLE,
+    PENDING_EXAMPLE,
+    SESSION_EXAMPLE,
+)
 from service.http.spool import PartRule
-from service.http.uploads import Form, read_form
+from service.http.uploads import MAX_PARTS, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import QueryOptions
 from service.localizations import LocalizeRequest
@@ -28,9 +35,18 @@ from service.settings import Settings
 router = APIRouter(tags=["localization"])
 
 _RETRY_AFTER_S = 1
+# So many images of a query may be as large as one may be: 32 frames of a phone together are smaller than that.
+_MAX_FULL_IMAGES = 4
 _PARTS = {
-    "image": binary_part(f"The panorama: 2:1 equirectangular, or cropped with GPano fields; {KNOWN_FORMATS}."),
-    "mask": binary_part("An image of the same shape; pixels that are not zero are ignored."),
+    "image": files_part(
+        f"A 2:1 equirectangular panorama, or a part of one with GPano fields, or a photo; {KNOWN_FORMATS}. Repeat the part for the images "
+        "of a session, each with its entry in `options.cameras`.",
+        MAX_IMAGES,
+    ),
+    "mask": files_part(
+        "An image of the same shape; pixels that are not zero are ignored. One for all images, or one per image in their order.",
+        MAX_IMAGES,
+    ),
     "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
     "tag": {"type": "string", "description": "Instead of `map_id`: all maps that bear this tag."},
     "options": json_part(LocalizeOptions),
@@ -48,7 +64,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 
 @router.post(
     "/localize",
-    summary="Find where a panorama was taken",
+    summary="Find where a panorama, a photo or a session was taken",
     dependencies=[Depends(require("read"))],
     response_model=None,
     responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 429, 503, 504)},
@@ -57,8 +73,15 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
         ["image"],
         {
             "in one map": {
-                "value": {"image": "(the bytes)", "map_id": ["map_2xk7q0v9m3d1c8fa"], "options": OPTIONS_EXAMPLE}
-            }
+                "value": {"image": ["(the bytes)"], "map_id": ["map_2xk7q0v9m3d1c8fa"], "options": OPTIONS_EXAMPLE}
+            },
+            "two frames of a session": {
+                "value": {
+                    "image": ["(the bytes)", "(the bytes)"],
+                    "map_id": ["map_2xk7q0v9m3d1c8fa"],
+                    "options": SESSION_EXAMPLE,
+                }
+            },
         },
         oneOf=[{"required": ["map_id"]}, {"required": ["tag"]}],
     ),
@@ -67,7 +90,7 @@ async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
 ) -> Response:
-    """Return the pose of a panorama, or say that it fits nowhere (`not_localized`), which is an answer too."""
+    """Return the pose of a panorama, a photo or a session, or say that it fits nowhere (`not_localized`), which is an answer too."""
     services = services_of(request)
     query = await _query(request, services.settings)
     if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
@@ -78,30 +101,23 @@ async def localize(
 
 
 async def _query(request: Request, settings: Settings) -> LocalizeRequest:
-    image_rule = PartRule(settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES")
+    max_bytes, setting = settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
     rules = {
-        "image": image_rule,
-        "mask": image_rule,
-        "map_id": PartRule(repeatable=True),
+        "image": PartRule(max_bytes, setting, max_parts=MAX_IMAGES, max_full_parts=_MAX_FULL_IMAGES),
+        "mask": PartRule(max_bytes, setting, max_parts=MAX_IMAGES),
+        "map_id": PartRule(max_parts=MAX_PARTS),
         "tag": PartRule(),
         "options": PartRule(),
     }
     with await read_form(request.stream(), request.headers, rules) as form:
         options = parse_json(LocalizeOptions, form.single("options"), "options")
         maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
-        panorama = _image(form, IMAGE, settings)
-        if panorama is None:
-            raise _image_missing()
-        mask = _image(form, MASK, settings)
-    return LocalizeRequest(panorama, mask, maps, _checked(options, settings), request.state.request_id)
-
-
-def _image(form: Form, upload: Upload, settings: Settings) -> bytes | None:
-    data = form.single(upload.name)
-    if data is not None:
-        with limited_by("PANOLOC_MAX_PIXELS"):
-            check_image(data, upload, settings.max_pixels)
-    return data
+        images, masks = form.all(IMAGE.name), form.all(MASK.name)
+    query = query_images(images, masks, options)
+    with limited_by("PANOLOC_MAX_PIXELS"):
+        check_images(images, IMAGE, settings.max_pixels)
+        check_images(masks, MASK, settings.max_pixels)
+    return LocalizeRequest(query, maps, _checked(options, settings), request.state.request_id)
 
 
 def _checked(given: LocalizeOptions, settings: Settings) -> QueryOptions:
@@ -113,11 +129,6 @@ def _checked(given: LocalizeOptions, settings: Settings) -> QueryOptions:
         )
         raise InvalidOptionsError(f"timeout_s: {message}", [{"field": "timeout_s", "message": message}])
     return options
-
-
-def _image_missing() -> InvalidOptionsError:
-    message = "expected the panorama in a part of this name, got none; send -F image=@photo.jpg"
-    return InvalidOptionsError(f"image: {message}", [{"field": "image", "message": message}])
 
 
 async def _while_connected(request: Request, work: Coroutine[Any, Any, Document]) -> Document:

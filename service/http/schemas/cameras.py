@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from core.camera.camera import CameraDescription, CameraModel
 from core.errors import OptionsError
 from service.http.schemas.geometry import Model
+from service.http.schemas.session import SessionFromCamera
 
 _Pixels = Annotated[int, Field(ge=1, le=65_535)]
 
@@ -37,6 +38,9 @@ class Camera(Model):
     hfov_deg: float | None = Field(
         None, description="Degrees from the left edge to the right one, in place of `fx_px` ... `cy_px`."
     )
+    session_from_camera: SessionFromCamera | None = Field(
+        None, description="Where the image was taken; needed for each of several images."
+    )
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> Self:
@@ -48,4 +52,5 @@ class Camera(Model):
 
     def to_options(self) -> CameraDescription:
         """Return the camera as the algorithm takes it. Raises OptionsError for numbers that describe none."""
-        return CameraDescription(**{**self.model_dump(), "distortion": tuple(self.distortion)})
+        given = self.model_dump(exclude={"session_from_camera"})
+        return CameraDescription(**{**given, "distortion": tuple(self.distortion)})

@@ -6,18 +6,22 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from core import options
+from core.camera.camera import CameraModel
 from core.options import (
     DEFAULT_HEADING_TOLERANCE_DEG,
     DEFAULT_RADIUS_M,
     DEFAULT_TILT_DEG,
+    MAX_IMAGES,
     MAX_TOP_K,
     Frame,
     Method,
+    SessionOptions,
     Status,
 )
 from service.http.schemas.cameras import Camera
 from service.http.schemas.geometry import Answer, Box, Model, Vector
 from service.http.schemas.problem import ProblemDocument
+from service.http.schemas.session import TrackedSession
 from service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
@@ -66,11 +70,13 @@ class LocalizeOptions(Model):
     frame: Frame = Field(QueryOptions.frame, description="Axes of the answer; see docs/api.md.")
     method: Method = Field(QueryOptions.method, description="`paper`: the recipe of the paper, slower.")
     hints: Hints | None = None
-    cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
+    cameras: Annotated[list[Camera], Field(min_length=1, max_length=MAX_IMAGES)] | None = Field(
         None,
-        description="What took the image. Left out: 2:1 is a full sphere; GPano fields or the EXIF focal length in 35 mm terms say what "
-        "another image is.",
+        description="What took the images: one entry for all, or one per image in their order. Left out: 2:1 is a full sphere; GPano "
+        "fields or the EXIF focal length in 35 mm terms say what another image is. Several images need one entry each, with its "
+        "`session_from_camera`.",
     )
+    session: TrackedSession | None = Field(None, description="What is known of `session_from_camera`.")
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
         QueryOptions.top_k,
@@ -88,7 +94,7 @@ class LocalizeOptions(Model):
             timeout_s=timeout_s if self.timeout_s is None else self.timeout_s,
             method=self.method,
             frame=self.frame,
-            camera=None if self.cameras is None else self.cameras[0].to_options(),
+            session=SessionOptions() if self.session is None else self.session.to_options(),
             hints=None if self.hints is None else self.hints.to_options(),
             artifacts=tuple(dict.fromkeys(self.artifacts)),
             top_k=self.top_k,
@@ -112,8 +118,8 @@ class Quaternion(Answer):
     w: float
 
 
-class MapFromCamera(Answer):
-    """x_map = rotation · x_camera + position."""
+class RigidMotion(Answer):
+    """x_to = rotation · x_from + position: `map_from_camera` or `map_from_session`."""
 
     position_m: Position
     quaternion: Quaternion
@@ -124,7 +130,7 @@ class PoseAnswer(Answer):
     """Where the camera is and how it is turned."""
 
     frame: Frame
-    map_from_camera: MapFromCamera
+    map_from_camera: RigidMotion
     yaw_deg: float
     pitch_deg: float
     roll_deg: float
@@ -153,6 +159,24 @@ class Change(Answer):
     map_changed_fraction: float | None
 
 
+class ImageCamera(Answer):
+    """What an image was taken for."""
+
+    model: CameraModel
+    hfov_deg: float = Field(description="How wide it is; 360: a full panorama, or a full turn.")
+
+
+class ImageAnswer(Answer):
+    """One image of the query."""
+
+    pose: PoseAnswer | None = Field(description="Where it was taken; null where the query is `not_localized`.")
+    agreement: float | None = Field(
+        description="Correlation of what it shows with the scan seen from there, -1 to 1; of the best guess where the query is "
+        "`not_localized`; null where it is unknown."
+    )
+    camera: ImageCamera
+
+
 class Localization(Answer):
     """The answer to a query. A panorama that fits no pose is `not_localized` with `pose: null`, not an error."""
 
@@ -160,7 +184,12 @@ class Localization(Answer):
     status: Status
     map_id: str | None
     map_revision: int | None
-    pose: PoseAnswer | None
+    pose: PoseAnswer | None = Field(description="Of the first image.")
+    map_from_session: RigidMotion | None = Field(
+        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. Of one image without a pose the session "
+        "is its own camera. Null where the query is `not_localized`."
+    )
+    images: list[ImageAnswer] = Field(description="One per image, in their order.")
     geopose: dict[str, Any] | None
     confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
     accuracy: Accuracy | None
@@ -179,44 +208,3 @@ class PendingLocalization(Answer):
     status: Literal["queued", "running", "failed"]
     created_at: datetime
     error: ProblemDocument | None = Field(description="Why it failed; null otherwise.")
-
-
-OPTIONS_EXAMPLE = {
-    "frame": "ros",
-    "hints": {"position_m": [2.0, 1.0, 1.5], "radius_m": 5, "upright": True, "heading_deg": 90},
-    "artifacts": ["score_map_2d", "score_map_3d", "overlay"],
-    "timeout_s": 30,
-}
-_POSE_EXAMPLE = {
-    "frame": "ros",
-    "map_from_camera": {
-        "position_m": {"x": 1.2, "y": 0.3, "z": 1.5},
-        "quaternion": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
-        "matrix": [[1.0, 0.0, 0.0, 1.2], [0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 1.5], [0.0, 0.0, 0.0, 1.0]],
-    },
-    "yaw_deg": 0.0,
-    "pitch_deg": 0.0,
-    "roll_deg": 0.0,
-}
-LOCALIZATION_EXAMPLE = {
-    "id": "loc_5m2k8w0x7r4t9c1e",
-    "status": "localized",
-    "map_id": "map_2xk7q0v9m3d1c8fa",
-    "map_revision": 1,
-    "pose": _POSE_EXAMPLE,
-    "geopose": None,
-    "confidence": 0.93,
-    "accuracy": {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68},
-    "alternatives": [],
-    "change": {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.11},
-    "artifacts": {"overlay": "/localizations/loc_5m2k8w0x7r4t9c1e/overlay.png"},
-    "timings_s": {"queue": 0.002, "decode": 0.03, "search": 0.06, "refine": 0.4, "total": 0.51},
-    "search": {"num_starts": 412, "num_rotations": 2304, "color_model": "equalized", "sampling_loss": 0.11},
-    "warnings": [],
-}
-PENDING_EXAMPLE = {
-    "id": "loc_5m2k8w0x7r4t9c1e",
-    "status": "running",
-    "created_at": "2026-11-21T12:00:00.000000Z",
-    "error": None,
-}

@@ -21,7 +21,7 @@ from core.errors import (
 )
 from service.errors import QueueFullError, StoredFileMissingError, WorkerError
 from service.http.schemas import Localization, PendingLocalization
-from service.jobs import ARTIFACTS
+from service.jobs import ARTIFACTS, QueryImage
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService, png_of
 
@@ -112,7 +112,8 @@ async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningSe
     reply = await running.localize(await running.ready_map(), options=json.dumps({"cameras": [camera]}))
     assert reply.status_code == 200, reply.text
     wanted = CameraDescription("opencv", 1920, 1440, fx_px=1450.0, distortion=(0.1, -0.2, 0.0, 0.0))
-    assert running.pool.jobs[0].options.camera == wanted
+    (image,) = running.pool.jobs[0].images
+    assert image.camera == wanted
 
 
 @pytest.mark.slow
@@ -120,7 +121,7 @@ async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningSe
     ("cameras", "said"),
     [
         ([], "at least 1 item"),
-        ([{"model": "pinhole", "hfov_deg": 60}] * 2, "at most 1 item"),
+        ([{"model": "pinhole", "hfov_deg": 60}] * 2, "expected one entry, got 2"),
         ([{"model": "brown", "hfov_deg": 60}], "'pinhole'"),
         ([{"model": "pinhole"}], "fx_px: expected the intrinsics"),
         ([{"model": "pinhole", "hfov_deg": 0}], "hfov_deg: expected 1 to 170 degrees"),
@@ -144,7 +145,7 @@ async def test_a_camera_that_is_none_is_refused_with_its_field(
 async def test_panorama_and_mask_reach_the_worker_as_they_came(running: RunningService) -> None:
     panorama, mask = png_of(16, 8), png_of(16, 8)
     await running.localize(await running.ready_map(), panorama, files={"mask": ("mask.png", mask)})
-    assert (running.pool.jobs[0].panorama, running.pool.jobs[0].mask) == (panorama, mask)
+    assert running.pool.jobs[0].images == (QueryImage(panorama, mask),)
 
 
 async def test_images_are_kept_only_when_the_operator_says_so(running: RunningService) -> None:

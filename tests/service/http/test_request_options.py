@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from service.api_keys import ApiKeys, Scope
 from service.errors import InvalidOptionsError, MalformedRequestError
 from service.http.schemas import LocalizeOptions, MapOptions
-from service.http.schemas.localization import OPTIONS_EXAMPLE
+from service.http.schemas.localization_examples import OPTIONS_EXAMPLE
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.validation import parse_json
 from service.settings import Settings

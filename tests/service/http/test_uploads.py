@@ -17,7 +17,7 @@ from service.errors import MalformedRequestError, StorageFullError, UploadTooLar
 from service.http.spool import PartRule, Spool
 from service.http.uploads import Form, read_form
 
-RULES = {"file": PartRule(10_000, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True), "tag": PartRule(repeatable=True)}
+RULES = {"file": PartRule(10_000, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True), "tag": PartRule(max_parts=999)}
 SCAN = b"1 2 3 4 5 6\r\n--x\r\n" * 40
 
 

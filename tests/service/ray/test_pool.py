@@ -37,7 +37,7 @@ def missing(*maps: MapRef) -> WorkerReply[Any]:
 
 
 def job(timeout_s: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
-    return LocalizeJob("loc_1", "req_1", b"", None, maps, cast(Any, None), time.time() + timeout_s)
+    return LocalizeJob("loc_1", "req_1", (), maps, cast(Any, None), time.time() + timeout_s)
 
 
 def registration() -> RegisterJob:

@@ -60,9 +60,7 @@ class SilentServing:
 
 
 def job(timeout_s: float = 60) -> LocalizeJob:
-    return LocalizeJob(
-        "loc_1", "req_1", b"", None, (MapRef("map_1", 1),), QueryOptions(timeout_s), time.time() + timeout_s
-    )
+    return LocalizeJob("loc_1", "req_1", (), (MapRef("map_1", 1),), QueryOptions(timeout_s), time.time() + timeout_s)
 
 
 async def until(holds: Any) -> None:

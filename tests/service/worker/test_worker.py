@@ -23,7 +23,7 @@ from core.scan.point_cloud import PointCloud
 from service.cache import WorkerCache
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
-from service.jobs import LocalizeJob, MapRef, QueryOptions, RegisterJob, RegisterOptions
+from service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
 from service.maps.record import MapRecord, Revision, key_of, write_record
 from service.settings import Settings
 from service.storage import FolderStorage
@@ -103,7 +103,7 @@ def store_box(storage: FolderStorage) -> RegisterJob:
 def query(panorama: bytes | None = None, seconds: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
     options = QueryOptions(seconds, artifacts=("overlay",), top_k=3)
     return LocalizeJob(
-        "loc_1", "req_2", panorama or grey_png(), None, maps, options, deadline_unix_s=time.time() + seconds
+        "loc_1", "req_2", (QueryImage(panorama or grey_png()),), maps, options, deadline_unix_s=time.time() + seconds
     )
 
 

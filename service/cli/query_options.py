@@ -1,0 +1,67 @@
+"""What the options of `panoloc localize` say, as the HTTP API takes it."""
+
+import json
+from pathlib import Path
+
+import typer
+
+from core.camera.camera import CameraDescription
+from core.errors import OptionsError
+from service.client import JsonObject
+
+
+def camera_object(hfov_deg: float | None, file: Path | None) -> JsonObject | None:
+    """Return the camera as the HTTP API takes it, None where nothing is said of it. Raises typer.BadParameter for what is none."""
+    if file is None:
+        return None if hfov_deg is None else _photo_of(hfov_deg)
+    if hfov_deg is not None:
+        raise typer.BadParameter(
+            "expected --hfov or --camera, got both; the file can hold hfov_deg", param_hint="--hfov"
+        )
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise typer.BadParameter(f"expected a JSON file, but {file}: {error}", param_hint="--camera") from error
+    if not isinstance(found, dict):
+        raise typer.BadParameter(
+            f'expected an object such as {{"model": "pinhole", "hfov_deg": 69}} in {file}, got {type(found).__name__}',
+            param_hint="--camera",
+        )
+    return found
+
+
+def _photo_of(hfov_deg: float) -> JsonObject:
+    try:
+        CameraDescription("pinhole", hfov_deg=hfov_deg)
+    except OptionsError as error:
+        raise typer.BadParameter(str(error).removeprefix("hfov_deg: "), param_hint="--hfov") from error
+    return {"model": "pinhole", "hfov_deg": hfov_deg}
+
+
+def hints_object(
+    position: tuple[float, float, float] | None,
+    radius: float | None,
+    region: tuple[float, float, float, float, float, float] | None,
+    upright: bool,
+    max_tilt: float | None,
+    heading: float | None,
+    heading_tolerance: float | None,
+) -> JsonObject:
+    """Return the hints that were given as the HTTP API takes them; metres and degrees.
+
+    Raises typer.BadParameter for a hint that means nothing without another.
+    """
+    if radius is not None and position is None:
+        raise typer.BadParameter("--radius needs --position X Y Z", param_hint="--radius")
+    if heading_tolerance is not None and heading is None:
+        raise typer.BadParameter("--heading-tolerance needs --heading", param_hint="--heading-tolerance")
+    given: JsonObject = {
+        "position_m": list(position) if position else None,
+        "radius_m": radius,
+        "region": {"min": list(region[:3]), "max": list(region[3:])} if region else None,
+        "upright": upright or None,
+        "max_tilt_deg": max_tilt,
+        "heading_deg": heading,
+        "heading_tolerance_deg": heading_tolerance,
+    }
+    return {name: value for name, value in given.items() if value is not None}

@@ -1,0 +1,70 @@
+"""From the uploaded images of a query to what is localized: a panorama, a photo, or a session of several."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from core.errors import OptionsError, PanoramaTooLargeError
+from core.geometry.pose import Pose
+from core.options import Frame, SessionOptions, TrackedPose
+from core.panorama.image_header import numbered
+from core.panorama.panorama import Panorama
+from core.panorama.reader import read_image
+from core.panorama.session import Photo, Session, SessionImage
+from core.panorama.session_sphere import session_on_sphere
+from core.results import Localization
+from service.jobs import QueryImage
+
+Query = Panorama | Photo | Session
+
+
+def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Query:
+    """Decode the images of a query.
+
+    frame: axes of their poses. max_pixels: of all together. One image without a pose stays what it is. Raises errors of `core`.
+    """
+    read: list[Panorama | Photo] = []
+    for number, image in enumerate(images, 1):
+        with numbered(number, len(images)):
+            read.append(read_image(image.data, image.mask, camera=image.camera, max_pixels=max_pixels))
+            _check_pixels(read, max_pixels)
+    if len(read) == 1 and images[0].session_from_camera is None:
+        return read[0]
+    poses = (_pose(image.session_from_camera, frame) for image in images)
+    return Session(tuple(SessionImage(_photo(one), pose) for one, pose in zip(read, poses, strict=True)), session)
+
+
+def photos_of(query: Query) -> list[Photo]:
+    """Return the images of a query, a full panorama as a photo of the whole sphere."""
+    return [image.photo for image in query.images] if isinstance(query, Session) else [_photo(query)]
+
+
+def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Localization]:
+    """Return all images on one sphere, and what was found with the pose of that sphere as its best, to draw pictures of."""
+    if isinstance(query, Panorama):
+        return query, found
+    sphere, session_from_sphere = session_on_sphere(query if isinstance(query, Session) else Session.of_photo(query))
+    if found.best is None or found.map_from_session is None:
+        return sphere, found
+    return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(session_from_sphere)))
+
+
+def _photo(image: Panorama | Photo) -> Photo:
+    return Photo.of_panorama(image) if isinstance(image, Panorama) else image
+
+
+def _pose(tracked: TrackedPose | None, frame: Frame) -> Pose:
+    if tracked is None:
+        raise OptionsError(
+            "cameras: expected session_from_camera for each of several images, got one without; send all"
+        )
+    return Pose.from_frame(tracked.position_m, tracked.quaternion_xyzw, frame)
+
+
+def _check_pixels(read: Sequence[Panorama | Photo], max_pixels: int) -> None:
+    """Refuse what passes the limit only once crops are placed in their spheres; the headers were checked on the way in."""
+    found = sum(image.valid.size for image in read)
+    if found > max_pixels:
+        raise PanoramaTooLargeError(
+            f"image: expected at most {max_pixels:,} pixels over all images, got {found:,} with each GPano crop in its sphere; "
+            "scale the images down"
+        )
