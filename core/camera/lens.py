@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from core.camera.camera import Camera
 
 Array = NDArray[np.float64]
-_MAX_PINHOLE_RAD = math.radians(85)  # from the axis: beyond it a pixel of a plane shows next to nothing
+MAX_PINHOLE_RAD = math.radians(85)  # from the axis: beyond it a pixel of a plane shows next to nothing
 _FOLD_STEPS = 2048
 
 
@@ -42,23 +42,32 @@ def _through_lens(camera: Camera, right: Array, below: Array, ahead: Array) -> t
     off_axis = np.hypot(right, below)
     angle = np.arctan2(off_axis, ahead)
     if camera.model == "opencv_fisheye":
-        limit = _first_fold(np.linspace(0, math.pi, _FOLD_STEPS), lambda t: _fisheye(camera, t))
-        scale = _fisheye(camera, angle) / np.maximum(off_axis, 1e-12)
-        return right * scale, below * scale, angle < limit
-    shown = angle < _MAX_PINHOLE_RAD
+        scale = fisheye_radius(camera, angle) / np.maximum(off_axis, 1e-12)
+        return right * scale, below * scale, angle < fold_of(camera)
+    shown = angle < MAX_PINHOLE_RAD
     depth = np.where(shown, ahead, 1.0)
     x, y = right / depth, below / depth
     if not camera.distortion:
         return x, y, shown
-    radii = np.linspace(0, math.tan(_MAX_PINHOLE_RAD), _FOLD_STEPS)
-    limit = _first_fold(radii, lambda r: r * _radial(camera, r * r))
-    p1, p2 = camera.distortion[2:4]
+    return *distort(camera, x, y), shown & (np.hypot(x, y) < fold_of(camera))
+
+
+def fold_of(camera: Camera) -> float:
+    """Return from which angle (rad, of a fisheye) or radius (focal lengths) on a distortion turns back on itself; infinite if nowhere."""
+    if camera.model == "opencv_fisheye":
+        return _first_fold(np.linspace(0, math.pi, _FOLD_STEPS), lambda t: fisheye_radius(camera, t))
+    radii = np.linspace(0, math.tan(MAX_PINHOLE_RAD), _FOLD_STEPS)
+    return _first_fold(radii, lambda r: r * _radial(camera, r * r)) if camera.distortion else math.inf
+
+
+def distort(camera: Camera, x: Array, y: Array, *, tangential: bool = True) -> tuple[Array, Array]:
+    """Return distorted coordinates of a camera that has a distortion, all in focal lengths."""
+    p1, p2 = camera.distortion[2:4] if tangential else (0.0, 0.0)
     square = x * x + y * y
     radial = _radial(camera, square)
     return (
         x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
         y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
-        shown & (square < limit * limit),
     )
 
 
@@ -71,7 +80,7 @@ def _radial(camera: Camera, square: Array) -> Array:
     )
 
 
-def _fisheye(camera: Camera, angle: Array) -> Array:
+def fisheye_radius(camera: Camera, angle: Array) -> Array:
     """Return the distance from the image centre, in focal lengths, of angles (rad) from the axis: θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)."""
     k1, k2, k3, k4 = camera.distortion or (0.0, 0.0, 0.0, 0.0)
     square = angle * angle
