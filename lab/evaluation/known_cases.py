@@ -1,7 +1,8 @@
-"""Panoramas whose poses are known, grouped by the scan that they belong to: what every source of cases yields."""
+"""Panoramas and photos whose poses are known, grouped by the scan that they belong to: what every source of cases yields."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 
 from core.errors import CoreError
 from core.geometry.pose import Pose, PoseError, pose_error
-from core.options import IndexOptions
+from core.options import Hints, IndexOptions
 from core.panorama.panorama import Panorama
+from core.panorama.session import Session
+from core.panorama.session_sphere import session_on_sphere
 from core.scan.point_cloud import PointCloud
 
 
@@ -20,18 +23,24 @@ class SourceError(CoreError):
 
 @dataclass(frozen=True, eq=False)
 class KnownQuery:
-    """One panorama with its truth.
+    """One query with its truth: a full panorama, or the photos of a session.
 
-    poses: map_from_camera in the scan's own frame; more than one where a place exists twice and each is as right as the others.
-    changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the cloud, no longer there; None
-    where nobody knows. tags describe the query.
+    poses: map_from_camera, of a session that of its first image, in the scan's own frame; more than one where a place exists twice and
+    each is as right as the others. changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the
+    cloud, no longer there; None where nobody knows. tags describe the query. hints: of the call.
     """
 
-    panorama: Panorama
+    query: Panorama | Session
     poses: tuple[Pose, ...]
     changed_pixels: NDArray[np.bool_] | None = None
     changed_points: NDArray[np.bool_] | None = None
     tags: tuple[str, ...] = ()
+    hints: Hints | None = None
+
+    @cached_property
+    def panorama(self) -> Panorama:
+        """Return the query as one panorama: that of a session from `session_on_sphere`."""
+        return self.query if isinstance(self.query, Panorama) else session_on_sphere(self.query)[0]
 
     def error_of(self, found: Pose) -> PoseError:
         """Return the error against the nearest of the right poses."""

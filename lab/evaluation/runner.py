@@ -15,6 +15,7 @@ from lab.evaluation.change_metrics import change_metrics
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
 from lab.evaluation.methods import ComparedMethod
 from lab.evaluation.paper_change_maps import PaperChangeMaps, paper_change_maps
+from lab.evaluation.query_facts import query_facts
 from lab.evaluation.rows import Row, RowsFile
 
 
@@ -111,7 +112,8 @@ class Evaluation:
         searched = self._prepared(call.searched, {call.owner, call.searched})
         query = self._prepared(call.owner, {call.owner, call.searched}).query(call.query)
         localizer = self._localizer(call.method)
-        facts = {**scan.facts, "tags": list(query.tags), "registration_s": round(searched.registration_s, 3)}
+        facts = {**scan.facts, "tags": list(query.tags), **query_facts(query)}
+        facts["registration_s"] = round(searched.registration_s, 3)
         facts["num_points"], facts["num_starts"] = searched.index.num_points, searched.index.num_starts
         facts["spacing_m"] = searched.index.spacing
         facts["change_maps"] = self._options.change_maps and not cross
@@ -119,7 +121,11 @@ class Evaluation:
         answer, error = None, None
         try:
             answer = localizer.localize(
-                query.panorama, [searched.index], method=call.method.method, timeout_s=self._options.timeout_s
+                query.query,
+                [searched.index],
+                method=call.method.method,
+                hints=query.hints,
+                timeout_s=self._options.timeout_s,
             )
         except CoreError as raised:
             error = f"{type(raised).__name__}: {raised}"

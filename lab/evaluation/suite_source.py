@@ -7,7 +7,7 @@ from typing import get_args
 from core.errors import OptionsError
 from core.options import ColorKind, IndexOptions
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from lab.rooms import suite_cases, suite_names
+from lab.rooms import suite_cases
 
 _QUERY = "panorama"
 
@@ -21,15 +21,13 @@ def suite_scans(
     num_points: int | None = None,
     spacing_m: float | None = None,
 ) -> list[ScanCases]:
-    """Return one scan with one panorama per seed; nothing is made before it is loaded.
+    """Return one scan with one query per seed; nothing is made before it is loaded.
 
-    families: style families to draw from, none for all. width: of the panorama in pixels. num_points: of the scan, None for what
-    the suite says. spacing_m: of the starts, None for the default.
+    families: style families to draw from, none for all. width: of the panorama, or of a photo, in pixels. num_points: of the scan,
+    None for what the suite says. spacing_m: of the starts, None for the default.
     Raises OptionsError for an unknown suite or family.
     """
-    if suite not in suite_names():
-        raise OptionsError(f"suite: expected one of {', '.join(suite_names())}, got {suite!r}")
-    suite_cases(suite, [], families=families or None)  # an unknown family is refused before anything is made
+    suite_cases(suite, [], families=families or None)  # what is unknown is refused before anything is made
     facts = {"family": families[0]} if len(families) == 1 else {}
     among = "-".join(families)
 
@@ -59,11 +57,12 @@ def _load(
     cases = suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points)
     case = next(iter(cases))
     query = KnownQuery(
-        case.panorama,
+        case.query,
         (case.pose, *case.alternatives),
         case.changed_pixels,
         case.changed_points,
         ("procedural", case.color_kind),
+        case.hints,
     )
     kinds: dict[str, ColorKind] = {kind: kind for kind in get_args(ColorKind)}
     # The paper's outdoor case: grid starts in a known cuboid (§4.2).

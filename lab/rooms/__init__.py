@@ -1,10 +1,11 @@
 """Procedural scenes with exact poses, for the demo, the tests and the benchmarks.
 
-`build_scene` makes a scene from a specification; `scan_scene` and `take_panorama` measure it; `change_scene` rearranges
+`build_scene` makes a scene from a specification; `scan_scene`, `take_panorama` and `take_photo` measure it; `change_scene` rearranges
 it; `apply_look` changes light and camera; `suite_cases` yields the cases of the evaluation suites; `write_case` and
 `write_case_folder` put them on disk.
 """
 
+from lab.rooms.cameras import CAMERAS, QueryCamera
 from lab.rooms.capture.camera_look import (
     DIM,
     GAMMA_3,
@@ -18,6 +19,7 @@ from lab.rooms.capture.camera_look import (
 from lab.rooms.capture.change_truth import changed_pixels, changed_points
 from lab.rooms.capture.free_space import RotationKind, random_rotation, sample_pose
 from lab.rooms.capture.intruders import add_person, show_hand
+from lab.rooms.capture.photo_camera import PhotoView, take_photo
 from lab.rooms.capture.scanning import Scan, scan_scene, scan_with_truth
 from lab.rooms.capture.spherical_camera import View, take_panorama, take_view
 from lab.rooms.case_folder import PosedPanorama, write_case, write_case_folder
@@ -27,9 +29,10 @@ from lab.rooms.scenes.changes import change_scene
 from lab.rooms.scenes.generator import FAMILIES, SceneKind, SceneSpec, build_scene
 from lab.rooms.scenes.relighting import day, night, relit
 from lab.rooms.scenes.scene import Scene
-from lab.rooms.suites import suite_cases, suite_names
+from lab.rooms.suites import suite_cases, suite_names, suite_of
 
 __all__ = [
+    "CAMERAS",
     "DIM",
     "FAMILIES",
     "GAMMA_3",
@@ -39,7 +42,9 @@ __all__ = [
     "WHITE_BALANCE",
     "CameraLook",
     "Case",
+    "PhotoView",
     "PosedPanorama",
+    "QueryCamera",
     "RotationKind",
     "Scan",
     "Scene",
@@ -65,7 +70,9 @@ __all__ = [
     "show_hand",
     "suite_cases",
     "suite_names",
+    "suite_of",
     "take_panorama",
+    "take_photo",
     "take_view",
     "write_case",
     "write_case_folder",

@@ -1,21 +1,28 @@
 """One evaluation case from a recipe: a scan, a panorama, the pose, and what changed in between."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.geometry.pose import Pose
+from core.options import Hints
 from core.panorama.panorama import Panorama
+from core.panorama.session import Session
+from core.panorama.session_sphere import session_on_sphere
 from core.scan.point_cloud import PointCloud
-from lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look
+from lab.rooms.cameras import QueryCamera
+from lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
 from lab.rooms.capture.change_truth import changed_pixels, changed_points
 from lab.rooms.capture.free_space import RotationKind, sample_pose
 from lab.rooms.capture.intruders import add_person, show_hand
 from lab.rooms.capture.map_frame import survey_frame, turned_cloud, turned_pose
+from lab.rooms.capture.photo_camera import take_photo
 from lab.rooms.capture.scanning import scan_with_truth
 from lab.rooms.capture.spherical_camera import take_view
+from lab.rooms.capture.tracking import session_axes, tracked
 from lab.rooms.scenes.changes import change_scene
 from lab.rooms.scenes.generator import SceneKind, SceneSpec, build_scene
 from lab.rooms.scenes.scene import Scene
@@ -23,28 +30,38 @@ from lab.rooms.scenes.twin_scene import twin_poses
 
 Region = tuple[tuple[float, float, float], tuple[float, float, float]]
 _PERSON_SHARE = 0.3
+_BESIDE_A_PERSON_M = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
     """One query with its truth.
 
-    pose: map_from_camera of the panorama, in the frame of the cloud. color_kind: "rgb" or "labels".
-    changed_pixels: (H, W) bool, shows what was not scanned. changed_points: (N,) bool, no longer there.
-    region: corners (min, max) in metres that the camera is known to be in, None for no prior.
-    alternatives: other poses that show the same picture, in places that exist twice.
+    query: a full panorama, or the photos of a session. pose: map_from_camera of the panorama or the first photo, in the frame of the
+    cloud. color_kind: "rgb" or "labels". changed_pixels: (H, W) bool, shows what was not scanned; None of photos. changed_points: (N,)
+    bool, no longer there. region: corners (min, max) in metres that the camera is known to be in, None for no prior.
+    alternatives: other poses that show the same picture, in places that exist twice. hints: of the call. image_poses:
+    map_from_camera of every photo. map_from_session: without the noise of the tracking.
     """
 
     name: str
     cloud: PointCloud
-    panorama: Panorama
+    query: Panorama | Session
     pose: Pose
     color_kind: str
-    changed_pixels: NDArray[np.bool_]
+    changed_pixels: NDArray[np.bool_] | None
     changed_points: NDArray[np.bool_]
     seed: int
     region: Region | None = None
     alternatives: tuple[Pose, ...] = ()
+    hints: Hints | None = None
+    image_poses: tuple[Pose, ...] = ()
+    map_from_session: Pose | None = None
+
+    @cached_property
+    def panorama(self) -> Panorama:
+        """Return the query as one panorama: that of a session from `session_on_sphere`."""
+        return self.query if isinstance(self.query, Panorama) else session_on_sphere(self.query)[0]
 
 
 def as_built(scene: Scene) -> Scene:
@@ -75,9 +92,23 @@ class Suite:
     max_elevation_deg: float | None = None
     survey_frame: bool = False
 
+    def drawn_look(self, rng: np.random.Generator) -> CameraLook:
+        """Return the look of a query, drawn where the suite draws it."""
+        return self.look if isinstance(self.look, CameraLook) else self.look(rng)
 
-def make_case(name: str, suite: Suite, seed: int, families: Sequence[str] | None = None, width: int = 1024) -> Case:
-    """Make one case of a suite; the same arguments always give the same case."""
+
+def make_case(
+    name: str,
+    suite: Suite,
+    seed: int,
+    families: Sequence[str] | None = None,
+    width: int = 1024,
+    camera: QueryCamera | None = None,
+) -> Case:
+    """Make one case of a suite; the same arguments always give the same case.
+
+    camera: what takes photos in place of a full panorama. width: pixels of the panorama, or of a photo.
+    """
     rng = np.random.default_rng((seed, 17))
     family = None if not families else families[int(rng.integers(len(families)))]
     scanned = build_scene(SceneSpec(suite.kind, seed, family))
@@ -85,34 +116,90 @@ def make_case(name: str, suite: Suite, seed: int, families: Sequence[str] | None
     scan = scan_with_truth(in_scan_light, suite.num_stations, suite.num_points, seed=seed, color_kind=suite.color_kind)
     now = change_scene(scanned, suite.change, seed) if suite.change > 0 else scanned
     now = suite.light(now)
+    taken = (
+        _panorama(suite, now, scanned, seed, width, rng)
+        if camera is None
+        else _photos(suite, now, camera, seed, width, rng)
+    )
+    gone = changed_points(scan, scanned, taken.scene)
+    case = Case(
+        name=f"{name}-{seed}",
+        cloud=scan.cloud,
+        query=taken.query,
+        pose=taken.poses[0],
+        color_kind=suite.color_kind,
+        changed_pixels=taken.changed_pixels,
+        changed_points=gone,
+        seed=seed,
+        region=suite.region,
+        alternatives=twin_poses(scanned, taken.poses[0]),
+        hints=None if camera is None else camera.hints,
+        image_poses=() if camera is None else taken.poses,
+        map_from_session=taken.map_from_session,
+    )
+    return _in_survey_frame(case, *survey_frame(rng)) if suite.survey_frame else case
+
+
+@dataclass(frozen=True, eq=False)
+class _Taken:
+    """What was photographed: the scene with whoever came into view, the query, map_from_camera of its images, and what of it is new."""
+
+    scene: Scene
+    query: Panorama | Session
+    poses: tuple[Pose, ...]
+    changed_pixels: NDArray[np.bool_] | None = None
+    map_from_session: Pose | None = None
+
+
+def _panorama(suite: Suite, now: Scene, scanned: Scene, seed: int, width: int, rng: np.random.Generator) -> _Taken:
+    """Take a full panorama as the suite's camera shows it."""
     pose = sample_pose(now, rng, suite.rotation)
     if suite.change > 0 and rng.random() < _PERSON_SHARE:
         now = add_person(now, pose, seed)
-    panorama, new_pixels = _photograph(suite, now, scanned, pose, seed, width, rng)
-    gone = changed_points(scan, scanned, now)
-    cloud, others = scan.cloud, twin_poses(scanned, pose)
-    if suite.survey_frame:
-        yaw, offset = survey_frame(rng)
-        cloud, pose = turned_cloud(cloud, yaw, offset), turned_pose(pose, yaw, offset)
-        others = tuple(turned_pose(other, yaw, offset) for other in others)
-    return Case(f"{name}-{seed}", cloud, panorama, pose, suite.color_kind, new_pixels, gone, seed, suite.region, others)
-
-
-def _photograph(
-    suite: Suite, now: Scene, scanned: Scene, pose: Pose, seed: int, width: int, rng: np.random.Generator
-) -> tuple[Panorama, NDArray[np.bool_]]:
-    """Return the panorama as the suite's camera shows it, and which pixels show what was not scanned."""
     view = take_view(now, pose, width, suite.color_kind)
     new_pixels, panorama = changed_pixels(view, now, scanned), view.panorama
     if suite.color_kind == "rgb":
         if suite.change > 0:
             panorama, hand = show_hand(panorama, seed)
             new_pixels = new_pixels | hand
-        look = suite.look if isinstance(suite.look, CameraLook) else suite.look(rng)
-        panorama = apply_look(panorama, look, seed)
+        panorama = apply_look(panorama, suite.drawn_look(rng), seed)
     if suite.max_elevation_deg is not None:
         panorama = _cropped(panorama, suite.max_elevation_deg)
-    return panorama, new_pixels
+    return _Taken(now, panorama, (pose,), new_pixels)
+
+
+def _photos(suite: Suite, now: Scene, camera: QueryCamera, seed: int, width: int, rng: np.random.Generator) -> _Taken:
+    """Take the photos of a session as the suite's light and look show them."""
+    lens, poses = camera.shooting.camera(rng, width), camera.shooting.poses(now, rng)
+    if suite.change > 0 and rng.random() < _PERSON_SHARE:
+        with_person = add_person(now, poses[0], seed)
+        # Nobody stands where the next picture is taken from.
+        if with_person.surface.clearance(np.array([pose.position for pose in poses])).min() > _BESIDE_A_PERSON_M:
+            now = with_person
+    photos = [take_photo(now, lens, pose, suite.color_kind).photo for pose in poses]
+    if suite.color_kind == "rgb":
+        look = suite.drawn_look(rng)
+        photos = [photo_with_look(photo, look, (seed, number)) for number, photo in enumerate(photos)]
+    if camera.session is None:
+        return _Taken(now, Session.of_photo(photos[0]), tuple(poses), None, poses[0])
+    axes = session_axes(rng, poses[0], upright=camera.session.up_known)
+    return _Taken(now, tracked(photos, poses, axes, camera.session, rng), tuple(poses), None, axes)
+
+
+def _in_survey_frame(case: Case, yaw: float, offset: NDArray[np.float64]) -> Case:
+    """Return the case with its scan turned about z and in large coordinates."""
+
+    def moved(poses: Sequence[Pose]) -> tuple[Pose, ...]:
+        return tuple(turned_pose(pose, yaw, offset) for pose in poses)
+
+    return replace(
+        case,
+        cloud=turned_cloud(case.cloud, yaw, offset),
+        pose=turned_pose(case.pose, yaw, offset),
+        alternatives=moved(case.alternatives),
+        image_poses=moved(case.image_poses),
+        map_from_session=None if case.map_from_session is None else turned_pose(case.map_from_session, yaw, offset),
+    )
 
 
 def _cropped(panorama: Panorama, max_elevation_deg: float) -> Panorama:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from core.errors import OptionsError
+from lab.rooms.cameras import CAMERAS, QueryCamera
 from lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
 from lab.rooms.cases import Case, Region, Suite, make_case
 from lab.rooms.scenes.generator import FAMILIES
@@ -37,9 +38,26 @@ SUITES: dict[str, Suite] = {
 }
 
 
+# Photographed by every camera: what else a suite is about shows in few pictures, or only in a full sphere.
+_PLACES = ("rooms", "changed", "camera", "night", "flats", "flats_changed", "bare", "sparse", "twins")
+
+
 def suite_names() -> tuple[str, ...]:
-    """Return the names of all suites."""
-    return tuple(SUITES)
+    """Return the names of the suites that make sense: every place as panoramas, and `place/camera`. Others can be combined alike."""
+    return (*SUITES, *(f"{place}/{camera}" for place in _PLACES for camera in CAMERAS))
+
+
+def suite_of(name: str) -> tuple[Suite, QueryCamera | None]:
+    """Return the recipe of a suite and its camera, None for full panoramas.
+
+    name: a place, or `place/camera`. Raises OptionsError for any other.
+    """
+    place, slash, camera = name.partition("/")
+    if place not in SUITES:
+        raise OptionsError(f"suite: expected one of {', '.join(SUITES)}, alone or with /CAMERA, got {name!r}")
+    if slash and camera not in CAMERAS:
+        raise OptionsError(f"suite: expected a camera of {', '.join(CAMERAS)} after {place}/, got {name!r}")
+    return SUITES[place], CAMERAS[camera] if slash else None
 
 
 def suite_cases(
@@ -52,14 +70,14 @@ def suite_cases(
 ) -> Iterator[Case]:
     """Yield one case per seed, made when asked for.
 
-    families: style families to draw from, None for all; holding some out tests generalization. width: of the panorama.
+    name: a place, or `place/camera`. families: style families to draw from, None for all; holding some out tests generalization. width: of
+    the panorama, or of a photo.
     num_points: of the scan, None for what the suite says.
     Raises OptionsError for an unknown suite or family.
     """
-    if name not in SUITES:
-        raise OptionsError(f"suite: expected one of {', '.join(SUITES)}, got {name!r}")
+    suite, camera = suite_of(name)
     unknown = set(families or ()) - set(FAMILIES)
     if unknown:
         raise OptionsError(f"families: expected some of {', '.join(FAMILIES)}, got {', '.join(sorted(unknown))}")
-    suite = SUITES[name] if num_points is None else replace(SUITES[name], num_points=num_points)
-    return (make_case(name, suite, seed, families, width) for seed in seeds)
+    sized = suite if num_points is None else replace(suite, num_points=num_points)
+    return (make_case(name, sized, seed, families, width, camera) for seed in seeds)

@@ -5,12 +5,14 @@ All steps work on the encoded (sRGB) values, as the paper's supplement does.
 
 import io
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
 from core.panorama.panorama import Panorama
+from core.panorama.session import Photo
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class CameraLook:
 
     exposure: factor. white_balance: factor per channel. gamma: exponent on values in 0..1, above 1 darkens.
     contrast: strength of an S-curve around mid-grey, negative flattens. saturation: 0 grey, 1 unchanged.
-    blur_px: standard deviation of a Gaussian, wrapping around the seam. noise: standard deviation in 0..1.
+    blur_px: standard deviation of a Gaussian, around the seam of a panorama. noise: standard deviation in 0..1.
     jpeg_quality: 1 to 95, None for no compression.
     """
 
@@ -64,20 +66,36 @@ def random_look(rng: np.random.Generator) -> CameraLook:
 
 def apply_look(panorama: Panorama, look: CameraLook, seed: int = 0) -> Panorama:
     """Return the panorama as that camera in that light shows it; `seed` draws the noise. The mask stays."""
-    color = panorama.color.astype(np.float32) / 255 * (np.asarray(look.white_balance, np.float32) * look.exposure)
+    return Panorama(looked(panorama.color, look, seed, "wrap"), panorama.valid)
+
+
+def photo_with_look(photo: Photo, look: CameraLook, seed: tuple[int, ...]) -> Photo:
+    """Return the photo as that camera in that light shows it; `seed` draws the noise. The mask stays."""
+    return replace(photo, color=looked(photo.color, look, seed, "edge"))
+
+
+def looked(
+    pixels: NDArray[np.uint8], look: CameraLook, seed: int | tuple[int, ...], beyond: Literal["wrap", "edge"]
+) -> NDArray[np.uint8]:
+    """Return an image (H, W, 3) as that camera in that light shows it; beyond: how it goes on at its sides, for the blur."""
+    color = pixels.astype(np.float32) / 255 * (np.asarray(look.white_balance, np.float32) * look.exposure)
     color = np.clip(color, 0, 1) ** np.float32(look.gamma)
     color = _s_curve(color, look.contrast)
     grey = color.mean(-1, keepdims=True)
     color = grey + (color - grey) * np.float32(look.saturation)
     pixels = _bytes(color)
     if look.blur_px > 0:
-        pixels = _blurred(pixels, look.blur_px)
+        pixels = _blurred(pixels, look.blur_px, beyond)
     if look.noise > 0:
-        grain = np.random.default_rng((seed, 11)).normal(0, look.noise, color.shape).astype(np.float32)
+        grain = (
+            np.random.default_rng((*((seed,) if isinstance(seed, int) else seed), 11))
+            .normal(0, look.noise, color.shape)
+            .astype(np.float32)
+        )
         pixels = _bytes(pixels.astype(np.float32) / 255 + grain)
     if look.jpeg_quality is not None:
         pixels = np.asarray(Image.open(io.BytesIO(encode_jpeg(pixels, look.jpeg_quality))))
-    return Panorama(pixels, panorama.valid)
+    return pixels
 
 
 def encode_jpeg(pixels: NDArray[np.uint8], quality: int = 92) -> bytes:
@@ -96,8 +114,8 @@ def _s_curve(color: NDArray[np.float32], strength: float) -> NDArray[np.float32]
     return np.asarray(color + np.float32(strength) * (smooth - color), np.float32)
 
 
-def _blurred(pixels: NDArray[np.uint8], radius_px: float) -> NDArray[np.uint8]:
+def _blurred(pixels: NDArray[np.uint8], radius_px: float, beyond: Literal["wrap", "edge"]) -> NDArray[np.uint8]:
     margin = int(np.ceil(4 * radius_px)) + 1
-    padded = np.pad(pixels, ((0, 0), (margin, margin), (0, 0)), mode="wrap")
+    padded = np.pad(pixels, ((0, 0), (margin, margin), (0, 0)), mode=beyond)
     blurred = np.asarray(Image.fromarray(padded).filter(ImageFilter.GaussianBlur(radius_px)))
     return np.ascontiguousarray(blurred[:, margin:-margin])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.scan.point_cloud import PointCloud
 from lab.rooms.capture.free_space import scanner_positions
-from lab.rooms.capture.spherical_camera import label_colors, shade
+from lab.rooms.capture.ray_imaging import label_colors, shade
 from lab.rooms.materials.labels import label_number
 from lab.rooms.scenes.scene import Scene
 from lab.rooms.scenes.surface import Hits

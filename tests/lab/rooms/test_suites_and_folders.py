@@ -17,7 +17,6 @@ from lab.rooms import (
     make_case,
     sample_pose,
     suite_cases,
-    suite_names,
     take_panorama,
     write_case,
 )
@@ -33,12 +32,13 @@ def case() -> Case:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "changed" else pytest.mark.slow) for name in suite_names()]
+    "name", [pytest.param(name, marks=() if name == "changed" else pytest.mark.slow) for name in SUITES]
 )
 def test_every_suite_gives_complete_cases(name: str) -> None:
     case = make_case(name, replace(SUITES[name], num_points=4000), 1, width=128)
     assert len(case.cloud) == 4000
     assert case.panorama.color.shape == (64, 128, 3)
+    assert case.changed_pixels is not None
     assert case.changed_pixels.shape == (64, 128)
     assert case.changed_points.shape == (4000,)
     assert np.isfinite(case.cloud.positions).all()

@@ -1,0 +1,127 @@
+"""How a query is photographed: with which camera, in which directions, and from where.
+
+Headings, pitch and roll of a handheld camera are drawn here, and the places that its lens takes while it is turned or carried.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.camera.camera import Camera, CameraModel
+from core.errors import OptionsError
+from core.geometry.pose import Pose
+from lab.rooms.capture.free_space import free_position
+from lab.rooms.scenes.scene import Scene
+
+LEVEL_DEG = 5.0  # pitch and roll of a photo that is meant to be level
+_TURN_JITTER_DEG = 5.0
+_LENS_CLEARANCE_M = 0.2
+_HEIGHT_JITTER_M = 0.03
+_TRIES = 80
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """How the images of one query are taken.
+
+    hfov_deg: least and greatest width of an image in degrees. shape: height of a pinhole's image in terms of its width; a fisheye's is
+    square. vfov_deg: height of a cylinder, degrees. num_images: least and greatest. apart_deg: heading from one image to the next; None:
+    looking around. arm_m: least and greatest distance of the lens from the axis that it is turned about. walk_m: length of the way on
+    which the images are taken. pitch_deg, roll_deg: the largest.
+    """
+
+    model: CameraModel = "pinhole"
+    hfov_deg: tuple[float, float] = (69.0, 69.0)
+    shape: float = 0.75
+    vfov_deg: float = 50.0
+    num_images: tuple[int, int] = (1, 1)
+    apart_deg: float | None = 0.0
+    arm_m: tuple[float, float] = (0.0, 0.0)
+    walk_m: float = 0.0
+    pitch_deg: float = LEVEL_DEG
+    roll_deg: float = LEVEL_DEG
+
+    def camera(self, rng: np.random.Generator, width: int) -> Camera:
+        """Draw the camera of a query.
+
+        width: pixels of a pinhole's image; a fisheye has three quarters of that, a full turn of a cylinder twice as many.
+        """
+        hfov = float(rng.uniform(*self.hfov_deg))
+        if self.model == "cylindrical":
+            rows = round(2 * width / np.pi * np.tan(np.radians(self.vfov_deg / 2)))
+            return Camera.from_hfov(self.model, round(2 * width * hfov / 360), rows, hfov)
+        if self.model == "opencv_fisheye":
+            side = round(width * 0.75)
+            return Camera.from_hfov(self.model, side, side, hfov)
+        return Camera.from_hfov(self.model, width, round(width * self.shape), hfov)
+
+    def rotations(self, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+        """Draw the orientation (3, 3) of each image in a level frame."""
+        count = int(rng.integers(self.num_images[0], self.num_images[1] + 1))
+        if self.apart_deg is None:  # looking left and right by 20 to 70 degrees from image to image
+            steps = rng.uniform(20, 70, count) * rng.choice((-1, 1), count)
+            headings = np.cumsum(steps)
+        else:
+            jitter = rng.uniform(-_TURN_JITTER_DEG, _TURN_JITTER_DEG, count) if count > 1 else np.zeros(1)
+            headings = np.arange(count) * self.apart_deg + jitter
+        headings += rng.uniform(-180, 180)
+        pitch = rng.uniform(-self.pitch_deg, self.pitch_deg, count)
+        roll = rng.uniform(-self.roll_deg, self.roll_deg, count)
+        return [
+            turned(float(a), float(b), float(c))
+            for a, b, c in zip(np.radians(headings), np.radians(pitch), np.radians(roll), strict=True)
+        ]
+
+    def poses(self, scene: Scene, rng: np.random.Generator) -> list[Pose]:
+        """Draw map_from_camera of each image: free of obstacles, and so is the way between them.
+
+        Raises OptionsError where the scene has no such place.
+        """
+        for attempt in range(_TRIES):
+            rotations = self.rotations(rng)
+            stand = free_position(scene, rng, 1.0, 1.9)
+            if len(rotations) == 1 and self.arm_m[1] == 0:
+                return [Pose(rotations[0], stand)]
+            # Small rooms leave less of a way.
+            length = self.walk_m * 0.97 ** max(0, attempt - 20)
+            centers = self._centers(stand, rotations, length, rng)
+            if _is_free(scene, stand, centers):
+                return [Pose(rotation, center) for rotation, center in zip(rotations, centers, strict=True)]
+        raise OptionsError(
+            "scene: expected room to turn or walk with a camera, found none; use fewer or smaller objects"
+        )
+
+    def _centers(
+        self,
+        stand: NDArray[np.float64],
+        rotations: list[NDArray[np.float64]],
+        length_m: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Return where the lens is (N, 3): at arm's length in front of a body that stands, or walks straight on."""
+        count = len(rotations)
+        looks = np.array([rotation[:, 0] * (1, 1, 0) for rotation in rotations])
+        looks /= np.maximum(np.linalg.norm(looks, axis=1, keepdims=True), 1e-9)
+        arm = rng.uniform(*self.arm_m) + rng.uniform(-0.04, 0.04, count)
+        heading = rng.uniform(-np.pi, np.pi)
+        along = np.linspace(0, length_m, count)[:, None] * np.array([np.cos(heading), np.sin(heading), 0])
+        height = rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M, count)
+        return np.asarray(stand + along + looks * arm.clip(*self.arm_m)[:, None] + np.outer(height, (0, 0, 1)))
+
+
+def turned(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
+    """Return the rotation Rz(yaw) Ry(pitch) Rx(roll) (3, 3), radians."""
+    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (yaw, pitch, roll))
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1.0]])
+    about_y = np.array([[cp, 0, sp], [0, 1.0, 0], [-sp, 0, cp]])
+    about_x = np.array([[1.0, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+def _is_free(scene: Scene, stand: NDArray[np.float64], centers: NDArray[np.float64]) -> bool:
+    """Tell whether the lens has room at every place (N, 3), and nothing stands between one and the next."""
+    if scene.surface.clearance(centers).min() < _LENS_CLEARANCE_M:
+        return False
+    way = np.concatenate((stand[None], centers))
+    return not scene.surface.blocked(way[:-1], way[1:]).any()

@@ -1,0 +1,210 @@
+"""Photos of scenes: pixels and rays agree, and cameras are where their recipes say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.camera.camera import Camera
+from core.camera.lens import project_to_image
+from core.geometry.pose import Pose, pose_error
+from core.panorama.session import Session
+from lab.rooms import (
+    CAMERAS,
+    Case,
+    Scene,
+    make_case,
+    sample_pose,
+    scan_with_truth,
+    suite_of,
+    take_photo,
+    take_view,
+)
+from lab.rooms.capture.camera_look import PHOTO, looked
+from lab.rooms.capture.shooting import turned
+from lab.rooms.capture.tracking import session_axes, tracked
+
+LENSES = {
+    "pinhole": Camera.from_hfov("pinhole", 160, 120, 69.0),
+    "distorted": Camera("opencv", 160, 120, 118.0, 117.0, 81.0, 59.0, (0.11, -0.23, 0.0012, -0.0007)),
+    "fisheye": Camera.from_hfov("opencv_fisheye", 128, 128, 190.0),
+    "cylinder": Camera.from_hfov("cylindrical", 240, 50, 270.0),
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_what_a_ray_hit_is_projected_to_the_pixel_of_that_ray(room: Scene, pose: Pose, name: str) -> None:
+    camera = LENSES[name]
+    view = take_photo(room, camera, pose)
+    seen = view.hits.found & view.photo.valid.ravel()
+    points = view.pose.position + view.directions * np.where(seen, view.hits.distance, 1.0)[:, None]
+    u, v, shown = project_to_image(camera, (points - pose.position) @ pose.rotation)
+    row, column = np.divmod(np.arange(len(points)), camera.width_px)
+    assert seen.mean() > 0.9
+    assert shown[seen].all()
+    np.testing.assert_allclose(u[seen], column[seen] + 0.5, atol=1e-3)
+    np.testing.assert_allclose(v[seen], row[seen] + 0.5, atol=1e-3)
+
+
+def test_a_photo_shows_the_colors_of_the_scan_where_its_pose_projects_the_points(room: Scene, pose: Pose) -> None:
+    camera = Camera.from_hfov("pinhole", 320, 240, 69.0)
+    view, scan = take_photo(room, camera, pose), scan_with_truth(room, num_points=40_000)
+    toward = scan.exact_positions - pose.position
+    u, v, shown = project_to_image(camera, toward @ pose.rotation)
+    row, column = v[shown].astype(int).clip(0, 239), u[shown].astype(int).clip(0, 319)
+    near = np.abs(view.hits.distance.reshape(240, 320)[row, column] - np.linalg.norm(toward[shown], axis=1)) < 0.03
+    difference = np.abs(view.photo.color[row, column].astype(float) - scan.cloud.colors[shown])[near].mean(1)
+    assert near.sum() > 500
+    assert np.median(difference) < 6
+
+
+def test_a_photo_of_an_equirectangular_camera_is_the_panorama(room: Scene, pose: Pose) -> None:
+    photo = take_photo(room, Camera.from_hfov("equirectangular", 128, 64, 360.0), pose).photo
+    difference = np.abs(photo.color.astype(int) - take_view(room, pose, 128).panorama.color)
+    # Near the poles a panorama's pixels are narrower than it averages textures over.
+    assert (difference[24:40] <= 3).mean() > 0.98
+    assert np.median(difference) <= 1
+
+
+def test_the_corners_that_a_fisheye_does_not_fill_are_masked_and_black(room: Scene, pose: Pose) -> None:
+    photo = take_photo(room, Camera("opencv_fisheye", 100, 100, 14.0, 14.0, 50.0, 50.0), pose).photo
+    assert not photo.valid[0, 0]
+    assert photo.valid[50, 10]
+    assert (photo.color[~photo.valid] == 0).all()
+
+
+def test_the_blur_of_a_photo_does_not_reach_around_to_the_other_side() -> None:
+    halves = np.zeros((8, 64, 3), np.uint8)
+    halves[:, 32:] = 255
+    photo = looked(halves, PHOTO, 1, "edge")
+    around = looked(halves, PHOTO, 1, "wrap")
+    assert int(photo[:, 0].mean()) < int(around[:, 0].mean())
+
+
+def small(name: str, seed: int = 5) -> Case:
+    suite, camera = suite_of(name)
+    return make_case(name, replace(suite, num_points=4000), seed, width=64, camera=camera)
+
+
+@pytest.fixture(scope="module")
+def room_cases(room: Scene) -> dict[str, list[list[Pose]]]:
+    """Return the poses of ten queries of every camera in one room."""
+    return {
+        name: [camera.shooting.poses(room, np.random.default_rng(seed)) for seed in range(10)]
+        for name, camera in CAMERAS.items()
+    }
+
+
+def angles(pose: Pose) -> np.ndarray:
+    return np.degrees(pose.yaw_pitch_roll)
+
+
+@pytest.mark.parametrize(
+    ("name", "pitch", "roll"), [("photo", 5, 5), ("sweep", 3, 3), ("frames4", 8, 5), ("photo_free", 60, 180)]
+)
+def test_cameras_are_held_as_level_as_their_recipe_says(
+    room_cases: dict[str, list[list[Pose]]], name: str, pitch: float, roll: float
+) -> None:
+    held = np.abs([angles(pose)[1:] for poses in room_cases[name] for pose in poses])
+    assert (held <= (pitch + 1e-6, roll + 1e-6)).all()
+    assert (held.max(0) > (pitch / 3, roll / 3)).all()
+
+
+@pytest.mark.parametrize(("name", "apart", "count"), [("frames2", 90, 2), ("frames4", 60, 4), ("frames6", 60, 6)])
+def test_frames_turn_by_their_angle_about_a_body_at_arms_length(
+    room_cases: dict[str, list[list[Pose]]], name: str, apart: float, count: int
+) -> None:
+    for poses in room_cases[name]:
+        assert len(poses) == count
+        headings = np.array([angles(pose)[0] for pose in poses])
+        steps = (np.diff(headings) + 180) % 360 - 180
+        np.testing.assert_allclose(steps, apart, atol=10.001)
+        # Going back by the arm along the horizontal view meets the body, for one arm of all.
+        looks = np.array([pose.rotation[:2, 0] / np.linalg.norm(pose.rotation[:2, 0]) for pose in poses])
+        centers = np.array([pose.position for pose in poses])
+        arms = np.linspace(0.2, 0.8, 61)
+        spread = [np.ptp(centers[:, :2] - arm * looks, axis=0).max() for arm in arms]
+        assert min(spread) < 0.17
+        assert 0.25 < arms[int(np.argmin(spread))] < 0.75
+        assert np.ptp(centers[:, 2]) <= 0.06 + 1e-9
+
+
+def test_a_walk_covers_up_to_two_metres(room_cases: dict[str, list[list[Pose]]]) -> None:
+    walks = [np.array([pose.position[:2] for pose in poses]) for poses in room_cases["frames_walk"]]
+    lengths = [np.linalg.norm(walk[-1] - walk[0]) for walk in walks]
+    assert {len(walk) for walk in walks} <= set(range(4, 9))
+    assert 0.8 < np.median(lengths) < 3.4
+
+
+def test_no_camera_stands_in_furniture(room: Scene, room_cases: dict[str, list[list[Pose]]]) -> None:
+    centers = np.array([pose.position for many in room_cases.values() for poses in many for pose in poses])
+    assert room.surface.clearance(centers).min() >= 0.2 - 1e-6
+
+
+def test_a_sweep_is_fifty_degrees_high_however_wide_it_is() -> None:
+    for seed in range(5):
+        camera = CAMERAS["sweep"].shooting.camera(np.random.default_rng(seed), 1024)
+        assert 180 <= camera.hfov_deg <= 360
+        assert np.degrees(2 * np.arctan(camera.height_px / 2 / camera.fy_px)) == pytest.approx(50, abs=0.3)
+
+
+def test_tracking_noise_is_as_large_as_it_is_said_to_be(room: Scene) -> None:
+    photo = take_photo(room, Camera.from_hfov("pinhole", 8, 6, 69.0), Pose(np.eye(3), np.array([0, 0, 1.5]))).photo
+    rng = np.random.default_rng(3)
+    true = [sample_pose(room, rng, "any") for _ in range(400)]
+    axes = session_axes(rng, true[0], upright=True)
+    options = CAMERAS["frames2"].session
+    assert options is not None
+    session = tracked([photo] * 400, true, axes, options, rng)
+    errors = [
+        pose_error(axes.after(image.session_from_camera), pose)
+        for image, pose in zip(session.images, true, strict=True)
+    ]
+    assert np.sqrt(np.mean([error.position_m**2 for error in errors])) == pytest.approx(0.01, rel=0.1)
+    assert np.sqrt(np.mean([error.orientation_deg**2 for error in errors])) == pytest.approx(0.5, rel=0.1)
+
+
+def test_session_axes_are_upright_only_where_gravity_is_known() -> None:
+    rng = np.random.default_rng(1)
+    near = Pose(np.eye(3), np.array([1.0, 2.0, 1.5]))
+    np.testing.assert_allclose(session_axes(rng, near, upright=True).rotation[2], (0, 0, 1), atol=1e-12)
+    assert abs(session_axes(rng, near, upright=False).rotation[2, 2]) < 0.999
+    assert np.linalg.norm(session_axes(rng, near, upright=True).position - near.position) < 3 * np.sqrt(3)
+
+
+def test_yaw_pitch_and_roll_are_those_of_the_pose() -> None:
+    pose = Pose(turned(0.4, -0.3, 0.2), np.zeros(3))
+    assert pose.yaw_pitch_roll == pytest.approx((0.4, -0.3, 0.2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["rooms/photo", "changed/frames2", "survey/frames2_free", "labels/fisheye", "night/sweep"]
+)
+def test_the_poses_of_a_case_are_those_of_its_session_but_for_the_noise(name: str) -> None:
+    case = small(name)
+    assert isinstance(case.query, Session)
+    assert case.map_from_session is not None
+    assert case.pose is case.image_poses[0] or name.startswith("survey")
+    noisy = "frames" in name
+    for image, pose in zip(case.query.images, case.image_poses, strict=True):
+        found = case.map_from_session.after(image.session_from_camera)
+        assert pose_error(found, pose).within(0.05 if noisy else 1e-9, 2.5 if noisy else 1e-5)
+        assert (found.position != pose.position).any() == noisy
+        low, high = case.cloud.bounds
+        assert (low <= pose.position - case.cloud.origin_offset).all()
+        assert (pose.position - case.cloud.origin_offset <= high).all()
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_photos_and_another_name_of_axes_the_same_places() -> None:
+    first, again, free = small("changed/frames2"), small("changed/frames2"), small("changed/frames2_free")
+    assert isinstance(first.query, Session)
+    assert isinstance(again.query, Session)
+    assert isinstance(free.query, Session)
+    for one, other in zip(first.query.images, again.query.images, strict=True):
+        np.testing.assert_array_equal(one.photo.color, other.photo.color)
+        np.testing.assert_array_equal(one.session_from_camera.position, other.session_from_camera.position)
+    np.testing.assert_array_equal(first.pose.position, free.pose.position)
+    assert first.query.options.up_known
+    assert not free.query.options.up_known
