@@ -15,6 +15,7 @@ from core.panorama.panorama import Panorama
 from core.panorama.session import Session
 from core.panorama.session_sphere import session_on_sphere
 from core.scan.point_cloud import PointCloud
+from lab.evaluation.rows import WRONG
 
 
 class SourceError(CoreError):
@@ -28,6 +29,7 @@ class KnownQuery:
     poses: map_from_camera, of a session that of its first image, in the scan's own frame; more than one where a place exists twice and
     each is as right as the others. changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the
     cloud, no longer there; None where nobody knows. tags describe the query. hints: of the call.
+    lookalikes: map_from_camera at which another room looks most like this one, and is not.
     """
 
     query: Panorama | Session
@@ -36,11 +38,21 @@ class KnownQuery:
     changed_points: NDArray[np.bool_] | None = None
     tags: tuple[str, ...] = ()
     hints: Hints | None = None
+    lookalikes: tuple[Pose, ...] = ()
 
     @cached_property
     def panorama(self) -> Panorama:
         """Return the query as one panorama: that of a session from `session_on_sphere`."""
         return self.query if isinstance(self.query, Panorama) else session_on_sphere(self.query)[0]
+
+    def place_of(self, found: Pose) -> str | None:
+        """Return which of rooms that are alike a pose is in: "own" or "other", or "elsewhere"; None where there are none."""
+        others = (*self.poses[1:], *self.lookalikes)
+        if not others:
+            return None
+        if pose_error(found, self.poses[0]).position_m <= WRONG[0]:
+            return "own"
+        return "other" if any(pose_error(found, other).position_m <= WRONG[0] for other in others) else "elsewhere"
 
     def error_of(self, found: Pose) -> PoseError:
         """Return the error against the nearest of the right poses."""

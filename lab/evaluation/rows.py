@@ -65,8 +65,8 @@ class Row:
 
     @property
     def is_wrong_answer(self) -> bool:
-        """Tell whether a pose was called localized although it is far off, or belongs to another map."""
-        return self.status == "localized" and not self.within(WRONG)
+        """Tell whether a pose was called localized although it is far off, of another map, or in another of rooms that are alike."""
+        return self.status == "localized" and (not self.within(WRONG) or self.facts.get("place") == "other")
 
 
 _FIELDS = {f.name for f in fields(Row)}

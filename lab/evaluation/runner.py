@@ -177,6 +177,9 @@ def _row_of(
 ) -> Row:
     search = asdict(answer.search)
     if answer.best is not None and answer.evidence is not None:
+        if not known[-1] and (place := query.place_of(answer.best.pose)) is not None:
+            listed = (answer.best, *answer.alternatives)
+            facts |= {"place": place, "own_listed": any(query.place_of(one.pose) == "own" for one in listed)}
         search |= {"score": answer.best.score, "sampling_loss": answer.best.sampling_loss, **asdict(answer.evidence)}
     formal = search.pop("formal_radii", None)
     error = None if answer.best is None or known[-1] else query.error_of(answer.best.pose)

@@ -63,6 +63,7 @@ def _load(
         case.changed_points,
         ("procedural", case.color_kind),
         case.hints,
+        case.lookalikes,
     )
     kinds: dict[str, ColorKind] = {kind: kind for kind in get_args(ColorKind)}
     # The paper's outdoor case: grid starts in a known cuboid (§4.2).

@@ -40,7 +40,8 @@ class Case:
     query: a full panorama, or the photos of a session. pose: map_from_camera of the panorama or the first photo, in the frame of the
     cloud. color_kind: "rgb" or "labels". changed_pixels: (H, W) bool, shows what was not scanned; None of photos. changed_points: (N,)
     bool, no longer there. region: corners (min, max) in metres that the camera is known to be in, None for no prior.
-    alternatives: other poses that show the same picture, in places that exist twice. hints: of the call. image_poses:
+    alternatives: other poses that show the same picture, in places that exist twice. lookalikes: poses at which other rooms look most
+    like it, and are not. hints: of the call. image_poses:
     map_from_camera of every photo. map_from_session: without the noise of the tracking.
     """
 
@@ -54,6 +55,7 @@ class Case:
     seed: int
     region: Region | None = None
     alternatives: tuple[Pose, ...] = ()
+    lookalikes: tuple[Pose, ...] = ()
     hints: Hints | None = None
     image_poses: tuple[Pose, ...] = ()
     map_from_session: Pose | None = None
@@ -122,6 +124,9 @@ def make_case(
         else _photos(suite, now, camera, seed, width, rng)
     )
     gone = changed_points(scan, scanned, taken.scene)
+    others = twin_poses(scanned, taken.poses[0])
+    # What changes in one room does not in the others.
+    are_equal = scanned.twins is not None and scanned.twins.equal and suite.change == 0
     case = Case(
         name=f"{name}-{seed}",
         cloud=scan.cloud,
@@ -132,7 +137,8 @@ def make_case(
         changed_points=gone,
         seed=seed,
         region=suite.region,
-        alternatives=twin_poses(scanned, taken.poses[0]),
+        alternatives=others if are_equal else (),
+        lookalikes=() if are_equal else others,
         hints=None if camera is None else camera.hints,
         image_poses=() if camera is None else taken.poses,
         map_from_session=taken.map_from_session,
@@ -153,7 +159,7 @@ class _Taken:
 
 def _panorama(suite: Suite, now: Scene, scanned: Scene, seed: int, width: int, rng: np.random.Generator) -> _Taken:
     """Take a full panorama as the suite's camera shows it."""
-    pose = sample_pose(now, rng, suite.rotation)
+    (pose,) = _among_twins(now, lambda: [sample_pose(now, rng, suite.rotation)])
     if suite.change > 0 and rng.random() < _PERSON_SHARE:
         now = add_person(now, pose, seed)
     view = take_view(now, pose, width, suite.color_kind)
@@ -170,7 +176,8 @@ def _panorama(suite: Suite, now: Scene, scanned: Scene, seed: int, width: int, r
 
 def _photos(suite: Suite, now: Scene, camera: QueryCamera, seed: int, width: int, rng: np.random.Generator) -> _Taken:
     """Take the photos of a session as the suite's light and look show them."""
-    lens, poses = camera.shooting.camera(rng, width), camera.shooting.poses(now, rng)
+    lens = camera.shooting.camera(rng, width)
+    poses = _among_twins(now, lambda: camera.shooting.poses(now, rng))
     if suite.change > 0 and rng.random() < _PERSON_SHARE:
         with_person = add_person(now, poses[0], seed)
         # Nobody stands where the next picture is taken from.
@@ -186,6 +193,14 @@ def _photos(suite: Suite, now: Scene, camera: QueryCamera, seed: int, width: int
     return _Taken(now, tracked(photos, poses, axes, camera.session, rng), tuple(poses), None, axes)
 
 
+def _among_twins(scene: Scene, draw: Callable[[], list[Pose]]) -> list[Pose]:
+    """Draw poses; where there are rooms that are alike, in one of them."""
+    while True:
+        poses = draw()
+        if scene.twins is None or scene.twins.number_at(poses[0].position) is not None:
+            return poses
+
+
 def _in_survey_frame(case: Case, yaw: float, offset: NDArray[np.float64]) -> Case:
     """Return the case with its scan turned about z and in large coordinates."""
 
@@ -197,6 +212,7 @@ def _in_survey_frame(case: Case, yaw: float, offset: NDArray[np.float64]) -> Cas
         cloud=turned_cloud(case.cloud, yaw, offset),
         pose=turned_pose(case.pose, yaw, offset),
         alternatives=moved(case.alternatives),
+        lookalikes=moved(case.lookalikes),
         image_poses=moved(case.image_poses),
         map_from_session=None if case.map_from_session is None else turned_pose(case.map_from_session, yaw, offset),
     )

@@ -31,6 +31,9 @@ SUITES: dict[str, Suite] = {
     "sparse": Suite("rooms scanned from one station only, 60,000 points", num_stations=1, num_points=60_000),
     "survey": Suite("rooms turned about the vertical, in survey coordinates of millions of metres", survey_frame=True),
     "twins": Suite("two equal rooms in one map: a second pose is as right as the first", kind="twins"),
+    "twins_like": Suite("two rooms that are equal but for one or two things or pictures", kind="twins_like"),
+    "mirrored": Suite("a room and its mirror image", kind="mirrored"),
+    "repeated": Suite("three equal rooms along a corridor", kind="repeated", num_points=500_000),
     "labels": Suite("rooms as semantic labels", color_kind="labels"),
     "labels_changed": Suite("rooms as semantic labels, 60 % changed", change=0.6, color_kind="labels"),
     "street": Suite("a street as semantic labels", kind="street", color_kind="labels", region=_STREET_REGION),
@@ -38,8 +41,9 @@ SUITES: dict[str, Suite] = {
 }
 
 
+_ALIKE = ("twins", "twins_like", "mirrored", "repeated")
 # Photographed by every camera: what else a suite is about shows in few pictures, or only in a full sphere.
-_PLACES = ("rooms", "changed", "camera", "night", "flats", "flats_changed", "bare", "sparse", "twins")
+_PLACES = ("rooms", "changed", "camera", "night", "flats", "flats_changed", "bare", "sparse", *_ALIKE)
 
 
 def suite_names() -> tuple[str, ...]:

@@ -11,9 +11,15 @@ from lab.rooms.scenes.flat_scene import furnished_flat
 from lab.rooms.scenes.room_scene import bare_room, furnished_room
 from lab.rooms.scenes.scene import Scene
 from lab.rooms.scenes.street_scene import street
-from lab.rooms.scenes.twin_scene import twin_rooms
+from lab.rooms.scenes.twin_scene import mirrored_rooms, nearly_twin_rooms, repeated_rooms, twin_rooms
 
-SceneKind = Literal["room", "flat", "bare", "street", "twins"]
+SceneKind = Literal["room", "flat", "bare", "street", "twins", "twins_like", "mirrored", "repeated"]
+_ALIKE = {
+    "twins": twin_rooms,
+    "twins_like": nearly_twin_rooms,
+    "mirrored": mirrored_rooms,
+    "repeated": repeated_rooms,
+}
 FAMILIES: tuple[str, ...] = tuple(STYLES)
 
 
@@ -32,7 +38,7 @@ class SceneSpec:
 
 def build_scene(spec: SceneSpec) -> Scene:
     """Build the scene of a specification; raises OptionsError for an unknown kind or family."""
-    kinds = {"room": 0, "flat": 1, "bare": 2, "street": 3, "twins": 4}
+    kinds = {"room": 0, "flat": 1, "bare": 2, "street": 3, "twins": 4, "twins_like": 5, "mirrored": 6, "repeated": 7}
     if spec.kind not in kinds:
         raise OptionsError(f"kind: expected one of {', '.join(kinds)}, got {spec.kind!r}")
     rng = np.random.default_rng((spec.seed, kinds[spec.kind]))
@@ -40,8 +46,8 @@ def build_scene(spec: SceneSpec) -> Scene:
     style = style_of(spec.family or drawn)
     if spec.kind == "flat":
         return furnished_flat(rng, style)
-    if spec.kind == "twins":
-        return twin_rooms(rng, style, spec.area_m2)
+    if spec.kind in _ALIKE:
+        return _ALIKE[spec.kind](rng, style, spec.area_m2)
     if spec.kind == "street":
         return street(rng, style)
     if spec.kind == "bare":

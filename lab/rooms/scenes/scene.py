@@ -15,12 +15,30 @@ from lab.rooms.scenes.surface import Surface, assemble
 
 
 @dataclass(frozen=True, eq=False)
+class Twins:
+    """Rooms that are alike, in a row along x.
+
+    mirrored: per room, the mirror image of the first one. equal: what is seen in one is seen in all others exactly.
+    """
+
+    rooms: tuple[Room, ...]
+    mirrored: tuple[bool, ...]
+    equal: bool
+
+    def number_at(self, position: NDArray[np.float64]) -> int | None:
+        """Return the number of the room at a position (3,), None outside of all."""
+        x, y = position[:2]
+        inside = [room.x0 <= x <= room.x1 and room.y0 <= y <= room.y1 for room in self.rooms]
+        return inside.index(True) if any(inside) else None
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """Objects with exact places, metres, z up, floor at z = 0.
 
     rooms: rectangles in which a camera can stand. sky: light where nothing is hit. exposed_like: the scene whose exposure
     this one keeps (a changed scene keeps that of the scene it came from), None to choose it from the scene itself.
-    outdoor: a street, where cars and not sofas change. twins: all rooms are equal, shifted along x.
+    outdoor: a street, where cars and not sofas change. twins: rooms that are alike.
     """
 
     objects: tuple[SceneObject, ...]
@@ -29,7 +47,7 @@ class Scene:
     sky: Sky = field(default_factory=Sky)
     exposed_like: "Scene | None" = field(default=None, repr=False)
     outdoor: bool = False
-    twins: bool = False
+    twins: Twins | None = None
 
     @cached_property
     def surface(self) -> Surface:

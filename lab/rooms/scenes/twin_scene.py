@@ -1,4 +1,4 @@
-"""Two equal rooms side by side: a place in which one picture has two right poses."""
+"""Rooms that are alike: places in which one picture has several right poses, or nearly right ones."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -8,30 +8,102 @@ import numpy as np
 from core.geometry.pose import Pose
 from lab.rooms.materials.patterns import Rng
 from lab.rooms.materials.style import Style
+from lab.rooms.objects.furnishing import Furnisher
+from lab.rooms.objects.objects import SceneObject
+from lab.rooms.objects.room_shell import Opening, Room, build_shell
+from lab.rooms.scenes.mirrored import mirrored_objects, mirrored_room
 from lab.rooms.scenes.room_scene import furnished, random_room
-from lab.rooms.scenes.scene import Scene
+from lab.rooms.scenes.scene import Scene, Twins
 
 _GAP_M = 0.5
+_CORRIDOR_M = 1.7
+_MIRROR = np.array([-1.0, 1, 1])
 
 
 def twin_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
     """Return a furnished room and its exact copy, shifted along x."""
+    return _copies(rng, style, area_m2, 2)
+
+
+def repeated_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
+    """Return three exact copies of a furnished room in a row, and the corridor along them, behind closed doors."""
+    rooms = _copies(rng, style, area_m2, 3)
+    assert rooms.twins is not None
+    first, last = rooms.rooms[0], rooms.rooms[-1]
+    end = first.y0 - _GAP_M
+    doors = tuple(Opening(2, room.x0 + 0.4 - first.x0, 0.85, 0.0, 2.05, "door") for room in rooms.rooms)
+    corridor = Room(first.x0, end - _CORRIDOR_M, last.x1, end, first.height_m, doors)
+    shell = build_shell(rng, style, corridor, "corridor")
+    furnisher = Furnisher(rng, style, corridor, len(rooms.rooms), shell, "hall")
+    furnisher.furnish(style.density)
+    return replace(rooms, objects=(*rooms.objects, *shell, *furnisher.objects), rooms=(*rooms.rooms, corridor))
+
+
+def nearly_twin_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
+    """Return a furnished room and a copy of it in which one or two things or pictures are others."""
+    same = _copies(rng, style, area_m2, 2)
+    assert same.twins is not None
+    movable = [thing for thing in same.objects if thing.room == 1 and thing.movable]
+    chosen = rng.permutation(len(movable))[: int(rng.integers(1, 3))]
+    gone = {movable[number].key for number in chosen}
+    kept = [thing for thing in same.objects if thing.key not in gone]
+    there = [thing for thing in kept if _is_inside(thing, same.rooms[1])]
+    furnisher = Furnisher(rng, style, same.rooms[1], 1, there)
+    for _ in chosen:
+        add = furnisher.add_picture if rng.random() < 0.5 else furnisher.add_something
+        add()
+    return replace(same, objects=(*kept, *furnisher.objects), twins=replace(same.twins, equal=False))
+
+
+def mirrored_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
+    """Return a furnished room and its mirror image beside it."""
     first = random_room(rng, area_m2 or float(rng.uniform(9, 25)))
-    shift = first.size_m[0] + _GAP_M
-    second = replace(first, x0=first.x0 + shift, x1=first.x1 + shift)
-    again = deepcopy(rng)
-    objects = (*furnished(rng, style, first, 0), *furnished(again, style, second, 1))
-    return Scene(objects, (first, second), style, twins=True)
+    plane_x = first.x1 + _GAP_M / 2
+    objects = furnished(rng, style, first, 0)
+    rooms = first, mirrored_room(first, plane_x)
+    both = (*objects, *mirrored_objects(objects, plane_x, 1))
+    return Scene(both, rooms, style, twins=Twins(rooms, mirrored=(False, True), equal=False))
 
 
 def twin_poses(scene: Scene, pose: Pose) -> tuple[Pose, ...]:
-    """Return the poses in the other rooms of a scene of twins that see the same; nothing for all other scenes."""
-    if not scene.twins:
+    """Return the poses in the other rooms of a scene of twins that see the same, or what is most alike; none for all other scenes.
+
+    In a mirrored room it is the mirrored view: as far from the mirrored walls, and looking at them.
+    """
+    if scene.twins is None:
         return ()
-    inside = [room.x0 <= pose.position[0] <= room.x1 for room in scene.rooms]
-    own = scene.rooms[inside.index(True)]
-    return tuple(
-        Pose(pose.rotation, pose.position + np.array([room.x0 - own.x0, 0, 0]))
-        for room in scene.rooms
-        if room is not own
-    )
+    own = scene.twins.number_at(pose.position)
+    if own is None:
+        return ()
+    at_first = _moved(pose, scene.twins, own, back=True)
+    others = (number for number in range(len(scene.twins.rooms)) if number != own)
+    return tuple(_moved(at_first, scene.twins, number, back=False) for number in others)
+
+
+def _copies(rng: Rng, style: Style, area_m2: float | None, count: int) -> Scene:
+    """Return a furnished room with its exact copies, in a row along x."""
+    first = random_room(rng, area_m2 or float(rng.uniform(9, 25)))
+    shift = first.size_m[0] + _GAP_M
+    rooms = tuple(replace(first, x0=first.x0 + k * shift, x1=first.x1 + k * shift) for k in range(count))
+    states = [deepcopy(rng) for _ in rooms[1:]]
+    objects = furnished(rng, style, first, 0)
+    for number, (room, again) in enumerate(zip(rooms[1:], states, strict=True), 1):
+        objects += furnished(again, style, room, number)
+    return Scene(tuple(objects), rooms, style, twins=Twins(rooms, (False,) * count, equal=True))
+
+
+def _is_inside(thing: SceneObject, room: Room) -> bool:
+    vertices = np.concatenate([part.vertices for piece in thing.pieces for part in piece.parts])
+    middle = (vertices.min(0) + vertices.max(0)) / 2
+    return bool(room.x0 - _GAP_M / 2 < middle[0] < room.x1 + _GAP_M / 2)
+
+
+def _moved(pose: Pose, twins: Twins, number: int, *, back: bool) -> Pose:
+    """Return the pose of the first room moved into that room, or back from it."""
+    first, room = twins.rooms[0], twins.rooms[number]
+    if twins.mirrored[number]:  # its own inverse
+        plane_x = (first.x0 + room.x1) / 2
+        position = pose.position * _MIRROR + np.array([2 * plane_x, 0, 0])
+        return Pose(np.diag(_MIRROR) @ pose.rotation @ np.diag((1.0, -1, 1)), position)
+    shift = np.array([room.x0 - first.x0, 0, 0])
+    return Pose(pose.rotation, pose.position - shift if back else pose.position + shift)

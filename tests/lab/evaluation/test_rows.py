@@ -50,3 +50,11 @@ def test_a_file_of_something_else_is_refused_with_its_line(tmp_path: Path) -> No
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RowsError, match="found nothing"):
         read_rows([tmp_path / "none.jsonl"])
+
+
+@pytest.mark.parametrize(
+    ("status", "place", "wrong"),
+    [("localized", "other", True), ("localized", "own", False), ("ambiguous", "other", False)],
+)
+def test_an_equal_room_that_is_surely_not_the_one_is_a_wrong_answer(status: str, place: str, wrong: bool) -> None:
+    assert made_row(status=status, facts={"place": place}).is_wrong_answer == wrong

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from core.errors import OptionsError
-from lab.evaluation import SourceError, folder_scans, limited, seed_range, suite_scans
+from core.geometry.pose import Pose
+from core.panorama.panorama import Panorama
+from lab.evaluation import KnownQuery, SourceError, folder_scans, limited, seed_range, suite_scans
 
 
 def test_seeds_are_numbers_and_ranges() -> None:
@@ -92,3 +94,12 @@ def test_a_folder_without_truth_and_a_broken_truth_are_refused(tmp_path: Path) -
     (tmp_path / "truth.json").write_text('{"scans": ["scan.ply"]}')
     with pytest.raises(SourceError, match="queries"):
         folder_scans(tmp_path)
+
+
+def test_a_query_tells_its_own_room_from_the_others() -> None:
+    own, twin, alike = (Pose(np.eye(3), np.array([x, 0.0, 1.5])) for x in (0.0, 5.0, 10.0))
+    query = KnownQuery(Panorama(np.zeros((2, 4, 3), np.uint8), np.ones((2, 4), bool)), (own, twin), lookalikes=(alike,))
+    found = [Pose(np.eye(3), np.array([x, 0.1, 1.5])) for x in (0.0, 5.0, 10.0, 7.0)]
+    assert [query.place_of(pose) for pose in found] == ["own", "other", "other", "elsewhere"]
+    assert query.error_of(found[1]).position_m == pytest.approx(0.1)
+    assert replace(query, poses=(own,), lookalikes=()).place_of(own) is None
