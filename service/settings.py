@@ -33,8 +33,14 @@ class Settings(BaseSettings):
         1, ge=1, description="Scans read at the same time; each takes the memory of a whole scan."
     )
     max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
-    max_image_bytes: int = Field(64 * 2**20, ge=1, description="Bytes of one uploaded panorama or mask.")
-    max_pixels: int = Field(MAX_PIXELS, ge=1, description="Pixels of a panorama; checked before it is decoded.")
+    max_image_bytes: int = Field(
+        64 * 2**20,
+        ge=1,
+        description="Bytes of one uploaded image or mask; the images of one query together may take four times as many.",
+    )
+    max_pixels: int = Field(
+        MAX_PIXELS, ge=1, description="Pixels of all images of one query together; checked before they are decoded."
+    )
     max_points: int = Field(ScanOptions.max_points, ge=1, description="Points of a scan; a scan with more is refused.")
     max_points_used: int = Field(
         ScanOptions.max_points_used, ge=1, description="Points of a scan that remain after thinning."
@@ -60,7 +66,7 @@ class Settings(BaseSettings):
         description="Keys that callers have to present: `key` for everything, `key:read` for all but changing maps; "
         "separated by commas, each of at least 8 characters. Empty: no key is asked for.",
     )
-    keep_images: bool = Field(False, description="Keep uploaded panoramas in the data folder, in `panoramas/`.")
+    keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
 

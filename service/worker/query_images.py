@@ -1,7 +1,10 @@
 """From the uploaded images of a query to what is localized: a panorama, a photo, or a session of several."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+
+import torch
 
 from core.errors import OptionsError, PanoramaTooLargeError
 from core.geometry.pose import Pose
@@ -22,11 +25,7 @@ def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptio
 
     frame: axes of their poses. max_pixels: of all together. One image without a pose stays what it is. Raises errors of `core`.
     """
-    read: list[Panorama | Photo] = []
-    for number, image in enumerate(images, 1):
-        with numbered(number, len(images)):
-            read.append(read_image(image.data, image.mask, camera=image.camera, max_pixels=max_pixels))
-            _check_pixels(read, max_pixels)
+    read = _read(images, max_pixels)
     if len(read) == 1 and images[0].session_from_camera is None:
         return read[0]
     poses = (_pose(image.session_from_camera, frame) for image in images)
@@ -46,6 +45,24 @@ def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Locali
     if found.best is None or found.map_from_session is None:
         return sphere, found
     return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(session_from_sphere)))
+
+
+def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Panorama | Photo]:
+    """Decode in as many threads as compute; decoding needs no interpreter. What waits for its turn is dropped with the first error."""
+    found: list[Panorama | Photo] = []
+    threads = ThreadPoolExecutor(min(len(images), torch.get_num_threads()))
+    try:
+        tasks = [
+            threads.submit(read_image, each.data, each.mask, camera=each.camera, max_pixels=max_pixels)
+            for each in images
+        ]
+        for number, task in enumerate(tasks, 1):
+            with numbered(number, len(images)):
+                found.append(task.result())
+                _check_pixels(found, max_pixels)
+    finally:
+        threads.shutdown(cancel_futures=True)
+    return found
 
 
 def _photo(image: Panorama | Photo) -> Photo:

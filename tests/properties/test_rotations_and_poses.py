@@ -101,6 +101,57 @@ def test_every_frame_describes_the_same_camera_and_the_same_point(
     assert np.linalg.det(written.rotation) == pytest.approx(1.0)
 
 
+@given(rotations, vectors, st.sampled_from(FRAMES))
+def test_a_pose_survives_being_sent_in_any_frame(rotation: Array, position: Array, frame: Frame) -> None:
+    sent = Pose(rotation, position).in_frame(frame)
+    read = Pose.from_frame(sent.position.tolist(), sent.quaternion_xyzw.tolist(), frame)
+    np.testing.assert_allclose(read.rotation, rotation, atol=1e-7)
+    np.testing.assert_allclose(read.position, position, atol=1e-9)
+
+
+@given(quaternions, vectors, st.sampled_from(FRAMES))
+def test_a_pose_that_was_sent_is_returned_as_it_came(quaternion: Array, position: Array, frame: Frame) -> None:
+    returned = Pose.from_frame(position.tolist(), quaternion.tolist(), frame).in_frame(frame)
+    np.testing.assert_allclose(returned.position, position, atol=1e-9)
+    assert abs(float(returned.quaternion_xyzw @ quaternion)) == pytest.approx(1, abs=1e-9)
+
+
+@given(rotations, vectors, rotations, vectors, st.sampled_from(FRAMES))
+def test_in_every_frame_the_pose_of_a_camera_is_map_from_session_after_session_from_camera(
+    turn: Array, shift: Array, rotation: Array, position: Array, frame: Frame
+) -> None:
+    map_from_session, session_from_camera = Pose(turn, shift), Pose(rotation, position)
+    expected = map_from_session.after(session_from_camera).in_frame(frame).matrix
+    found = map_from_session.between_worlds(frame).matrix @ session_from_camera.in_frame(frame).matrix
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+# One pose as other systems write it, worked out apart from this code: heading 37.5, elevation -12.25, roll 4.75 degrees in a map that is
+# east, north, up. `webxr` is glTF's row, `unity` Unity's, `opencv` the inverse of what COLMAP writes.
+GOLDEN = {
+    "ros": ((1.25, -2.5, 1.6), (-0.010196774, 0.113835941, 0.435420574, 0.892942511)),
+    "opencv": ((1.25, -2.5, 1.6), (-0.726197900, 0.280580552, -0.176941385, 0.602165185)),
+    "webxr": ((1.25, 1.6, 2.5), (-0.087704374, -0.323516864, -0.073283958, 0.939294545)),
+    "unity": ((1.25, 1.6, -2.5), (0.087704374, 0.323516864, -0.073283958, 0.939294545)),
+}
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("sent", FRAMES)
+def test_one_pose_has_the_known_numbers_in_every_frame_whichever_it_came_in(frame: Frame, sent: Frame) -> None:
+    position, quaternion = GOLDEN[frame]
+    found = Pose.from_frame(*GOLDEN[sent], sent).in_frame(frame)
+    np.testing.assert_allclose(found.position, position, atol=1e-9)
+    np.testing.assert_allclose(found.quaternion_xyzw, quaternion, atol=2e-9)
+
+
+def test_the_known_pose_is_the_one_of_its_angles() -> None:
+    pose = Pose.from_frame(*GOLDEN["ros"], "ros")
+    assert np.degrees(pose.yaw_pitch_roll) == pytest.approx((52.5, 12.25, 4.75), abs=1e-6)
+    seen = pose.inverse().matrix @ (4, 1, 0.5, 1)
+    assert seen[:3] == pytest.approx((4.582885572, -0.061695034, -0.125910922), abs=2e-8)
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(1, 3000))
 def test_any_number_of_rotations_is_orthonormal(count: int) -> None:

@@ -3,16 +3,19 @@
 import json
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
+from core.camera.camera import Camera
 from core.geometry.pose import Pose
 from core.options import Frame, Status
 from core.panorama.panorama import Panorama
-from core.results import Candidate, Evidence, Localization, SearchSummary
+from core.panorama.session import Photo, Session, SessionImage
+from core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from service.answer import answer_document
+from service.http.schemas import Localization as Schema
 from service.jobs import MapRef
 from service.worker.outcomes import json_safe, localize_outcome
 from service.worker.query_images import Query
@@ -154,6 +157,81 @@ def test_the_matrix_is_homogeneous_and_holds_the_same_pose() -> None:
     assert matrix[3].tolist() == [0, 0, 0, 1]
     assert matrix[:3, 3].tolist() == list(transform["position_m"].values())
     assert np.allclose(matrix[:3, :3], turned_left(30))
+
+
+LENS = Camera.from_hfov("pinhole", 64, 48, 69.0)
+PHOTO = Photo(np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), bool), LENS)
+FRAMES: tuple[Frame, ...] = get_args(Frame)
+
+
+def session_of(*poses: Pose) -> Session:
+    return Session(tuple(SessionImage(PHOTO, pose) for pose in poses))
+
+
+def found_session(session: Session, map_from_session: Pose, status: Status = "localized") -> Localization:
+    poses = [map_from_session.after(image.session_from_camera) for image in session.images]
+    images = tuple(FoundImage(pose, 0.5 + 0.1 * number) for number, pose in enumerate(poses))
+    best = replace(candidate(), pose=poses[0])
+    return replace(localization(status, best), map_from_session=map_from_session, images=images)
+
+
+def matrix_in(motion: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return a motion of an answer (4, 4), its parts held against each other."""
+    matrix = np.array(motion["matrix"])
+    assert matrix[:3, 3].tolist() == list(motion["position_m"].values())
+    quaternion = list(motion["quaternion"].values())
+    assert np.allclose(Pose.from_frame((0, 0, 0), quaternion, "ros").rotation, matrix[:3, :3])
+    return matrix
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_in_the_axes_of_every_frame_an_image_is_at_map_from_session_after_its_own_pose(frame: Frame) -> None:
+    poses = Pose(turned_left(10), np.array([0.1, 0.2, 0.3])), Pose(turned_left(70), np.array([0.4, -0.2, 0.1]))
+    session = session_of(*poses)
+    found = found_session(session, Pose(turned_left(30), np.array([4.0, 5.0, 6.0])))
+    body = body_of(found, frame, session)
+    map_from_session = matrix_in(body["map_from_session"])
+    for image, pose in zip(body["images"], poses, strict=True):
+        assert image["pose"]["frame"] == frame
+        sent = pose.in_frame(frame).matrix
+        np.testing.assert_allclose(matrix_in(image["pose"]["map_from_camera"]), map_from_session @ sent, atol=1e-9)
+    assert body["images"][0]["pose"] == body["pose"]
+    assert [image["agreement"] for image in body["images"]] == [0.5, 0.6]
+    assert body["images"][1]["camera"] == {"model": "pinhole", "hfov_deg": 69.0}
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_the_session_of_one_camera_without_a_pose_is_that_camera(frame: Frame) -> None:
+    photo = replace(localization(), map_from_session=candidate().pose, images=(FoundImage(candidate().pose, 0.6),))
+    for found, query, hfov_deg in ((photo, PHOTO, 69.0), (localization(), PANORAMA, 360.0)):
+        body = body_of(found, frame, query)
+        assert body["map_from_session"] == body["pose"]["map_from_camera"]
+        (image,) = body["images"]
+        assert image["pose"] == body["pose"]
+        assert image["camera"]["hfov_deg"] == hfov_deg
+
+
+def test_a_single_image_agrees_as_the_whole_query_does() -> None:
+    found = replace(localization(), evidence=Evidence({"correlation": 0.83}, None, None))
+    assert body_of(found)["images"][0]["agreement"] == 0.83
+    assert body_of(localization())["images"][0]["agreement"] is None
+
+
+def test_a_session_that_fits_nowhere_has_no_poses_but_says_how_its_images_agreed() -> None:
+    session = session_of(Pose(np.eye(3), np.zeros(3)), Pose(turned_left(70), np.zeros(3)))
+    body = body_of(found_session(session, candidate().pose, "not_localized"), query=session)
+    assert body["map_from_session"] is None
+    assert [image["pose"] for image in body["images"]] == [None, None]
+    assert [image["agreement"] for image in body["images"]] == [0.5, 0.6]
+    nothing = Localization("not_localized", localization().search, {})
+    assert [image["agreement"] for image in body_of(nothing, query=session)["images"]] == [None, None]
+
+
+@pytest.mark.parametrize("status", ["localized", "ambiguous", "not_localized"])
+def test_every_answer_is_one_of_the_contract(status: Status) -> None:
+    session = session_of(Pose(np.eye(3), np.zeros(3)), Pose(turned_left(70), np.zeros(3)))
+    Schema.model_validate(body_of(found_session(session, candidate().pose, status), query=session))
+    Schema.model_validate(body_of(localization(status)))
 
 
 def test_json_has_no_infinity() -> None:

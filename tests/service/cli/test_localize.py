@@ -7,6 +7,7 @@ import httpx
 import pytest
 
 from core.options import MAX_TOP_K
+from service.client import PanolocClient
 from service.http.schemas import LocalizeOptions
 from service.jobs import PAPER_TIMEOUT_S
 from service.settings import Settings
@@ -230,3 +231,45 @@ def test_one_refused_panorama_does_not_stop_the_others(
     assert done.documents[0]["error"]["status"] == 422
     assert done.documents[1]["status"] == "localized"
     assert "expected 2:1, got 3000 x 2000" in done.err
+
+
+@pytest.mark.parametrize("degrees", ["-5", "0", "400", "nan"])
+def test_a_field_of_view_that_no_photo_has_is_wrong_usage(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, degrees: str
+) -> None:
+    done = panoloc("localize", panorama, "--map", "map_1", f"--hfov={degrees}")
+    assert done.code == 2
+    assert "expected 1 to 170 degrees" in done.err
+    assert "Usage" in done.err
+    assert fake.requests == []
+
+
+def test_how_much_changed_is_said_only_beside_a_pose(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
+    assert "18%" in panoloc("localize", panorama, "--map", "map_1").out
+    fake.status = "not_localized"
+    assert "18%" not in panoloc("localize", panorama, "--map", "map_1").out
+
+
+@pytest.mark.parametrize(
+    ("model", "hfov_deg", "of"),
+    [("pinhole", 69.0, "what the photo shows"), ("equirectangular", 360.0, "the panorama")],
+)
+def test_what_changed_is_a_share_of_what_the_image_shows(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, model: str, hfov_deg: float, of: str
+) -> None:
+    fake.answer = answer_with("localized")
+    camera = {"model": model, "hfov_deg": hfov_deg}
+    fake.answer["images"] = [{"pose": fake.answer["pose"], "agreement": 0.7, "camera": camera}]
+    assert f"18% of {of}" in panoloc("localize", panorama, "--map", "map_1").out
+
+
+def test_a_program_sends_several_images_with_a_mask_for_each(fake: FakeService, tmp_path: Path) -> None:
+    images = [tmp_path / "0.jpg", tmp_path / "1.png"]
+    masks = [tmp_path / "mask-0.png", tmp_path / "mask-1.png"]
+    for path in (*images, *masks):
+        path.write_bytes(path.name.encode())
+    with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client:
+        answer = client.localize(images, ["map_1"], mask=masks, options={"frame": "webxr"})
+    assert answer["status"] == "localized"
+    assert fake.parts["image"] == [b"0.jpg", b"1.png"]
+    assert fake.parts["mask"] == [b"mask-0.png", b"mask-1.png"]
