@@ -21,7 +21,11 @@ def _output(*names: str, **rules: Any) -> Any:
 Suites = Annotated[list[str] | None, _source("--suite", help="Procedural suite; repeatable.")]
 Seeds = Annotated[str, _source(help="Seeds of the suites: 1000-1019, or 1,3,5-8.")]
 Families = Annotated[list[str] | None, _source("--family", help="Style family of the suites; repeatable.")]
-Width = Annotated[int, _source(min=128, help="Pixels of a suite's panorama.")]
+Width = Annotated[int, _source(min=128, help="Pixels of a suite's panorama, or of a photo.")]
+Cameras = Annotated[
+    list[str] | None,
+    _source("--camera", help="Photos in place of panoramas: photo, frames4, sweep, …; repeatable."),
+]
 Points = Annotated[int | None, _source(min=1000, help="Points of a suite's scan.")]
 Cases = Annotated[list[Path] | None, _source(help="Folder with truth.json in it or one below; repeatable.")]
 Tags = Annotated[list[str] | None, _source("--tag", help="Only queries of --cases with it.")]

@@ -20,6 +20,7 @@ from lab.evaluation import (
     RowsFile,
     RunOptions,
     ScanCases,
+    as_photos,
     compared_method,
     dataset_scans,
     folder_scans,
@@ -44,6 +45,7 @@ class EvaluationRequest:
     suites: tuple[str, ...]
     seeds: str
     families: tuple[str, ...]
+    cameras: tuple[str, ...]
     width: int
     num_points: int | None
     cases: tuple[Path, ...]
@@ -97,7 +99,7 @@ def scans_of(request: EvaluationRequest) -> list[ScanCases]:
     """Return the cases that the options name; raises OptionsError when they name none."""
     groups: list[Sequence[ScanCases]] = []
     seeds = seed_range(request.seeds)
-    for suite in request.suites:
+    for suite in _with_cameras(request.suites, request.cameras):
         made = suite_scans(
             suite,
             seeds,
@@ -107,14 +109,25 @@ def scans_of(request: EvaluationRequest) -> list[ScanCases]:
             spacing_m=request.spacing_m,
         )
         groups.append(made)
-    groups += [folder_scans(folder, tags=request.tags) for folder in request.cases]
+    of_panoramas = [folder_scans(folder, tags=request.tags) for folder in request.cases]
     if request.dataset is not None:
         if request.root is None:
             raise OptionsError("dataset: expected --root with the folder of the data set beside --dataset")
-        groups += [dataset_scans(request.dataset, request.root, split) for split in request.splits or (None,)]
+        of_panoramas += [dataset_scans(request.dataset, request.root, split) for split in request.splits or (None,)]
+    for scans in of_panoramas:
+        groups += [as_photos(scans, camera, seeds, request.width) for camera in request.cameras] or [scans]
     if not groups:
         raise OptionsError("cases: expected --suite, --cases or --dataset; `panoloc evaluate --help` lists them")
     return [scan for group in groups for scan in limited(group, request.limit)]
+
+
+def _with_cameras(suites: Sequence[str], cameras: Sequence[str]) -> list[str]:
+    """Return the names of suites with each of the cameras; those that name one already keep it."""
+    return [
+        name
+        for suite in suites
+        for name in ([suite] if "/" in suite or not cameras else [f"{suite}/{camera}" for camera in cameras])
+    ]
 
 
 def num_threads(text: str | None) -> int:

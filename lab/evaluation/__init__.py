@@ -9,6 +9,7 @@ from lab.evaluation.fit_confidence import ConfidenceFit, HeldOut, fit_confidence
 from lab.evaluation.folder_source import folder_scans
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError, limited
 from lab.evaluation.methods import METHOD_NAMES, ComparedMethod, compared_method
+from lab.evaluation.photo_source import as_photos
 from lab.evaluation.rows import Row, RowsError, RowsFile, read_rows
 from lab.evaluation.runner import Evaluation, RunOptions
 from lab.evaluation.suite_source import seed_range, suite_scans
@@ -31,6 +32,7 @@ __all__ = [
     "ScanCases",
     "SourceError",
     "Summary",
+    "as_photos",
     "compared_method",
     "dataset_scans",
     "fit_confidence",

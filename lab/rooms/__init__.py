@@ -17,11 +17,13 @@ from lab.rooms.capture.camera_look import (
     random_look,
 )
 from lab.rooms.capture.change_truth import changed_pixels, changed_points
+from lab.rooms.capture.cut_photo import cut_photo
 from lab.rooms.capture.free_space import RotationKind, random_rotation, sample_pose
 from lab.rooms.capture.intruders import add_person, show_hand
 from lab.rooms.capture.photo_camera import PhotoView, take_photo
 from lab.rooms.capture.scanning import Scan, scan_scene, scan_with_truth
 from lab.rooms.capture.spherical_camera import View, take_panorama, take_view
+from lab.rooms.capture.tracking import session_axes, tracked
 from lab.rooms.case_folder import PosedPanorama, write_case, write_case_folder
 from lab.rooms.cases import Case, Suite, make_case
 from lab.rooms.materials.labels import LABEL_COLORS
@@ -58,6 +60,7 @@ __all__ = [
     "change_scene",
     "changed_pixels",
     "changed_points",
+    "cut_photo",
     "day",
     "make_case",
     "night",
@@ -67,6 +70,7 @@ __all__ = [
     "sample_pose",
     "scan_scene",
     "scan_with_truth",
+    "session_axes",
     "show_hand",
     "suite_cases",
     "suite_names",
@@ -74,6 +78,7 @@ __all__ = [
     "take_panorama",
     "take_photo",
     "take_view",
+    "tracked",
     "write_case",
     "write_case_folder",
 ]

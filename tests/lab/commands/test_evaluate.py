@@ -14,7 +14,7 @@ import typer
 from core.geometry.pose import Pose
 from core.judge.confidence import FEATURES
 from lab.commands import evaluation_run
-from lab.commands.evaluation_run import EvaluationRequest
+from lab.commands.evaluation_run import EvaluationRequest, scans_of
 from lab.rooms import PosedPanorama, write_case_folder
 from service.cli.entry import app
 from service.cli.exit_codes import ExitCode
@@ -150,12 +150,42 @@ def test_fit_refuses_rows_it_cannot_use(panoloc: Panoloc, tmp_path: Path) -> Non
     assert not (tmp_path / "confidence.json").exists()
 
 
+def test_cameras_stand_behind_every_suite_that_names_none_and_cut_every_case(
+    cases: Path, panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[EvaluationRequest] = []
+    monkeypatch.setattr(evaluation_run, "run_evaluation", lambda request, session: asked.append(request))
+    panoloc(
+        "evaluate",
+        "--suite",
+        "rooms",
+        "--suite",
+        "night/sweep",
+        "--cases",
+        cases,
+        "--seeds",
+        "4",
+        "--camera",
+        "photo",
+        "--camera",
+        "frames4",
+    )
+    (request,) = asked
+    assert [scan.name for scan in scans_of(request)] == [
+        "rooms/photo-4",
+        "rooms/frames4-4",
+        "night/sweep-4",
+        "box/photo",
+        "box/frames4",
+    ]
+
+
 def test_every_option_reaches_the_evaluation(panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked: list[EvaluationRequest] = []
     monkeypatch.setattr(evaluation_run, "run_evaluation", lambda request, session: asked.append(request))
     sources = ["--suite", "rooms", "--suite", "changed", "--seeds", "1,3", "--family", "plain", "--width", 256]
     sources += ["--points", 5000, "--cases", tmp_path, "--tag", "t", "--dataset", "data61", "--root", tmp_path]
-    sources += ["--split", "a", "--split", "b", "--limit", 2]
+    sources += ["--split", "a", "--split", "b", "--limit", 2, "--camera", "photo", "--camera", "frames4"]
     methods = ["--method", "fast", "--device", "cpu", "--timeout-s", 3, "--spacing-m", 0.5, "--cross", 4]
     output = ["--change-maps", "--out", tmp_path / "out", "--within", "0.05,5", "--json"]
     done = panoloc("evaluate", *sources, *methods, *output)
@@ -165,6 +195,7 @@ def test_every_option_reaches_the_evaluation(panoloc: Panoloc, monkeypatch: pyte
             suites=("rooms", "changed"),
             seeds="1,3",
             families=("plain",),
+            cameras=("photo", "frames4"),
             width=256,
             num_points=5000,
             cases=(tmp_path,),
