@@ -29,13 +29,13 @@ LOCALIZE_TIMEOUT_S = 120.0
 def demo(
     ctx: typer.Context,
     folder: Annotated[
-        Path, typer.Option(file_okay=False, help="Where the scan, the panoramas and the answers go.")
+        Path, typer.Option(file_okay=False, help="Where the scan, the images and the answers go.")
     ] = Path("panoloc-demo"),
     seed: Annotated[int, typer.Option(min=0, help="Another number makes another room.")] = 4,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Make a furnished room, register its scan, localize two panoramas, and compare with the known poses.
+    """Make a furnished room, register its scan, localize two panoramas and a photo, and compare with the known poses.
 
     Uses the service at --url; where none runs on this machine, one is started and left running.
     """
@@ -70,14 +70,14 @@ def _show_the_way(session: Session, folder: Path, seed: int, url: str) -> ExitCo
             if not session.json_output:
                 session.results.print(map_summary(place))
             run = DemoRun(session, client, place, AnswerFolder(folder / "answers"))
-            codes = [run.localize(query) for query in scene.queries]
+            codes = [(query, run.localize(query)) for query in scene.queries]
     _say_what_remains(session, url, service, place["id"])
-    return worst_of(codes)
+    return worst_of([code for query, code in codes if not query.may_stay_open])
 
 
 @dataclass(frozen=True)
 class DemoRun:
-    """What both queries of the demo have in common."""
+    """What all queries of the demo have in common."""
 
     session: Session
     client: PanolocClient
@@ -85,18 +85,18 @@ class DemoRun:
     folder: AnswerFolder
 
     def localize(self, query: "DemoQuery") -> ExitCode:
-        """Localize one panorama, save its pictures, and show the pose beside the known one."""
-        with show_waiting(self.session.messages, f"localizing {query.panorama.name}"):
-            options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S}
-            answer = self.client.localize(query.panorama, [self.place["id"]], options=options)
-        saved = self.folder.save(query.panorama, answer, self.client)
+        """Localize one image, save its pictures, and show the pose beside the known one."""
+        with show_waiting(self.session.messages, f"localizing {query.image.name}"):
+            options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S, **query.options}
+            answer = self.client.localize(query.image, [self.place["id"]], options=options)
+        saved = self.folder.save(query.image, answer, self.client)
         position_m, orientation_deg = query.error_of(answer)
         if self.session.json_output:
             error = {"position_m": position_m, "orientation_deg": orientation_deg}
-            self.session.print_json({"panorama": str(query.panorama), "error_to_truth": error, **answer})
+            self.session.print_json({"image": str(query.image), "error_to_truth": error, **answer})
             return exit_code_of(answer["status"])
         show = self.session.results.print
-        show(f"\n[bold]{escape(str(query.panorama))}[/]: {query.description}")
+        show(f"\n[bold]{escape(str(query.image))}[/]: {query.description}")
         self.session.show_answer(answer, self.client)
         if position_m is not None and orientation_deg is not None:
             show(f"[bold]off by {position_m * 100:.1f} cm and {orientation_deg:.2f} degrees[/] from the known pose")

@@ -3,12 +3,18 @@
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from core.camera.camera import CameraDescription
+from core.camera.lens import project_to_image
 from core.geometry.pose import Pose
+from core.panorama.reader import read_image
+from core.panorama.session import Photo
+from core.scan.reading import read_scan
 from lab.commands import demo_scene
 from lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
 from tests.service.cli.commands import Panoloc
@@ -56,6 +62,15 @@ def test_the_demo_says_so_when_a_panorama_is_not_found(
     assert "off by" not in done.out
 
 
+def test_a_photo_that_shows_too_little_is_no_failure_of_the_demo(
+    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], may_stay_open=True),))
+    monkeypatch.setattr(demo_scene, "make_demo_scene", lambda folder, seed, say: photo)
+    fake.status = "not_localized"
+    assert panoloc("demo", "--folder", tmp_path / "demo").code == 0
+
+
 def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
     fake.down = True
     done = panoloc("demo", "--folder", tmp_path / "demo", "--url", "http://example.org:8000")
@@ -68,12 +83,44 @@ def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(tmp_pat
     scenes = [make_demo_scene(tmp_path / name, 3, lambda text: None) for name in ("a", "b")]
     assert scenes[0].scan.read_bytes() == scenes[1].scan.read_bytes()
     first, second = (scene.queries[1] for scene in scenes)
-    assert first.panorama.read_bytes() == second.panorama.read_bytes()
+    assert first.image.read_bytes() == second.image.read_bytes()
     truth = json.loads((tmp_path / "a" / "truth.json").read_text())
     assert truth["queries"][1]["position_m"] == first.pose.position.tolist()
+    assert [entry["image"] for entry in truth["queries"]] == [
+        "as-scanned.jpg",
+        "changed.jpg",
+    ]  # a truth.json is of panoramas
     perfect = answer_with("localized")
     perfect["pose"]["map_from_camera"]["matrix"] = first.pose.matrix.tolist()
     assert first.error_of(perfect) == pytest.approx((0.0, 0.0), abs=1e-5)
+
+
+@pytest.mark.slow
+def test_the_photo_is_of_the_camera_that_the_service_is_told_of(tmp_path: Path) -> None:
+    scene = make_demo_scene(tmp_path, 3, lambda text: None)
+    photo = scene.queries[2]
+    assert scene.file_names == ["scan.ply", "as-scanned.jpg", "changed.jpg", "photo.jpg"]
+    image = read_image(photo.image.read_bytes(), camera=CameraDescription(**photo.options["cameras"][0]))
+    assert isinstance(image, Photo)
+    # What the scan has in front of the camera is in the photo, in its colours.
+    cloud = read_scan(scene.scan)
+    u, v, shown = project_to_image(image.camera, (cloud.positions - photo.pose.position) @ photo.pose.rotation)
+    height, width = image.valid.shape
+    seen = image.color[v[shown].astype(int).clip(0, height - 1), u[shown].astype(int).clip(0, width - 1)]
+    difference = np.abs(seen.astype(int) - cloud.colors[shown]).mean(1)
+    assert np.median(difference) < 12
+    assert abs(photo.pose.yaw_pitch_roll[1]) < np.radians(5.01)
+    assert abs(photo.pose.yaw_pitch_roll[2]) < np.radians(5.01)
+
+
+def test_what_is_known_of_an_image_is_sent_with_it(
+    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = {"cameras": [{"model": "pinhole", "hfov_deg": 69.0}]}
+    photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], options=told),))
+    monkeypatch.setattr(demo_scene, "make_demo_scene", lambda folder, seed, say: photo)
+    assert panoloc("demo", "--folder", tmp_path / "demo").code == 0
+    assert json.loads(fake.parts["options"][0])["cameras"] == told["cameras"]
 
 
 def test_without_open3d_the_demo_says_what_is_missing_before_it_starts_anything(
