@@ -11,9 +11,11 @@ import numpy as np
 
 from core.errors import OptionsError
 from core.geometry.pose import Pose
+from core.panorama.panorama import Panorama
 from core.panorama.session import Session
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked
+from lab.evaluation.untold_masks import as_uploaded
+from lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
 
 
 def as_photos(scans: Sequence[ScanCases], camera: str, seeds: Sequence[int], width: int = 1024) -> list[ScanCases]:
@@ -56,8 +58,12 @@ def _photographed(scan: ScanCases, camera: str, seeds: Sequence[int], width: int
 
 
 def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, width: int) -> KnownQuery:
-    """Return the query of photos that the camera takes where a panorama was taken, in directions of its own."""
+    """Return the query of photos that the camera takes where a panorama was taken, in directions of its own; or the panorama, spoilt."""
     place = known.poses[0]
+    if camera.shooting is None:
+        panorama, missing = with_any_defect(known.panorama, rng)
+        told = Panorama(panorama.color, panorama.valid & ~missing)
+        return replace(known, query=told if camera.masked else as_uploaded(panorama), changed_pixels=None)
     lens, rotations = camera.shooting.camera(rng, width), camera.shooting.rotations(rng)
     photos = [cut_photo(known.panorama, lens, place.rotation.T @ rotation) for rotation in rotations]
     poses = [Pose(rotation, place.position) for rotation in rotations]

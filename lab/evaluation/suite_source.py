@@ -7,6 +7,7 @@ from typing import get_args
 from core.errors import OptionsError
 from core.options import ColorKind, IndexOptions
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
+from lab.evaluation.untold_masks import as_uploaded
 from lab.rooms import suite_cases
 
 _QUERY = "panorama"
@@ -56,8 +57,9 @@ def _load(
 ) -> LoadedScan:
     cases = suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points)
     case = next(iter(cases))
+    untold = case.missing_pixels is not None and case.panorama.valid[case.missing_pixels].any()
     query = KnownQuery(
-        case.query,
+        as_uploaded(case.panorama) if untold else case.query,
         (case.pose, *case.alternatives),
         case.changed_pixels,
         case.changed_points,

@@ -18,6 +18,7 @@ from lab.rooms.capture.camera_look import (
 )
 from lab.rooms.capture.change_truth import changed_pixels, changed_points
 from lab.rooms.capture.cut_photo import cut_photo
+from lab.rooms.capture.defective import with_any_defect
 from lab.rooms.capture.free_space import RotationKind, random_rotation, sample_pose
 from lab.rooms.capture.intruders import add_person, show_hand
 from lab.rooms.capture.photo_camera import PhotoView, take_photo
@@ -79,6 +80,7 @@ __all__ = [
     "take_photo",
     "take_view",
     "tracked",
+    "with_any_defect",
     "write_case",
     "write_case_folder",
 ]

@@ -10,14 +10,16 @@ from lab.rooms.capture.shooting import Shooting
 class QueryCamera:
     """A way to photograph a query.
 
-    shooting: how the images are taken. session: what is known of their poses among each other; None: of one image nothing, its own frame
-    is the session. hints: of the call.
+    shooting: how the images are taken; None: as a full panorama with a defect drawn over it. session: what is known of their poses among
+    each other; None: of one image nothing, its own frame is the session. hints: of the call. masked: the defect is told by the mask, as it
+    would be by somebody who knows where it is.
     """
 
     description: str
-    shooting: Shooting
+    shooting: Shooting | None
     session: SessionOptions | None = None
     hints: Hints | None = None
+    masked: bool = False
 
 
 _UP, _FREE = SessionOptions(up_known=True), SessionOptions(up_known=False)
@@ -40,6 +42,11 @@ _ONE: dict[str, QueryCamera] = {
         "a phone's sweep panorama: a cylinder 180 to 360 degrees wide and 50 high",
         Shooting("cylindrical", (180.0, 360.0), vfov_deg=50.0, pitch_deg=3.0, roll_deg=3.0),
     ),
+    "void": QueryCamera(
+        "full panoramas with void, holes, bars, patches or fills that nobody told of, found or not as the image is read",
+        None,
+    ),
+    "void_masked": QueryCamera("the panoramas of `void` with a perfect mask", None, masked=True),
 }
 _SEVERAL: dict[str, QueryCamera] = {
     "frames2": QueryCamera(

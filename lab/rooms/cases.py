@@ -16,11 +16,13 @@ from core.scan.point_cloud import PointCloud
 from lab.rooms.cameras import QueryCamera
 from lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
 from lab.rooms.capture.change_truth import changed_pixels, changed_points
+from lab.rooms.capture.defective import with_any_defect
 from lab.rooms.capture.free_space import RotationKind, sample_pose
 from lab.rooms.capture.intruders import add_person, show_hand
 from lab.rooms.capture.map_frame import survey_frame, turned_cloud, turned_pose
 from lab.rooms.capture.photo_camera import take_photo
 from lab.rooms.capture.scanning import scan_with_truth
+from lab.rooms.capture.shooting import Shooting
 from lab.rooms.capture.spherical_camera import take_view
 from lab.rooms.capture.tracking import session_axes, tracked
 from lab.rooms.scenes.changes import change_scene
@@ -41,8 +43,8 @@ class Case:
     cloud. color_kind: "rgb" or "labels". changed_pixels: (H, W) bool, shows what was not scanned; None of photos. changed_points: (N,)
     bool, no longer there. region: corners (min, max) in metres that the camera is known to be in, None for no prior.
     alternatives: other poses that show the same picture, in places that exist twice. lookalikes: poses at which other rooms look most
-    like it, and are not. hints: of the call. image_poses:
-    map_from_camera of every photo. map_from_session: without the noise of the tracking.
+    like it, and are not. hints: of the call. image_poses: map_from_camera of every photo. missing_pixels: (H, W) bool, drawn over,
+    whether the mask says so or not; None where nothing is. map_from_session: without the noise of the tracking.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Case:
     lookalikes: tuple[Pose, ...] = ()
     hints: Hints | None = None
     image_poses: tuple[Pose, ...] = ()
+    missing_pixels: NDArray[np.bool_] | None = None
     map_from_session: Pose | None = None
 
     @cached_property
@@ -118,11 +121,10 @@ def make_case(
     scan = scan_with_truth(in_scan_light, suite.num_stations, suite.num_points, seed=seed, color_kind=suite.color_kind)
     now = change_scene(scanned, suite.change, seed) if suite.change > 0 else scanned
     now = suite.light(now)
-    taken = (
-        _panorama(suite, now, scanned, seed, width, rng)
-        if camera is None
-        else _photos(suite, now, camera, seed, width, rng)
-    )
+    if camera is None or camera.shooting is None:
+        taken = _panorama(suite, now, scanned, seed, width, rng)
+    else:
+        taken = _photos(suite, now, camera, camera.shooting, seed, width, rng)
     gone = changed_points(scan, scanned, taken.scene)
     others = twin_poses(scanned, taken.poses[0])
     # What changes in one room does not in the others.
@@ -140,9 +142,11 @@ def make_case(
         alternatives=others if are_equal else (),
         lookalikes=() if are_equal else others,
         hints=None if camera is None else camera.hints,
-        image_poses=() if camera is None else taken.poses,
+        image_poses=() if taken.map_from_session is None else taken.poses,
         map_from_session=taken.map_from_session,
     )
+    if camera is not None and camera.shooting is None:
+        case = _with_defect(case, masked=camera.masked)
     return _in_survey_frame(case, *survey_frame(rng)) if suite.survey_frame else case
 
 
@@ -174,10 +178,12 @@ def _panorama(suite: Suite, now: Scene, scanned: Scene, seed: int, width: int, r
     return _Taken(now, panorama, (pose,), new_pixels)
 
 
-def _photos(suite: Suite, now: Scene, camera: QueryCamera, seed: int, width: int, rng: np.random.Generator) -> _Taken:
+def _photos(
+    suite: Suite, now: Scene, camera: QueryCamera, how: Shooting, seed: int, width: int, rng: np.random.Generator
+) -> _Taken:
     """Take the photos of a session as the suite's light and look show them."""
-    lens = camera.shooting.camera(rng, width)
-    poses = _among_twins(now, lambda: camera.shooting.poses(now, rng))
+    lens = how.camera(rng, width)
+    poses = _among_twins(now, lambda: how.poses(now, rng))
     if suite.change > 0 and rng.random() < _PERSON_SHARE:
         with_person = add_person(now, poses[0], seed)
         # Nobody stands where the next picture is taken from.
@@ -191,6 +197,13 @@ def _photos(suite: Suite, now: Scene, camera: QueryCamera, seed: int, width: int
         return _Taken(now, Session.of_photo(photos[0]), tuple(poses), None, poses[0])
     axes = session_axes(rng, poses[0], upright=camera.session.up_known)
     return _Taken(now, tracked(photos, poses, axes, camera.session, rng), tuple(poses), None, axes)
+
+
+def _with_defect(case: Case, *, masked: bool) -> Case:
+    """Return the case of a panorama with one of all kinds of defects drawn over it."""
+    panorama, missing = with_any_defect(case.panorama, np.random.default_rng((case.seed, 31)))
+    shown = Panorama(panorama.color, panorama.valid & ~missing) if masked else panorama
+    return replace(case, query=shown, missing_pixels=missing)
 
 
 def _among_twins(scene: Scene, draw: Callable[[], list[Pose]]) -> list[Pose]:

@@ -75,3 +75,15 @@ def test_coverage_is_the_share_of_the_sphere_that_all_photos_show_together(box_f
 def test_an_unknown_camera_is_refused_at_once() -> None:
     with pytest.raises(OptionsError, match="frames4"):
         as_photos([], "telescope", [1])
+
+
+def test_defects_are_drawn_over_the_panoramas_of_any_source(box_folder: Path) -> None:
+    whole = folder_scans(box_folder)[0].load().query("q0.jpg")
+    spoilt, masked = (
+        as_photos(folder_scans(box_folder), camera, [3])[0].load().query("q0.jpg@3")
+        for camera in ("void", "void_masked")
+    )
+    np.testing.assert_array_equal(spoilt.panorama.color, masked.panorama.color)
+    assert not masked.panorama.valid.all()
+    assert (spoilt.panorama.color != whole.panorama.color).any()
+    np.testing.assert_array_equal(spoilt.poses[0].matrix, whole.poses[0].matrix)
