@@ -104,8 +104,12 @@ def fit(
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(dumps(fitted.document, indent=1) + "\n", encoding="utf-8")
         if json:
-            session.print_json({"confidence": fitted.document, "held_out": asdict(fitted.held_out)})
+            session.print_json(
+                {"confidence": fitted.document, "held_out": asdict(fitted.held_out), "left_out": fitted.left_out}
+            )
         else:
             session.results.print(held_out_table(fitted.held_out))
+        for why, number in fitted.left_out.items():
+            session.messages.print(f"left out: {number} of {len(rows)} rows, {why}")
         session.messages.print(f"wrote {escape(str(out))}")
     return ExitCode.ERROR if failed else ExitCode.OK

@@ -1,6 +1,7 @@
 """Fits the confidence on rows with known truth, and says how it holds on groups of rows that it was not fitted on."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -45,10 +46,14 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class ConfidenceFit:
-    """The fit to all rows, as `core.judge.confidence` reads it, and how it holds on held-out groups."""
+    """The fit to all rows, as `core.judge.confidence` reads it, and how it holds on held-out groups.
+
+    left_out: how many rows the fit could not use, by why.
+    """
 
     document: dict[str, Any]
     held_out: HeldOut
+    left_out: dict[str, int]
 
 
 def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wrong: float = 0.005) -> ConfidenceFit:
@@ -61,10 +66,14 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
     latest = {
         (row.scan, row.query, row.method): row for row in rows
     }  # of the same call with two configurations, the later
-    usable = [row for row in latest.values() if row.search.get("measures") and row.search.get("score") is not None]
+    why = {key: _why_unusable(row) for key, row in latest.items()}
+    usable = [row for key, row in latest.items() if why[key] is None]
+    left_out = dict(Counter(reason for reason in why.values() if reason is not None))
+    if len(rows) > len(latest):
+        left_out["made again later"] = len(rows) - len(latest)
     if not usable:
         raise RowsError(
-            "rows: expected rows whose search has measures and score, found none; run `panoloc evaluate` again"
+            f"rows: expected rows whose search has measures and score, found none ({_said(left_out)}); run `panoloc evaluate` again"
         )
     features = np.array([features_of_row(row) for row in usable])
     right = np.array([row.within(RIGHT) for row in usable])
@@ -87,7 +96,20 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
         "orientation_radius": asdict(orientation),
         "fitted_on": {"groups": sorted({row.group for row in usable}), "rows": len(usable), "right": int(right.sum())},
     }
-    return ConfidenceFit(document, held_out)
+    return ConfidenceFit(document, held_out, left_out)
+
+
+def _why_unusable(row: Row) -> str | None:
+    """Return why nothing can be fitted to a row, None where it can."""
+    if row.error is not None:
+        return "ended in an error"
+    if row.search.get("score") is None:
+        return "no pose was left to judge"
+    return None if row.search.get("measures") else "the method measures nothing"
+
+
+def _said(left_out: dict[str, int]) -> str:
+    return ", ".join(f"{number} {why}" for why, number in left_out.items()) or "no rows at all"
 
 
 def features_of_row(row: Row) -> list[float]:

@@ -169,3 +169,21 @@ def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:
     _, coefficients = fit_growing_logistic(features, strength > 0, regularization=1.0)
     assert coefficients[0] > 0
     assert coefficients[1] == 0
+
+
+def test_rows_that_cannot_be_fitted_are_counted_by_why() -> None:
+    rows = [*_rows("a", 60, 1), *_rows("b", 60, 2)]
+    useless = [
+        made_row(1000, None, status="error", error="DeadlineExceededError: late"),
+        made_row(1001, None, status="not_localized"),
+        made_row(1002, search={"score": 0.5}),
+    ]
+    fitted = fit_confidence([*rows, *useless, rows[0]])
+    assert fitted.left_out == {
+        "ended in an error": 1,
+        "no pose was left to judge": 1,
+        "the method measures nothing": 1,
+        "made again later": 1,
+    }
+    assert fitted.document["fitted_on"]["rows"] == 120
+    assert fit_confidence(rows).left_out == {}
