@@ -12,6 +12,7 @@
     │   ├── MapLimitError             as many maps as allowed
     │   ├── UploadTooLargeError       too many bytes
     │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
+    │       └── UnwantedPartError     a part of an upload that nobody takes, or one too many
     ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
     │   ├── QueueFullError            as many requests wait as may
     │   ├── NoWorkerError             no worker is up
@@ -90,6 +91,10 @@ class InvalidOptionsError(RequestError):
     def __init__(self, message: str, fields: list[dict[str, Any]] | None = None) -> None:
         super().__init__(message)
         self.fields = fields or []
+
+
+class UnwantedPartError(InvalidOptionsError):
+    """The upload has a part that nobody takes, or one too many; the rest of it is not read."""
 
 
 class TryAgainError(ServiceError):

@@ -82,6 +82,7 @@ PROBLEMS: dict[type[Exception], Problem] = {
     ),
     service.UploadTooLargeError: Problem("upload-too-large", "The upload is too large", 413, "Send fewer bytes."),
     service.InvalidOptionsError: _INVALID,
+    service.UnwantedPartError: _INVALID,
     service.TryAgainError: _BUSY,
     service.QueueFullError: Problem(
         "queue-full", "Too many requests wait", 429, "Send it again after Retry-After seconds."

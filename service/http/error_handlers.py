@@ -15,6 +15,7 @@ from service.errors import (
     MalformedRequestError,
     MapNotReadyError,
     TryAgainError,
+    UnwantedPartError,
     UploadTooLargeError,
     WorkerError,
 )
@@ -48,7 +49,10 @@ def problem_response(error: BaseException, request_id: str) -> JSONResponse:
         headers["Retry-After"] = str(_RETRY_AFTER_S)
     if isinstance(error, KeyMissingError):
         headers["WWW-Authenticate"] = 'Bearer realm="panoloc"'
-    if isinstance(error, UploadTooLargeError | MalformedRequestError) or problem.status in (413, 415):
+    if isinstance(error, UploadTooLargeError | MalformedRequestError | UnwantedPartError) or problem.status in (
+        413,
+        415,
+    ):
         # The rest of the body is not read.
         headers["Connection"] = "close"
     return JSONResponse(problem_document(error, request_id), problem.status, headers, MEDIA_TYPE)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Self
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from service.errors import InvalidOptionsError, MalformedRequestError, UploadTooLargeError
+from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
 from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large, too_large_together
 
 if TYPE_CHECKING:
@@ -54,7 +54,8 @@ class Form:
         try:
             return [value.decode() for value in self.fields.get(name, [])]
         except UnicodeDecodeError as error:
-            raise _field_error(name, "expected UTF-8 text") from error
+            message = "expected UTF-8 text, got bytes that are none; send text"
+            raise InvalidOptionsError(f"{name}: {message}", [{"field": name, "message": message}]) from error
 
 
 async def read_form(
@@ -162,10 +163,10 @@ class _FormReader:
         self._name = options.get(b"name", b"").decode("utf-8", "replace")
         rule = self._rules.get(self._name)
         if rule is None:
-            raise _field_error(self._name, f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}")
+            raise _unwanted(self._name, f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}")
         self._num_seen[self._name] += 1
         if self._num_seen[self._name] > rule.max_parts:
-            raise _field_error(self._name, _too_many(rule))
+            raise _unwanted(self._name, _too_many(rule))
         self._rule, self._value = rule, bytearray()
         if rule.spooled:
             assert self._spool_folder is not None
@@ -218,5 +219,5 @@ def _too_many(rule: PartRule) -> str:
     return f"expected at most {rule.max_parts} parts of this name, got more; send fewer"
 
 
-def _field_error(name: str, message: str) -> InvalidOptionsError:
-    return InvalidOptionsError(f"{name[:80]}: {message}", [{"field": name[:80], "message": message}])
+def _unwanted(name: str, message: str) -> UnwantedPartError:
+    return UnwantedPartError(f"{name[:80]}: {message}", [{"field": name[:80], "message": message}])

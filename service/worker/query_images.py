@@ -1,10 +1,13 @@
 """From the uploaded images of a query to what is localized: a panorama, a photo, or a session of several."""
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import numpy as np
 import torch
+from PIL import Image
 
 from core.errors import OptionsError, PanoramaTooLargeError
 from core.geometry.pose import Pose
@@ -18,6 +21,8 @@ from core.results import Localization
 from service.jobs import QueryImage
 
 Query = Panorama | Photo | Session
+
+_DRAWN_PX_PER_RAD = 512 / math.pi  # pictures are 1024 pixels for a full turn
 
 
 def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Query:
@@ -41,10 +46,23 @@ def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Locali
     """Return all images on one sphere, and what was found with the pose of that sphere as its best, to draw pictures of."""
     if isinstance(query, Panorama):
         return query, found
-    sphere, session_from_sphere = session_on_sphere(query if isinstance(query, Session) else Session.of_photo(query))
+    session = query if isinstance(query, Session) else Session.of_photo(query)
+    images = tuple(replace(image, photo=_as_drawn(image.photo)) for image in session.images)
+    sphere, session_from_sphere = session_on_sphere(replace(session, images=images))
     if found.best is None or found.map_from_session is None:
         return sphere, found
     return sphere, replace(found, best=replace(found.best, pose=found.map_from_session.after(session_from_sphere)))
+
+
+def _as_drawn(photo: Photo) -> Photo:
+    """Return the photo no finer than pictures show it; drawing 32 frames as they are would take seconds."""
+    factor = int(min(photo.camera.fx_px, photo.camera.fy_px) / _DRAWN_PX_PER_RAD)
+    if factor < 2:
+        return photo
+    size = max(1, photo.camera.width_px // factor), max(1, photo.camera.height_px // factor)
+    color = Image.fromarray(photo.color).resize(size, Image.Resampling.BOX)
+    valid = Image.fromarray(photo.valid).resize(size, Image.Resampling.NEAREST)
+    return Photo(np.asarray(color), np.asarray(valid), photo.camera.resized(*size))
 
 
 def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Panorama | Photo]:

@@ -1,11 +1,14 @@
 """Frames of a phone with the poses of its own tracking, localized by a running service: what an AR client gets back."""
 
+import io
+import json
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from core.geometry.pose import Pose, pose_error
 from tests.integration.running_service import RunningService
@@ -26,12 +29,37 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 
 
 @pytest.fixture(scope="module")
-def answer(service: RunningService) -> dict[str, Any]:
+def map_id(service: RunningService) -> str:
+    return service.register(small_room().scan, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def answer(service: RunningService, map_id: str) -> dict[str, Any]:
     """Return the answer to the four frames."""
-    map_id = service.register(small_room().scan, OPTIONS)
     reply = service.localize(tracked_frames().images, map_id, tracked_frames().options)
     assert reply.status_code == 200, reply.text
     return dict(reply.json())
+
+
+def picture(pixels: NDArray[np.uint8]) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def wall() -> bytes:
+    """Return a photo of plaster: one colour, a little grain."""
+    grain = np.random.default_rng(0).normal(215, 2, (480, 640, 1)).repeat(3, axis=2)
+    return picture(grain.astype(np.uint8))
+
+
+def screenshot() -> bytes:
+    """Return an upright page: white, with lines of text and a bar of buttons."""
+    page = np.full((1280, 720, 3), 255, np.uint8)
+    for row in range(100, 1100, 30):
+        page[row : row + 12, 40 : 300 + row % 370] = 40
+    page[1180:, :] = (30, 110, 220)
+    return picture(page)
 
 
 def motion(found: dict[str, Any]) -> NDArray[np.float64]:
@@ -64,3 +92,46 @@ def test_every_image_says_what_it_was_taken_for(answer: dict[str, Any]) -> None:
     for image in answer["images"]:
         assert image["camera"]["model"] == "pinhole"
         assert image["camera"]["hfov_deg"] == pytest.approx(100, abs=0.1)
+
+
+def test_frames_that_contradict_each_other_are_an_answer_and_never_a_sure_one(
+    service: RunningService, map_id: str
+) -> None:
+    frames = tracked_frames()
+    shuffled = [frames.images[number] for number in (2, 0, 3, 1)]
+    for images in (shuffled, frames.images[:1] * 4):
+        reply = service.localize(images, map_id, frames.options)
+        assert reply.status_code == 200, reply.text
+        assert reply.json()["status"] != "localized"
+        assert len(reply.json()["images"]) == 4
+
+
+@pytest.mark.parametrize("image", [wall(), screenshot()], ids=["a wall", "a screenshot"])
+def test_a_picture_that_shows_nothing_of_the_place_is_not_localized(
+    service: RunningService, map_id: str, image: bytes
+) -> None:
+    unknown = service.localize(image, map_id)
+    assert unknown.status_code == 422
+    assert "options.cameras" in unknown.json()["detail"]
+    reply = service.localize(image, map_id, json.dumps({"cameras": [{"model": "pinhole", "hfov_deg": 69}]}))
+    assert reply.status_code == 200, reply.text
+    assert reply.json()["status"] != "localized"
+    assert reply.json()["map_from_session"] is None
+
+
+def test_the_pictures_of_a_session_are_drawn(service: RunningService, map_id: str) -> None:
+    options = json.loads(tracked_frames().options) | {"artifacts": ["score_map_2d", "score_map_3d", "overlay"]}
+    answer = service.localize(tracked_frames().images, map_id, json.dumps(options)).json()
+    assert len(answer["artifacts"]) == 3
+    for path in answer["artifacts"].values():
+        size = Image.open(io.BytesIO(service.http.get(path).content)).size
+        assert size[0] == 1024
+    upper, lower = np.split(_overlay(service, answer), [512])
+    shown = (upper != upper[0, 0]).any(axis=2)  # the zenith is in no image
+    # The images stand above the scan as it looks from there: what both show has the same colours.
+    assert np.corrcoef(upper[shown].ravel(), lower[4:][shown].ravel())[0, 1] > 0.7
+
+
+def _overlay(service: RunningService, answer: dict[str, Any]) -> NDArray[np.float64]:
+    picture = Image.open(io.BytesIO(service.http.get(answer["artifacts"]["overlay"]).content))
+    return np.asarray(picture.convert("RGB"), np.float64)

@@ -265,6 +265,19 @@ def test_a_client_that_sends_first_and_reads_later_learns_why_it_was_refused(
         assert b"PANOLOC_MAX_UPLOAD_BYTES" in caught.value.read()
 
 
+def test_a_client_that_sends_many_images_too_many_learns_of_the_limit(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    head = b'--x\r\nContent-Disposition: form-data; name="image"; filename="a.png"\r\n\r\n'
+    with listening(tmp_path, redis_server.url) as url:
+        body = (head + png_of(8, 8) + bytes(1_000_000) + b"\r\n") * 50 + b"--x--\r\n"
+        headers = {"Content-Type": "multipart/form-data; boundary=x"}
+        with pytest.raises(urllib.error.HTTPError) as caught:
+            urllib.request.urlopen(urllib.request.Request(f"{url}/localize", body, headers))
+        assert caught.value.code == 422
+        assert b"at most 32 parts" in caught.value.read()
+
+
 async def test_a_scan_with_too_many_points_is_the_same_problem_at_the_upload_and_in_the_worker(
     running: RunningService,
 ) -> None:
