@@ -4,7 +4,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from core.camera.camera import CameraDescription, CameraModel
+from core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
 from core.errors import OptionsError
 from service.http.schemas.geometry import Model
 from service.http.schemas.session import SessionFromCamera
@@ -18,9 +18,10 @@ class Camera(Model):
     Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
     """
 
-    model: CameraModel = Field(
+    model: CameraModel | None = Field(
+        None,
         description="`pinhole`; `opencv` and `opencv_fisheye` with OpenCV's distortion; `cylindrical`, as phones make sweep panoramas; "
-        "`equirectangular`, also a part of the sphere."
+        "`equirectangular`, also a part of the sphere. Left out with all but the pose: the image says so itself.",
     )
     width_px: _Pixels | None = Field(None, description="Of the image that the intrinsics belong to.")
     height_px: _Pixels | None = None
@@ -50,7 +51,14 @@ class Camera(Model):
             raise ValueError(str(error)) from error
         return self
 
-    def to_options(self) -> CameraDescription:
-        """Return the camera as the algorithm takes it. Raises OptionsError for numbers that describe none."""
+    def to_options(self) -> CameraDescription | None:
+        """Return the camera as the algorithm takes it; None: the image says so itself. Raises OptionsError for what describes none."""
         given = self.model_dump(exclude={"session_from_camera"})
+        if self.model is None:
+            if any(value not in (None, []) for value in given.values()) or self.session_from_camera is None:
+                raise OptionsError(
+                    f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only where nothing but "
+                    "session_from_camera is sent"
+                )
+            return None
         return CameraDescription(**{**given, "distortion": tuple(self.distortion)})

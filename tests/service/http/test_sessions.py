@@ -69,6 +69,32 @@ async def test_full_panoramas_are_images_of_a_session_like_others(running: Runni
     assert (await ask(running, 2, {"cameras": [sphere, entry(0.5)]})).status_code == 200
 
 
+async def test_an_entry_with_a_pose_alone_leaves_the_camera_to_the_image(running: RunningService) -> None:
+    bare = {"session_from_camera": entry(1.0)["session_from_camera"]}
+    assert (await ask(running, 2, {"cameras": [bare, entry()]})).status_code == 200
+    first, second = running.pool.jobs[0].images
+    assert first.camera is None
+    assert second.camera is not None
+    assert first.session_from_camera is not None
+
+
+@pytest.mark.parametrize(
+    "incomplete",
+    [
+        {},
+        {"hfov_deg": 69},
+        {"width_px": 64, "height_px": 48},
+        {**entry(), "model": None},
+        {"session_from_camera": None},
+    ],
+    ids=["nothing", "a field of view", "a size", "a pose and a field of view", "no pose"],
+)
+async def test_a_camera_without_a_model_is_refused(running: RunningService, incomplete: dict[str, Any]) -> None:
+    reply = await ask(running, 1, {"cameras": [incomplete]})
+    assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, "cameras.0")
+    assert "model: expected one of equirectangular" in reply.json()["detail"]
+
+
 async def test_a_query_without_options_is_one_image_and_no_session(running: RunningService) -> None:
     await ask(running, 1, {})
     assert running.pool.jobs[0].images == (QueryImage(png_of(8, 8)),)
