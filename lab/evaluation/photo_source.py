@@ -3,18 +3,20 @@
 A panorama has one centre, so frames of a session have no parallax here, whatever their recipe says; their tracking has its noise.
 """
 
+import io
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from PIL import Image
 
 from core.errors import OptionsError
 from core.geometry.pose import Pose
 from core.panorama.panorama import Panorama
+from core.panorama.reader import read_panorama
 from core.panorama.session import Session
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from lab.evaluation.untold_masks import as_uploaded
 from lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
 
 
@@ -75,3 +77,11 @@ def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, 
     # Where the place exists twice, the photo was turned against each of its panoramas alike.
     first = tuple(Pose(pose.rotation @ place.rotation.T @ rotations[0], pose.position) for pose in known.poses)
     return replace(known, query=session, poses=first, changed_pixels=None, hints=camera.hints)
+
+
+def as_uploaded(panorama: Panorama) -> Panorama:
+    """Return the panorama as it is read from a file without a mask, which may find what is missing; what was masked stays so."""
+    buffer = io.BytesIO()
+    Image.fromarray(panorama.color).save(buffer, "PNG")
+    read = read_panorama(buffer.getvalue())
+    return Panorama(read.color, read.valid & panorama.valid)
