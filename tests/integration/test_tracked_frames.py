@@ -122,16 +122,18 @@ def test_a_picture_that_shows_nothing_of_the_place_is_not_localized(
 def test_the_pictures_of_a_session_are_drawn(service: RunningService, map_id: str) -> None:
     options = json.loads(tracked_frames().options) | {"artifacts": ["score_map_2d", "score_map_3d", "overlay"]}
     answer = service.localize(tracked_frames().images, map_id, json.dumps(options)).json()
-    assert len(answer["artifacts"]) == 3
-    for path in answer["artifacts"].values():
-        size = Image.open(io.BytesIO(service.http.get(path).content)).size
-        assert size[0] == 1024
-    upper, lower = np.split(_overlay(service, answer), [512])
+    pictures = {name: fetched(service, path) for name, path in answer["artifacts"].items()}
+    assert {name: each.shape[1] for name, each in pictures.items()} == dict.fromkeys(options["artifacts"], 1024)
+    upper, lower = np.split(pictures["overlay"], [512])
     shown = (upper != upper[0, 0]).any(axis=2)  # the zenith is in no image
     # The images stand above the scan as it looks from there: what both show has the same colours.
     assert np.corrcoef(upper[shown].ravel(), lower[4:][shown].ravel())[0, 1] > 0.7
+    # Nothing has changed since the scan, so what the images show is green, and what they do not show has no tint.
+    red, green, _ = pictures["score_map_2d"][shown].mean(axis=0)
+    assert green > red + 10
+    assert np.ptp(pictures["score_map_2d"][~shown].mean(axis=0)) < 15
 
 
-def _overlay(service: RunningService, answer: dict[str, Any]) -> NDArray[np.float64]:
-    picture = Image.open(io.BytesIO(service.http.get(answer["artifacts"]["overlay"]).content))
-    return np.asarray(picture.convert("RGB"), np.float64)
+def fetched(service: RunningService, path: str) -> NDArray[np.float64]:
+    """Return a picture of an answer (h, w, 3)."""
+    return np.asarray(Image.open(io.BytesIO(service.http.get(path).content)).convert("RGB"), np.float64)

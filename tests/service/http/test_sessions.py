@@ -84,7 +84,7 @@ async def test_an_entry_with_a_pose_alone_leaves_the_camera_to_the_image(running
         {},
         {"hfov_deg": 69},
         {"width_px": 64, "height_px": 48},
-        {**entry(), "model": None},
+        {**entry(hfov_deg=0), "model": None},
         {"session_from_camera": None},
     ],
     ids=["nothing", "a field of view", "a size", "a pose and a field of view", "no pose"],
