@@ -16,7 +16,7 @@ from core.judge.confidence import ConfidenceModel, error_radii, features_of, for
 from core.judge.hypotheses import Hypothesis, MethodResult, distinct
 from core.options import MAX_TOP_K, Hints, Method, Status
 from core.panorama.panorama import Panorama
-from core.panorama.session import Photo, Session
+from core.panorama.session import Photo, Session, left_out
 from core.panorama.session_sphere import session_on_sphere
 from core.paper.paper_method import PaperMethod
 from core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
@@ -60,6 +60,7 @@ class Localizer:
             session = Session.of_photo(query) if isinstance(query, Photo) else query
             panorama, session_from_panorama = session_on_sphere(session)
             found = self.localize(panorama, maps, method=method, hints=hints, top_k=top_k, timeout_s=timeout_s)
+            found = replace(found, warnings=(*found.warnings, *left_out(session)))
             return _for_session(found, session, session_from_panorama)
         panorama = query
         if not maps:
@@ -77,8 +78,8 @@ class Localizer:
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
-            return replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
-        return answer
+            answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
+        return replace(answer, warnings=(*answer.warnings, *left_out(query)))
 
     def _answer(
         self, result: MethodResult, maps: Sequence[MapIndex], method: Method, top_k: int, clock: StageClock

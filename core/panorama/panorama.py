@@ -14,10 +14,12 @@ class Panorama:
 
     color: (H, W, 3) uint8, W = 2 H, RGB; row 0 looks up, the centre column looks forward (+x).
     valid: (H, W) bool; False marks pixels to ignore (missing, masked, outside a crop). Missing is a mask, never a colour.
+    left_out: in words for people, what was found not to be the place, and is not valid for that.
     """
 
     color: NDArray[np.uint8]
     valid: NDArray[np.bool_]
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         height, width = self.valid.shape

@@ -2,8 +2,11 @@
 
 EXIF orientation is honoured. GPano crop fields place a cropped panorama in the full sphere. A photo is placed there by its camera: the one
 that the caller describes, else a pinhole of the focal length that EXIF gives. Without any of these anything but 2:1 is an error. An
-alpha channel or a separate mask marks pixels to ignore.
+alpha channel or a separate mask marks pixels to ignore, and what is found not to be the place (`core.panorama.missing`) is ignored as well.
 """
+
+import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +19,7 @@ from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
 from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, swaps_sides
 from core.panorama.image_header import IMAGE
+from core.panorama.missing.finding import find_missing
 from core.panorama.panorama import Panorama
 from core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
 from core.panorama.session import Photo
@@ -32,7 +36,9 @@ def read_panorama(
 ) -> Panorama:
     """Decode a panorama, or a photo onto the sphere; arguments and errors as of `read_image`."""
     image = read_image(data, mask, camera=camera, max_pixels=max_pixels)
-    return image if isinstance(image, Panorama) else photo_on_sphere(image.color, image.valid, image.camera)
+    if isinstance(image, Panorama):
+        return image
+    return replace(photo_on_sphere(image.color, image.valid, image.camera), left_out=image.left_out)
 
 
 def read_image(
@@ -70,16 +76,17 @@ def read_image(
     color, valid = color_and_alpha(pixels)
     if crop is not None:
         color, valid = place_crop(color, valid, crop, max_pixels)
-    return Panorama(color, _masked(valid, mask, max_pixels))
+    return Panorama(color, *_counting(color, _masked(valid, mask, max_pixels), valid, True))
 
 
 def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
     """Decode a photo, no larger than it says anything."""
     _draft(image, int(min(camera.fx_px, camera.fy_px) / FINEST_PX_PER_RAD))
     color, valid = color_and_alpha(decode(image, IMAGE, turned=not as_stored))
-    valid = _masked(valid, mask, max_pixels)
-    check_share(valid, camera := camera.resized(valid.shape[1], valid.shape[0]))
-    return Photo(color, valid, camera)
+    camera = camera.resized(valid.shape[1], valid.shape[0])
+    valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, _shows_full_sphere(camera))
+    check_share(valid, camera)
+    return Photo(color, valid, camera, left_out)
 
 
 def _draft(image: Image.Image, factor: int) -> None:
@@ -101,6 +108,29 @@ def _masked(valid: NDArray[np.bool_], mask: bytes | None, max_pixels: int) -> ND
             "mask: every pixel is masked, nothing is left to localize; check that non-zero mask pixels mean 'ignore'"
         )
     return valid
+
+
+def _counting(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], opaque: NDArray[np.bool_], is_sphere: bool
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return which of the `valid` pixels (h, w) show the place, and what the others are.
+
+    opaque: what the image itself shows, mask or not: a caller's mask changes nothing about what is found.
+    """
+    found = find_missing(color, opaque, is_sphere)
+    shown = valid & ~found.missing
+    # Where a mask leaves nothing else, what it leaves was meant.
+    return (shown, found.words) if shown.any() else (valid, ())
+
+
+def _shows_full_sphere(camera: Camera) -> bool:
+    """Tell whether the image of a camera is a full sphere: twice as wide as high, all around."""
+    full_turn = 2 * math.pi * camera.fx_px
+    return (
+        camera.model == "equirectangular"
+        and abs(camera.width_px - full_turn) < 1
+        and _is_full_sphere((camera.width_px, camera.height_px))
+    )
 
 
 def _is_full_sphere(size: tuple[int, int]) -> bool:

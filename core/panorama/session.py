@@ -18,11 +18,13 @@ class Photo:
     """An image of a known camera.
 
     color: (h, w, 3) uint8, RGB. valid: (h, w) bool, False where it is to be ignored. camera: of an image of exactly this size.
+    left_out: as of a panorama.
     """
 
     color: NDArray[np.uint8]
     valid: NDArray[np.bool_]
     camera: Camera
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         size = (self.camera.height_px, self.camera.width_px)
@@ -38,7 +40,7 @@ class Photo:
         height, width = panorama.valid.shape
         per_rad = width / (2 * math.pi)
         camera = Camera("equirectangular", width, height, per_rad, per_rad, width / 2, height / 2)
-        return cls(panorama.color, panorama.valid, camera)
+        return cls(panorama.color, panorama.valid, camera, panorama.left_out)
 
 
 @dataclass(frozen=True)
@@ -60,3 +62,13 @@ class Session:
     def of_photo(cls, photo: Photo) -> "Session":
         """Return the session of one photo, whose own frame it is."""
         return cls((SessionImage(photo, Pose(np.eye(3), np.zeros(3))),))
+
+
+def left_out(query: Panorama | Photo | Session) -> tuple[str, ...]:
+    """Return, in words for people, what of a query's images was found not to be the place, of several by their number."""
+    if not isinstance(query, Session):
+        return query.left_out
+    photos = [image.photo for image in query.images]
+    if len(photos) == 1:
+        return photos[0].left_out
+    return tuple(f"image {number}: {words}" for number, photo in enumerate(photos, 1) for words in photo.left_out)

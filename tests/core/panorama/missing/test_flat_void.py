@@ -1,0 +1,109 @@
+"""What is void, and what only looks like it."""
+
+import numpy as np
+import pytest
+
+from core.panorama.missing.finding import find_missing
+from tests.core.panorama.missing.scenery import as_jpeg, find, scenery, shares
+
+ROW, COLUMN = np.mgrid[:512, :1024]
+
+
+def blob(row: float, column: float, radius: float) -> np.ndarray:
+    """Return a region with a wavy outline."""
+    angle = np.arctan2(ROW - row, COLUMN - column)
+    return np.asarray(np.hypot(ROW - row, COLUMN - column) < radius * (1 + 0.2 * np.sin(7 * angle)))
+
+
+@pytest.mark.parametrize("level", [(0, 0, 0), (255, 255, 255), (90, 90, 90), (20, 60, 230)], ids=str)
+@pytest.mark.parametrize("quality", [70, 85, 95])
+def test_an_irregular_void_is_found_whatever_its_color(level: tuple[int, int, int], quality: int) -> None:
+    covered = blob(200, 500, 130) | blob(480, 100, 90)
+    color = np.where(covered[..., None], np.array(level), scenery()).astype(np.uint8)
+    found = find(as_jpeg(color, quality))
+    share, lost = shares(found, covered)
+    assert share > 0.95
+    assert lost < 0.03
+    assert len(found.words) == 1
+    assert "void" in found.words[0]
+
+
+def test_a_void_over_the_seam_is_one_piece() -> None:
+    covered = blob(200, 0, 100) | blob(200, 1023, 100)
+    color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
+    assert shares(find(as_jpeg(color)), covered)[0] > 0.97
+
+
+def test_many_small_holes_are_found_beside_a_large_one() -> None:
+    rng = np.random.default_rng(1)
+    covered = blob(60, 500, 60)
+    for row, column in rng.uniform((40, 40), (470, 980), (40, 2)):
+        covered |= blob(row, column, 14)
+    color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
+    share, lost = shares(find(as_jpeg(color, 90)), covered)
+    assert share > 0.9
+    assert lost < 0.1
+
+
+def test_a_black_wall_is_not_a_missing_pixel() -> None:
+    # A dark wall in a dim corner: its light fades into the rest, and the camera's noise is on it.
+    dark = np.clip(np.abs(COLUMN - 512) / 2.0 - 60, 0, 255)[..., None]
+    color = np.clip(np.minimum(scenery(), dark) + np.random.default_rng(0).normal(0, 1.5, (512, 1024, 3)), 0, 255)
+    found = find(as_jpeg(color.astype(np.uint8)))
+    assert not found.missing.any()
+
+
+def test_an_overexposed_wall_is_not_a_missing_pixel() -> None:
+    light = np.clip(330 - np.abs(COLUMN - 512) / 2.0, 0, 255)[..., None] * np.array([1.0, 0.97, 0.9])
+    color = np.clip(np.maximum(scenery(), light) * 1.2, 0, 255).astype(np.uint8)
+    assert (color.min(axis=-1) == 255).mean() > 0.1
+    assert not find(as_jpeg(color)).missing.any()
+
+
+def test_flat_walls_of_a_rendering_without_noise_stay() -> None:
+    color = np.full((512, 1024, 3), (226, 222, 213), np.uint8)
+    color[180:330] = (240, 246, 242)
+    color[330:] = (160, 160, 160)
+    for at, wall in enumerate(((200, 90, 60), (60, 90, 140), (30, 30, 30), (255, 255, 255))):
+        color[200:320, 100 + 200 * at : 220 + 200 * at] = wall
+    assert not find(color).missing.any()
+
+
+def test_a_small_blown_window_stays_or_costs_little() -> None:
+    color = scenery()
+    color[150:250, 300:380] = 255
+    assert find(as_jpeg(color)).missing.mean() < 0.03
+
+
+def test_labels_are_left_alone() -> None:
+    codes = np.random.default_rng(0).integers(0, 255, (12, 3)).astype(np.uint8)
+    codes[0] = 0
+    color = codes[np.random.default_rng(1).integers(0, 12, (8, 16))].repeat(64, axis=0).repeat(64, axis=1)
+    color[:120] = 0
+    assert not find(color).missing.any()
+
+
+def test_what_is_transparent_is_not_called_void_again() -> None:
+    covered = blob(200, 500, 150)
+    color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
+    assert find_missing(color, ~covered, True).words == ()
+
+
+def test_a_picture_of_nothing_but_black_is_left_as_it_is() -> None:
+    assert not find(np.zeros((512, 1024, 3), np.uint8)).missing.any()
+
+
+def test_a_void_is_found_in_an_image_larger_than_what_is_looked_at() -> None:
+    covered = blob(200, 500, 130).repeat(3, axis=0).repeat(3, axis=1)
+    color = np.where(covered[..., None], 0, scenery(3072, 1536)).astype(np.uint8)
+    found = find(color)
+    assert found.missing.shape == (1536, 3072)
+    assert shares(found, covered)[0] > 0.97
+    assert shares(found, covered)[1] < 0.03
+
+
+def test_a_photo_has_no_seam_and_its_share_is_of_its_pixels() -> None:
+    color = scenery(640, 480)
+    color[:200, :300] = 0
+    found = find(as_jpeg(color), is_sphere=False)
+    assert found.words == ("20% of the photo is a flat black void and was left out; send a mask to say it yourself",)

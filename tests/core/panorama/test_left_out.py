@@ -1,0 +1,84 @@
+"""What is not the place is left out on reading, and reaches the answer in words."""
+
+import numpy as np
+import pytest
+
+from core.camera.camera import CameraDescription
+from core.geometry.pose import Pose
+from core.index.map_index import MapIndex
+from core.localizer import Localizer
+from core.panorama.panorama import Panorama
+from core.panorama.reader import read_image, read_panorama
+from core.panorama.session import Photo, Session, SessionImage, left_out
+from tests.core.panorama.missing.scenery import scenery
+from tests.core.panorama.picture_files import encoded
+
+VOID = "is a flat black void and was left out; send a mask to say it yourself"
+
+
+def with_void() -> np.ndarray:
+    color = scenery()
+    color[:220, 300:620] = 0
+    color[100:200, 400:800] = 0
+    return color
+
+
+def test_a_void_is_not_valid_and_is_named() -> None:
+    panorama = read_panorama(encoded(with_void(), "JPEG", quality=90))
+    assert not panorama.valid[20:200, 320:600].any()
+    assert panorama.valid[260:].all()
+    assert len(panorama.left_out) == 1
+    assert VOID in panorama.left_out[0]
+
+
+def test_a_mask_of_the_caller_adds_to_what_is_found() -> None:
+    mask = np.zeros((512, 1024), np.uint8)
+    mask[400:] = 255
+    panorama = read_panorama(encoded(with_void()), encoded(mask))
+    assert not panorama.valid[400:].any()
+    assert not panorama.valid[20:200, 320:600].any()
+    assert panorama.left_out
+
+
+def test_what_a_mask_leaves_is_meant_even_where_it_looks_void() -> None:
+    mask = np.full((512, 1024), 255, np.uint8)
+    mask[20:180, 320:600] = 0
+    panorama = read_panorama(encoded(with_void()), encoded(mask))
+    assert panorama.valid[20:180, 320:600].all()
+    assert panorama.left_out == ()
+
+
+def test_bars_of_a_photo_are_left_out_and_it_keeps_that_on_the_sphere() -> None:
+    color = scenery(640, 480)
+    color[:60], color[-60:] = 0, 0  # and two mixed rows beside each
+    camera = CameraDescription("pinhole", hfov_deg=70.0)
+    photo = read_image(encoded(color), camera=camera)
+    assert isinstance(photo, Photo)
+    assert not photo.valid[:60].any()
+    assert photo.valid[70:-70].all()
+    assert photo.left_out[0].startswith("27% of the photo is a flat black bar above or below")
+    assert read_panorama(encoded(color), camera=camera).left_out == photo.left_out
+
+
+def test_a_full_sphere_that_is_described_as_a_camera_has_poles_too() -> None:
+    color = scenery()
+    color[-70:] = color[-140:-70][::-1]
+    photo = read_image(encoded(color), camera=CameraDescription("equirectangular"))
+    assert "mirrored fill around the bottom pole" in photo.left_out[0]
+
+
+def test_several_photos_are_told_apart_by_their_number() -> None:
+    clean, spoilt = (
+        Photo.of_panorama(Panorama(scenery(), np.ones((512, 1024), np.bool_), words)) for words in ((), ("words",))
+    )
+    here = Pose(np.eye(3), np.zeros(3))
+    session = Session((SessionImage(clean, here), SessionImage(spoilt, here)))
+    assert left_out(session) == ("image 2: words",)
+    assert left_out(Session.of_photo(spoilt)) == left_out(spoilt) == ("words",)
+
+
+@pytest.mark.slow
+def test_an_answer_says_what_was_left_out(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> None:
+    spoilt = Panorama(box_panorama.color, box_panorama.valid, ("words",))
+    assert localizer.localize(spoilt, [box_index]).warnings == ("words",)
+    assert localizer.localize(Photo.of_panorama(spoilt), [box_index]).warnings == ("words",)
