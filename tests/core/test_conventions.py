@@ -165,7 +165,7 @@ def test_survey_coordinates_lose_nothing_to_single_precision(tmp_path: Path) -> 
 
 
 def test_missing_is_a_mask_beside_the_colours() -> None:
-    assert [field.name for field in dataclasses.fields(Panorama)] == ["color", "valid"]
+    assert [field.name for field in dataclasses.fields(Panorama)] == ["color", "valid", "left_out"]
 
 
 # Names.
