@@ -15,7 +15,8 @@ _EDGE_LEVELS = 14  # by which what comes next differs from the bar
 _EDGE_SHARE = 0.6  # of the columns; the rim of a flat ceiling is nowhere parallel to the rows for so long
 _RIPPLE_PX = 18  # before the edge, which JPEG's blocks fill with ripples
 _ABRUPT_PX = 3
-_RIM_PX = 2  # of mixed pixels between bar and picture
+_RIM_PX = 2  # of mixed pixels between bar and picture ...
+_LEAST_WITH_RIM_PX = 256  # ... of a side at least this long; in a smaller image they would be degrees
 
 
 def find_bars(planes: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Iterator[tuple[str, Mask]]:
@@ -26,7 +27,7 @@ def find_bars(planes: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Iterat
         for view, mask, seen in ((turned, found, counts), (turned[:, ::-1], found[::-1], counts[::-1])):
             thick = _thickness(view) if seen[0].any() else 0
             if thick:
-                mask[: thick + _RIM_PX] = True
+                mask[: thick + (_RIM_PX if len(mask) >= _LEAST_WITH_RIM_PX else 0)] = True
                 colors.add(color_name(np.median(view[:, : thick // 2 + 1], axis=(1, 2))))
         if found.any():
             yield f"a flat {' and '.join(sorted(colors))} bar {sides}", found if axis == 0 else found.T
