@@ -16,7 +16,7 @@ _EDGE_SHARE = 0.6  # of the columns; the rim of a flat ceiling is nowhere parall
 _RIPPLE_PX = 18  # before the edge, which JPEG's blocks fill with ripples
 _ABRUPT_PX = 3
 _RIM_PX = 2  # of mixed pixels between bar and picture ...
-_LEAST_WITH_RIM_PX = 256  # ... of a side at least this long; in a smaller image they would be degrees
+_LEAST_WITH_RIM_PX = 200  # ... of a side at least this long; in a smaller image they would be degrees
 
 
 def find_bars(planes: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Iterator[tuple[str, Mask]]:
