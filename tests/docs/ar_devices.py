@@ -1,0 +1,99 @@
+"""What each platform of docs/ar.md hands out for one known pose, and the entry of `cameras` that its snippet makes of that.
+
+The pose was worked out apart from this code: heading 37.5, elevation -12.25, roll 4.75 degrees in a map that is east, north, up.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.geometry.pose import Pose
+from core.options import Frame
+from tests.docs.ar_snippets import entry_of, ros_functions, xyzw
+
+Array = NDArray[np.float64]
+
+POSITION = {"ros": (1.25, -2.5, 1.6), "opencv": (1.25, -2.5, 1.6), "webxr": (1.25, 1.6, 2.5)}
+QUATERNION = {
+    "ros": (-0.010196774, 0.113835941, 0.435420574, 0.892942511),
+    "opencv": (-0.726197900, 0.280580552, -0.176941385, 0.602165185),
+    "webxr": (-0.087704374, -0.323516864, -0.073283958, 0.939294545),
+}
+# `map_from_camera` with camera axes of OpenGL in a world with y up, row by row; z-up rows of other formats with y up in their place.
+WEBXR_MATRIX = np.array(
+    [
+        [0.779932600, 0.194418132, -0.594900605, 1.25],
+        [-0.080922756, 0.973874809, 0.212177672, 1.6],
+        [0.620609899, -0.117343287, 0.775289563, 2.5],
+        [0, 0, 0, 1],
+    ]
+)
+SCAN_POINT = (4.0, 1.0, 0.5)
+SEEN = (4.582885572, -0.061695034, -0.125910922)  # the same point from the camera: forward, left, up
+
+WIDTH, HEIGHT = 1920, 1440
+FX, FY, CX, CY = 1450.2, 1448.7, 962.0, 716.25  # from the top left corner of the image
+
+FRAME: dict[str, Frame] = {"ARKit": "webxr", "ARCore": "webxr", "WebXR": "webxr", "ROS 2": "opencv"}
+
+
+def arkit_entry() -> dict[str, Any]:
+    """ARKit: matrices column by column, intrinsics from the corner."""
+    camera = SimpleNamespace(
+        intrinsics=[[FX, 0, 0], [0, FY, 0], [CX, CY, 1]],
+        transform=SimpleNamespace(columns=[xyzw(column) for column in WEBXR_MATRIX.T]),
+        imageResolution=SimpleNamespace(width=float(WIDTH), height=float(HEIGHT)),
+    )
+
+    def simd_quatf(transform: SimpleNamespace) -> SimpleNamespace:
+        rotation = np.array([[column.x, column.y, column.z] for column in transform.columns[:3]]).T
+        *imaginary, real = Pose(rotation, np.zeros(3)).quaternion_xyzw
+        return SimpleNamespace(imag=xyzw(imaginary), real=float(real))
+
+    return entry_of("ARKit", camera=camera, simd_quatf=simd_quatf)
+
+
+def arcore_entry() -> dict[str, Any]:
+    """ARCore: a Pose with getters, intrinsics as arrays."""
+    getters = [*zip(("tx", "ty", "tz"), POSITION["webxr"], strict=True)]
+    getters += zip(("qx", "qy", "qz", "qw"), QUATERNION["webxr"], strict=True)
+    pose = SimpleNamespace(**{name: lambda value=value: value for name, value in getters})
+    lens = SimpleNamespace(imageDimensions=(WIDTH, HEIGHT), focalLength=(FX, FY), principalPoint=(CX, CY))
+    # No other pose is there: reading the one that is turned with the screen fails.
+    return entry_of("ARCore", camera=SimpleNamespace(pose=pose, imageIntrinsics=lens))
+
+
+def webxr_projection() -> Array:
+    """Return the projection matrix of OpenGL for an image whose axis is not in its middle, by its frustum at a distance of 1."""
+    left, right, top, bottom = -CX / FX, (WIDTH - CX) / FX, CY / FY, -(HEIGHT - CY) / FY
+    return np.array(
+        [
+            [2 / (right - left), 0, (right + left) / (right - left), 0],
+            [0, 2 / (top - bottom), (top + bottom) / (top - bottom), 0],
+            [0, 0, -1, -0.02],
+            [0, 0, -1, 0],
+        ]
+    )
+
+
+def webxr_entry() -> dict[str, Any]:
+    """WebXR: a rigid transform and a projection matrix, column by column."""
+    view = SimpleNamespace(
+        camera=SimpleNamespace(width=WIDTH, height=HEIGHT),
+        projectionMatrix=webxr_projection().T.ravel().tolist(),
+        transform=SimpleNamespace(position=xyzw((*POSITION["webxr"], 1)), orientation=xyzw(QUATERNION["webxr"])),
+    )
+    return entry_of("WebXR", view=view)
+
+
+def ros_entry(**info: Any) -> dict[str, Any]:
+    """ROS 2: the tf of an optical frame; the centre of the first pixel is (0, 0) in CameraInfo."""
+    k = [FX, 0.0, CX - 0.5, 0.0, FY, CY - 0.5, 0.0, 0.0, 1.0]
+    message = {"width": WIDTH, "height": HEIGHT, "k": k, "d": [0.0] * 5, "distortion_model": "plumb_bob", **info}
+    transform = SimpleNamespace(translation=xyzw(POSITION["opencv"]), rotation=xyzw(QUATERNION["opencv"]))
+    return dict(ros_functions()["entry"](SimpleNamespace(**message), transform))
+
+
+ENTRIES = {"ARKit": arkit_entry, "ARCore": arcore_entry, "WebXR": webxr_entry, "ROS 2": ros_entry}

@@ -1,0 +1,130 @@
+"""Runs what the snippets of docs/ar.md do with a camera: their own lines, read from the page, on stand-ins of what each platform hands out.
+
+Of Swift, Kotlin and JavaScript only names that are bound and expressions of numbers are run, which are Python as well; of the Python
+snippet whole functions.
+"""
+
+import ast
+import re
+from types import SimpleNamespace
+from typing import Any
+
+from tests.docs.documentation import ROOT
+
+PAGE = (ROOT / "docs" / "ar.md").read_text(encoding="utf-8")
+LANGUAGES = {"ARKit": "swift", "ARCore": "kotlin", "WebXR": "js", "ROS 2": "python"}
+ENTRY = {
+    "swift": "func entry(_ camera: ARCamera)",
+    "kotlin": "fun entry(camera: Camera)",
+    "js": "function entry(view)",
+}
+_BINDING = re.compile(r"^\s*(?:let|val|const) (\w+|\(.+\)|\{.+\}) = (.+?);?$")
+_KEY = re.compile(r"\"?(\w+)\"?(?::| to) ")
+
+
+def snippet(platform: str) -> str:
+    """Return the code of a platform's section, without comments at the ends of lines."""
+    (section,) = re.findall(rf"^## {platform}\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S)
+    (code,) = re.findall(rf"^```{LANGUAGES[platform]}\n(.*?)^```", section, re.M | re.S)
+    return re.sub(r" {2,}(//|#) .*$", "", code, flags=re.M)
+
+
+def entry_of(platform: str, **given: Any) -> dict[str, Any]:
+    """Return the entry of `cameras` that a snippet builds.
+
+    given: by name what the lines read: `camera` or `view`, and functions of the platform.
+    """
+    code = snippet(platform)
+    _, _, rest = code.partition(ENTRY[LANGUAGES[platform]])
+    bindings, _, literal = rest.partition("return ")
+    # `let t = transform.columns.3` reads an element; Int makes a whole number of a CGFloat.
+    names: dict[str, Any] = {"Int": int, **given}
+    for line in bindings.splitlines():
+        found = _BINDING.match(line)
+        if found:
+            _bind(names, found[1], _value(found[2], names))
+    return _dictionary(literal, names)
+
+
+def options_of(platform: str, cameras: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the options that a snippet sends with these cameras."""
+    (line,) = [line for line in snippet(platform).splitlines() if re.search(r"\bcameras\b", line) and "frame" in line]
+    _, _, literal = line.replace("mapOf(", "{").partition("frame")
+    session = re.search(r"session\"?(?::| to) .\s?\"?up\"?(?::| to) \"(\w+)\"", literal)
+    frame = re.search(r"^\"?(?::| to) \"(\w+)\"", literal)
+    assert session is not None, line
+    assert frame is not None, line
+    return {"frame": frame[1], "cameras": cameras, "session": {"up": session[1]}}
+
+
+def content_at(platform: str, scan: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return where a snippet places what lies at (x, y, z) of the scan: coordinates of the map in its own axes."""
+    call = {"ARKit": "simd_float4", "ARCore": "Pose.makeTranslation", "WebXR": "content.position.set"}[platform]
+    (arguments,) = re.findall(rf"{re.escape(call)}\(([xyz, -]+?)(?:, 1)?\)", snippet(platform))
+    x, y, z = _value(f"({arguments})", dict(zip("xyz", scan, strict=True)))
+    return x, y, z
+
+
+def ros_functions() -> dict[str, Any]:
+    """Return the functions of the ROS snippet and what they need, with a message that is a plain object in place of ROS's."""
+    wanted = ("entry", "map_from_odom")
+    chosen: list[ast.stmt] = [
+        node
+        for node in ast.parse(snippet("ROS 2")).body
+        if isinstance(node, ast.Assign) or (isinstance(node, ast.FunctionDef) and node.name in wanted)
+    ]
+    names: dict[str, Any] = {"TransformStamped": _transform_stamped}
+    exec(compile(ast.Module(chosen, []), "docs/ar.md", "exec"), names)
+    return names
+
+
+def xyzw(values: Any) -> SimpleNamespace:
+    """Return three or four numbers as an object with x, y, z (and w)."""
+    return SimpleNamespace(**dict(zip("xyzw", map(float, values), strict=False)))
+
+
+def _transform_stamped() -> SimpleNamespace:
+    transform = SimpleNamespace(translation=xyzw((0, 0, 0)), rotation=xyzw((0, 0, 0, 1)))
+    return SimpleNamespace(header=SimpleNamespace(), transform=transform)
+
+
+def _bind(names: dict[str, Any], target: str, value: Any) -> None:
+    parts = re.findall(r"\w+", target)
+    if target.startswith("("):
+        names.update(zip(parts, value, strict=True))
+    elif target.startswith("{"):
+        names.update({part: getattr(value, part) for part in parts})
+    else:
+        names[target] = value
+
+
+def _dictionary(literal: str, names: dict[str, Any]) -> dict[str, Any]:
+    """Return the first dictionary of `literal`: `[…]`, `mapOf(…)` or `{…}`, with keys like `"x":`, `"x" to` or `x:`."""
+    start = re.search(r"\[|mapOf\(|\{", literal)
+    assert start is not None, literal
+    found: dict[str, Any] = {}
+    for item in _items(literal[start.end() :]):
+        key = _KEY.match(item)
+        assert key is not None, item
+        value = item[key.end() :]
+        found[key[1]] = _dictionary(value, names) if re.match(r"\[|mapOf\(|\{", value) else _value(value.strip(), names)
+    return found
+
+
+def _items(text: str) -> list[str]:
+    """Return what stands between commas up to the bracket that closes `text`."""
+    items, depth, item = [], 0, ""
+    for letter in text:
+        depth += (letter in "([{") - (letter in ")]}")
+        if depth < 0:
+            break
+        if letter == "," and depth == 0:
+            items.append(item.strip())
+            item = ""
+        else:
+            item += letter
+    return [each for each in (*items, item.strip()) if each]
+
+
+def _value(expression: str, names: dict[str, Any]) -> Any:
+    return eval(re.sub(r"\.(\d)", r"[\1]", expression), {"__builtins__": {}}, names)

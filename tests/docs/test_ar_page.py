@@ -1,0 +1,210 @@
+"""The snippets of docs/ar.md send poses, intrinsics and options that mean what the service takes them for, and undo its answer rightly."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+from core.camera.lens import project_to_image
+from core.geometry.pose import Pose
+from core.options import Frame
+from service.http.schemas.cameras import Camera
+from service.http.schemas.localization import LocalizeOptions
+from tests.docs.ar_devices import (
+    CX,
+    CY,
+    ENTRIES,
+    FRAME,
+    FX,
+    FY,
+    HEIGHT,
+    POSITION,
+    QUATERNION,
+    SCAN_POINT,
+    SEEN,
+    WIDTH,
+    ros_entry,
+    webxr_projection,
+)
+from tests.docs.ar_snippets import (
+    LANGUAGES,
+    PAGE,
+    content_at,
+    options_of,
+    ros_functions,
+    snippet,
+)
+
+PLATFORMS = pytest.mark.parametrize("platform", list(LANGUAGES))
+
+
+def taken(platform: str) -> LocalizeOptions:
+    """Return the options of a snippet as the service takes them."""
+    return LocalizeOptions.model_validate_json(json.dumps(options_of(platform, [ENTRIES[platform]()])))
+
+
+def sent_camera(platform: str) -> Camera:
+    cameras = taken(platform).cameras
+    assert cameras is not None
+    (camera,) = cameras
+    return camera
+
+
+def sent_pose(platform: str) -> Pose:
+    """Return `session_from_camera` of a snippet as the service understands it."""
+    options, camera = taken(platform), sent_camera(platform)
+    assert camera.session_from_camera is not None
+    tracked = camera.session_from_camera.to_options()
+    return Pose.from_frame(tracked.position_m, tracked.quaternion_xyzw, options.frame)
+
+
+@PLATFORMS
+def test_the_service_takes_what_a_snippet_sends(platform: str) -> None:
+    options = taken(platform)
+    assert options.frame == FRAME[platform]
+    assert options.session is not None
+    assert options.session.to_options().up_known
+    camera = sent_camera(platform).to_options()
+    assert camera is not None
+    assert (camera.width_px, camera.height_px) == (WIDTH, HEIGHT)
+    assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == pytest.approx((FX, FY, CX, CY), abs=1e-6)
+
+
+@PLATFORMS
+def test_a_snippet_sends_the_known_pose(platform: str) -> None:
+    pose = sent_pose(platform)
+    np.testing.assert_allclose(pose.position, POSITION["ros"], atol=1e-8)
+    np.testing.assert_allclose(pose.quaternion_xyzw, QUATERNION["ros"], atol=2e-8)
+
+
+@PLATFORMS
+def test_where_map_and_session_are_one_the_answer_is_the_pose_that_was_sent(platform: str) -> None:
+    frame = FRAME[platform]
+    found = Pose(np.eye(3), np.zeros(3)).after(sent_pose(platform)).in_frame(frame)
+    np.testing.assert_allclose(found.position, POSITION[frame], atol=1e-8)
+    np.testing.assert_allclose(found.quaternion_xyzw, QUATERNION[frame], atol=2e-8)
+
+
+@PLATFORMS
+def test_a_snippet_sends_the_axes_and_the_intrinsics_of_one_image(platform: str) -> None:
+    """A point of the scan lands on the pixel where the device has it."""
+    pose, camera = sent_pose(platform), sent_camera(platform).to_options()
+    assert camera is not None
+    direction = pose.inverse().matrix @ (*SCAN_POINT, 1)
+    u, v, shown = project_to_image(camera.of_image((WIDTH, HEIGHT), (WIDTH, HEIGHT)), direction[None, :3])
+    forward, left, up = SEEN
+    assert shown.all()
+    assert (u[0], v[0]) == pytest.approx((CX - FX * left / forward, CY - FY * up / forward), abs=1e-4)
+
+
+def test_the_pixels_of_webxr_are_those_that_its_projection_draws_turned_over() -> None:
+    forward, left, up = SEEN
+    clip = webxr_projection() @ (-left, up, -forward, 1)
+    column, row = (clip[0] / clip[3] + 1) / 2 * WIDTH, (1 - clip[1] / clip[3]) / 2 * HEIGHT
+    assert (column, row) == pytest.approx((CX - FX * left / forward, CY - FY * up / forward), abs=1e-9)
+    assert "image.data.set(rows.subarray((height - 1 - row) * width * 4" in snippet("WebXR")
+
+
+@pytest.mark.parametrize(
+    ("model", "num", "taken_for"),
+    [("plumb_bob", 5, "opencv"), ("rational_polynomial", 8, "opencv"), ("equidistant", 4, "opencv_fisheye")],
+)
+def test_the_lens_of_a_ros_camera_is_taken_as_its_info_says(model: str, num: int, taken_for: str) -> None:
+    entry = ros_entry(distortion_model=model, d=[0.01] * num)
+    camera = Camera.model_validate(entry).to_options()
+    assert camera is not None
+    assert (camera.model, len(camera.distortion)) == (taken_for, num)
+
+
+def test_a_body_frame_sent_as_ros_is_the_optical_frame_sent_as_opencv_and_mixed_looks_sideways() -> None:
+    body = Pose.from_frame(POSITION["ros"], QUATERNION["ros"], "ros")
+    np.testing.assert_allclose(body.rotation, sent_pose("ROS 2").rotation, atol=2e-8)
+    mixed = Pose.from_frame(POSITION["ros"], QUATERNION["opencv"], "ros")
+    np.testing.assert_allclose(mixed.rotation[:, 0], -body.rotation[:, 1], atol=2e-8)
+
+
+def answered(frame: Frame) -> Pose:
+    """Return `map_from_session` of a session that begins at the known pose with its camera's axes, in the axes of the answer."""
+    known = Pose.from_frame(POSITION["ros"], QUATERNION["ros"], "ros")
+    session_from_camera = Pose.from_frame((0, 0, 0), (0, 0, 0, 1), frame)
+    found = known.after(session_from_camera.inverse()).between_worlds(frame)
+    np.testing.assert_allclose(found.position, POSITION[frame], atol=1e-8)
+    np.testing.assert_allclose(found.quaternion_xyzw, QUATERNION[frame], atol=2e-8)
+    return found
+
+
+APPLIED = {
+    "ARKit": (
+        "let mapFromSession = simd_float4x4(rows: found.matrix.map { simd_float4($0) })",
+        "return mapFromSession.inverse",
+        "content.columns.3 = simd_float4(x, z, -y, 1)",
+        'session.add(anchor: ARAnchor(name: "content", transform: sessionFromMap * content))',
+    ),
+    "ARCore": (
+        'val t = found.getJSONObject("position_m")',
+        'val q = found.getJSONObject("quaternion")',
+        'val mapFromSession = Pose(numbers(t, "x", "y", "z"), numbers(q, "x", "y", "z", "w"))',
+        "return mapFromSession.inverse()",
+        "return session.createAnchor(sessionFromMap.compose(content))",
+    ),
+    "WebXR": (
+        "const { position_m, quaternion } = answer.map_from_session;",
+        "const mapFromSession = new XRRigidTransform(position_m, quaternion);",
+        "return mapFromSession.inverse;",
+        "group.matrix.fromArray(sessionFromMap.matrix);",
+        "content.position.set(x, z, -y);",
+    ),
+}
+
+
+@pytest.mark.parametrize("platform", list(APPLIED))
+def test_content_of_the_scan_stands_in_the_session_where_the_camera_sees_it(platform: str) -> None:
+    lines = [line.strip() for line in snippet(platform).splitlines()]
+    assert [line for line in APPLIED[platform] if line not in lines] == []
+    # The session has the camera's own axes: right, up, backward.
+    found = answered("webxr").inverse().matrix @ (*content_at(platform, SCAN_POINT), 1)
+    forward, left, up = SEEN
+    np.testing.assert_allclose(found[:3], (-left, up, -forward), atol=2e-8)
+
+
+def test_the_answer_is_the_transform_from_map_to_odom() -> None:
+    found = answered("opencv")
+    answer = {
+        "position_m": dict(zip("xyz", found.position.tolist(), strict=True)),
+        "quaternion": dict(zip("xyzw", found.quaternion_xyzw.tolist(), strict=True)),
+    }
+    message = ros_functions()["map_from_odom"](answer, stamp=7)
+    assert (message.header.frame_id, message.child_frame_id, message.header.stamp) == ("map", "odom", 7)
+    t, q = message.transform.translation, message.transform.rotation
+    # tf of a child maps its coordinates to the parent's.
+    map_from_odom = Pose.from_frame((0, 0, 0), (q.x, q.y, q.z, q.w), "ros").rotation
+    forward, left, up = SEEN
+    np.testing.assert_allclose(map_from_odom @ (-left, -up, forward) + (t.x, t.y, t.z), SCAN_POINT, atol=2e-8)
+
+
+@PLATFORMS
+def test_a_snippet_anchors_nothing_that_is_not_localized(platform: str) -> None:
+    assert re.search(r"status\W.{0,6}[=!]==? \"localized\"|status\"\) != \"localized\"", snippet(platform))
+
+
+@PLATFORMS
+def test_a_snippet_takes_up_to_six_frames_turned_by_30_degrees(platform: str) -> None:
+    code = snippet(platform)
+    (limit,) = re.findall(r"< (0\.\d+) }|> (0\.\d+)", code)
+    assert float("".join(limit)) == pytest.approx(math.cos(math.radians(15)), abs=5e-4)
+    assert re.search(r"(?:count < |size >= |length >= |== )6\b", code)
+
+
+def test_the_page_names_what_it_explains() -> None:
+    for word in (
+        "not_localized",
+        "ambiguous",
+        "confidence",
+        "accuracy",
+        "map_from_session⁻¹ · content_map",
+        "(x, z, −y)",
+    ):
+        assert word in PAGE
+    assert "displayOrientedPose" not in snippet("ARCore")
