@@ -78,6 +78,58 @@ class DescriptorConfig:
 
 
 @dataclass(frozen=True)
+class FineViewConfig:
+    """What a map keeps of its views for photos, which show few patches of 22 degrees (see `core.describe.fine_views`)."""
+
+    patch_rows: int = 16
+    patch_columns: int = 32
+    size: int = 32  # numbers of a descriptor
+    basis_views: int = 24  # that principal directions are taken from
+    picture_height: int = 32  # rows of the pictures that poses are scored again on
+    steps: int = 31  # up and down that a number of a descriptor is rounded to
+
+
+@dataclass(frozen=True)
+class PhotoSearchConfig:
+    """The search for photos, over all starts and more rotations (see `core.search.photo_search`)."""
+
+    num_rotations: int = 9216  # spacing about 11 degrees
+    limited_rotations: int = 36_864  # spacing about 7 degrees, where hints or gravity leave few of them
+    most_rotations: int = 12_000  # of the denser set; above it the other one is taken
+    limit_margin_m: float = 0.5  # starts are no nearer to what hints allow than half their spacing
+    limit_margin_deg: float = 6.0  # half the spacing of the denser set, and what a start's distance turns
+    rescored_poses: int = 20_000
+    rescored_pixels: int = (
+        2_500_000  # of all poses together: of many photos each pose has many, and fewer poses need them
+    )
+    patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
+    min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
+    num_candidates: int = 48
+    pool: int = 2500  # poses that candidates are chosen from
+    distinct: PoseDistance = PoseDistance(0.6, 18.0)
+
+
+@dataclass(frozen=True)
+class PhotoRefinementConfig:
+    """What is different in the refinement of photos (see `core.refine.photo_points`)."""
+
+    coarse_points: int = 400  # that the photos show
+    coarse_margin_deg: float = 35.0  # around what they show, likewise dense
+    margin_deg: float = 8.0  # later, when poses hardly turn
+    # Of local contrast in the colours: what a photo shows of the light of a room says little about all of it.
+    contrast_share: float = 0.8
+    fine_contrast_share: float = 0.5
+    # Changed furniture can be most of a photo, and drags poses away: it loses its vote sooner, and first steps are shorter.
+    robust_scale: float = 1.5
+    damping: float = 0.1
+    max_relaxation: float = 1.5
+    middle_candidates: int = 12
+    middle_points: int = 2048
+    fine_points: int = 8000
+    finest_points: int = 12_000
+
+
+@dataclass(frozen=True)
 class SearchConfig:
     """The search over all starts and rotations (see `core.search`)."""
 
@@ -134,12 +186,16 @@ class StepConfig:
 class RefinementConfig:
     """Refinement coarse to fine (see `core.fast_method`). Iterations: at most; heights: rows of an image."""
 
+    start_view_height: int = 64  # rows of the views from starts
     coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
     coarse_iterations: tuple[int, int] = (16, 12)  # at half the rows of a view, and at all of them
     # Of local contrast in the colours that are aligned: half where poses may lie far off in another light, less where
     # millimetres count.
     contrast_share: float = 0.5
     fine_contrast_share: float = 0.3
+    # Of steps before full resolution; None: as of all steps.
+    rough_damping: float | None = None
+    rough_max_relaxation: float | None = None
     coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, PoseDistance(0.1, 2.865))
     middle_candidates: int = 8
     middle_margin: float = 0.35  # of the judge's score; candidates further behind the best never won
@@ -166,7 +222,8 @@ class RefinementConfig:
 class JudgeConfig:
     """The scan rendered at a refined pose against the panorama, and which poses differ (see `core.judge`)."""
 
-    height: int = 64  # rows of the rendering
+    first_height: int = 64  # rows of the rendering of all candidates
+    height: int = 64  # and of those that are left then
     final_height: int = 128
     patch_rows: int = 8
     inlier_difference: float = 0.15  # canonical colour distance at which a pixel counts half
@@ -223,11 +280,48 @@ class LocalizerConfig:
 
     descriptors: DescriptorConfig = DescriptorConfig()
     search: SearchConfig = SearchConfig()
+    photo_search: PhotoSearchConfig = PhotoSearchConfig()
+    photos: PhotoRefinementConfig = PhotoRefinementConfig()
     step: StepConfig = StepConfig()
     refinement: RefinementConfig = RefinementConfig()
     judge: JudgeConfig = JudgeConfig()
     change: ChangeConfig = ChangeConfig()
     paper: PaperConfig = PaperConfig()
+    fine_views: FineViewConfig = FineViewConfig()
+
+    def for_photos(self, share: float) -> "LocalizerConfig":
+        """Return the configuration for photos that show a `share` of the sphere: the less they show, the closer they are looked at."""
+        finer = 2 if share < _NARROW_SHARE else 1
+        refinement, judge, photos = self.refinement, self.judge, self.photos
+        return replace(
+            self,
+            search=replace(self.search, num_candidates=self.photo_search.num_candidates),
+            step=replace(self.step, robust_scale=photos.robust_scale),
+            refinement=replace(
+                refinement,
+                contrast_share=photos.contrast_share,
+                fine_contrast_share=photos.fine_contrast_share,
+                rough_damping=photos.damping,
+                rough_max_relaxation=photos.max_relaxation,
+                middle_candidates=photos.middle_candidates,
+                middle_points=photos.middle_points,
+                middle_rounds=tuple((rows, photos.robust_scale) for rows, _ in refinement.middle_rounds),
+                visibility_height=finer * refinement.visibility_height,
+                fine_height=finer * refinement.fine_height,
+                finest_height=finer * refinement.finest_height,
+                fine_points=photos.fine_points,
+                finest_points=photos.finest_points,
+            ),
+            judge=replace(
+                judge,
+                height=finer * judge.height,
+                final_height=finer * judge.final_height,
+                patch_rows=finer * judge.patch_rows,
+            ),
+        )
+
+
+_NARROW_SHARE = 0.3  # of the sphere
 
 
 @dataclass(frozen=True)
@@ -236,6 +330,7 @@ class IndexConfig:
 
     starts: StartsConfig = StartsConfig()
     descriptors: DescriptorConfig = DescriptorConfig()
+    fine_views: FineViewConfig = FineViewConfig()
     finest_spacing_m: float = 0.025  # points closer together move no pose
     finest_spacing_share: float = 1 / 300  # of the scan's diagonal, where that is less: models and toys
 

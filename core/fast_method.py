@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import torch
 
-from core.config import LocalizerConfig, StoppingRule
+from core.config import LocalizerConfig, StepConfig, StoppingRule
 from core.describe.spherical_patches import PatchGrid
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import (
@@ -27,10 +27,15 @@ from core.judge.hypotheses import (
 from core.options import Hints
 from core.panorama.image_level import ImageLevel
 from core.panorama.panorama import Panorama
-from core.prepared_query import MapQuery, PreparedPanorama, by_colors, prepare_queries
-from core.refine.candidate_points import points_seen_from_poses
+from core.panorama.photo_atlas import shown_share
+from core.panorama.session import Session
+from core.prepared_panorama import PreparedPanorama
+from core.prepared_photos import PreparedPhotos
+from core.prepared_query import MapQuery, by_colors, prepare_queries
 from core.refine.refinement import CandidatePoints, joined, refine
-from core.search.map_search import MapCandidates, make_search_rotations, search_maps
+from core.refine.rig_level import RigLevel
+from core.search.map_search import MapCandidates, SearchRotations, make_search_rotations, search_maps
+from core.search.photo_search import search_photos
 from core.stage_clock import StageClock
 
 
@@ -42,31 +47,50 @@ class FastMethod:
         grid = PatchGrid(config.descriptors.patch_rows, config.descriptors.patch_columns)
         self.rotations = make_search_rotations(config.search, grid, device)
 
-    def run(self, panorama: Panorama, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock) -> MethodResult:
-        """Return hypotheses over all maps, best first; none when the hints leave nothing to search."""
-        sizes, judge = self.config.refinement, self.config.judge
+    def run(
+        self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock
+    ) -> MethodResult:
+        """Return hypotheses over all maps, best first; none when the hints leave nothing to search.
+
+        Poses of the photos of a session are those of its axes, from the middle of its cameras.
+        """
+        if isinstance(query, Session):
+            config = self.config.for_photos(shown_share(query))
+            return _Run(config, self.rotations, clock).run(query, maps, hints)
+        return _Run(self.config, self.rotations, clock).run(query, maps, hints)
+
+
+class _Run:
+    """One query on its way through the steps."""
+
+    def __init__(self, config: LocalizerConfig, rotations: SearchRotations, clock: StageClock) -> None:
+        self.config, self.rotations, self.clock = config, rotations, clock
+
+    def run(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> MethodResult:
+        """Take the steps."""
+        sizes, judge, clock = self.config.refinement, self.config.judge, self.clock
         with clock.stage("prepare"):
-            queries = prepare_queries(panorama, maps, hints, sizes.finest_height, self.config)
+            queries = prepare_queries(query, maps, hints, sizes.finest_height, self.config)
         with clock.stage("search"):
             found = self._search(queries)
             hypotheses = self._candidates(queries, found)
         with clock.stage("refine"):
             hypotheses = self._refine_on_starts(queries, hypotheses)
         with clock.stage("judge"):
-            hypotheses = self._judge(queries, merged(hypotheses, judge.merged))
-            hypotheses = within_margin(hypotheses, sizes.middle_candidates, sizes.middle_margin, judge.place)
+            judged = self._judge(queries, merged(hypotheses, judge.merged), judge.first_height)
+            hypotheses = within_margin(judged, sizes.middle_candidates, sizes.middle_margin, judge.place)
         with clock.stage("refine"):
             hypotheses = self._refine_on_poses(queries, hypotheses)
         with clock.stage("judge"):
-            hypotheses = [h for h in self._judge(queries, hypotheses) if queries[h.map_number].allows(h)]
+            hypotheses = [h for h in self._judge(queries, hypotheses, judge.height) if queries[h.map_number].allows(h)]
         with clock.stage("refine"):
             close = within_margin(hypotheses, sizes.fine_candidates, sizes.fine_margin)
-            fine = [self._refine_fully(queries[h.map_number], h, clock) for h in close]
+            fine = [self._refine_fully(queries[h.map_number], h) for h in close]
         with clock.stage("judge"):
             allowed = [queries[h.map_number].judge_alone(h) for h in fine if queries[h.map_number].allows(h)]
             finals = sorted(allowed, key=lambda final: -final[0].score)
             best = [h for h, _ in finals]
-            others = self._judge_rival(queries, best, hypotheses[len(close) :])
+            others = self._judge_rival(queries, best, self._with_rival(best, hypotheses[len(close) :], judged))
         comparison = finals[0][1] if finals else None
         cloud = queries[best[0].map_number].cloud if best else None
         num_starts, num_poses = sum(part.num_starts for part in found), sum(part.num_poses for part in found)
@@ -74,9 +98,13 @@ class FastMethod:
 
     def _search(self, queries: Sequence[MapQuery]) -> list[MapCandidates]:
         """Search every map."""
-        described = [query.panorama.described(self.config.descriptors) for query in queries]
         maps, limits = [query.index for query in queries], [query.limits for query in queries]
-        return search_maps(described, maps, self.rotations, limits, self.config.search)
+        pictures = [query.picture for query in queries]
+        photos = [picture.described() for picture in pictures if isinstance(picture, PreparedPhotos)]
+        if photos:
+            return search_photos(photos, maps, limits, self.config.photo_search, self.config.fine_views)
+        panoramas = [p.described(self.config.descriptors) for p in pictures if isinstance(p, PreparedPanorama)]
+        return search_maps(panoramas, maps, self.rotations, limits, self.config.search)
 
     def _candidates(self, queries: Sequence[MapQuery], found: Sequence[MapCandidates]) -> list[Hypothesis]:
         """Return the best candidates over all maps."""
@@ -92,64 +120,82 @@ class FastMethod:
     def _refine_on_starts(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on what the starts see, at half the rows of a view and at all of them."""
         sizes, refined = self.config.refinement, []
-        for panorama, group in by_colors(queries, hypotheses):
+        for picture, group in by_colors(queries, hypotheses):
             for coarse, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
-                height = self.config.descriptors.view_height // (2 if coarse else 1)
-                level = panorama.canonical_level(height, sizes.contrast_share, blur=coarse)
+                height = sizes.start_view_height // (2 if coarse else 1)
+                level = picture.canonical_level(height, sizes.contrast_share, blur=coarse)
                 points = joined([queries[number].points_from_starts(part, coarse) for number, part in by_map(group)])
-                group = self._refine(panorama, level, points, group, iterations, sizes.coarse_stop)
+                group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, self._rough_step())
             refined += group
         return refined
 
     def _refine_on_poses(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on points that the poses themselves see, found anew in each round as what a pose sees changes with it."""
         sizes, refined = self.config.refinement, []
-        for panorama, group in by_colors(queries, hypotheses):
+        for picture, group in by_colors(queries, hypotheses):
             for rows, scale in sizes.middle_rounds:
                 points = joined([queries[number].points_from_poses(part) for number, part in by_map(group)])
-                level = panorama.canonical_level(rows, sizes.contrast_share)
-                limits = sizes.middle_iterations, sizes.middle_stop
-                group = self._refine(panorama, level, points, group, *limits, robust_scale=scale)
+                level = picture.canonical_level(rows, sizes.contrast_share)
+                step = replace(self._rough_step(), robust_scale=scale)
+                group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
             refined += group
         return refined
 
-    def _refine_fully(self, query: MapQuery, hypothesis: Hypothesis, clock: StageClock) -> Hypothesis:
+    def _rough_step(self) -> StepConfig:
+        """Return the steps before full resolution."""
+        sizes, step = self.config.refinement, self.config.step
+        if sizes.rough_damping is None or sizes.rough_max_relaxation is None:
+            return step
+        return replace(step, damping=sizes.rough_damping, relaxation=1.0, max_relaxation=sizes.rough_max_relaxation)
+
+    def _refine_fully(self, query: MapQuery, hypothesis: Hypothesis) -> Hypothesis:
         """Refine at full resolution, with all points and the colours of this pose alone."""
-        clock.check()
+        self.clock.check()
         sizes, share = self.config.refinement, self.config.refinement.fine_contrast_share
         comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
         for height, count, iterations in (
             (sizes.fine_height, sizes.fine_points, sizes.fine_iterations),
             (sizes.finest_height, sizes.finest_points, sizes.finest_iterations),
         ):
-            points = points_seen_from_poses(query.cloud, comparison, count, share)
-            level = query.panorama.level_for(comparison, height, share)
-            (hypothesis,) = self._refine(query.panorama, level, points, [hypothesis], iterations, sizes.fine_stop)
+            points = query.full_points(hypothesis, comparison, count)
+            level = query.picture.level_for(comparison, height, share)
+            (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop)
         return hypothesis
 
     def _refine(
         self,
-        panorama: PreparedPanorama,
-        level: ImageLevel,
+        picture: PreparedPanorama | PreparedPhotos,
+        level: ImageLevel | RigLevel,
         points: CandidatePoints,
         group: Sequence[Hypothesis],
         iterations: int,
         stop: StoppingRule,
-        robust_scale: float | None = None,
+        step: StepConfig | None = None,
     ) -> list[Hypothesis]:
-        """Refine hypotheses of maps that share colours; robust_scale: None for that of the configuration."""
-        step = self.config.step if panorama.labels is None else self.config.step.for_labels()
-        if robust_scale is not None:
-            step = replace(step, robust_scale=robust_scale)
+        """Refine hypotheses of maps that share colours; step: None for that of the configuration."""
+        step = step or self.config.step
+        if picture.labels is not None:
+            step = step.for_labels()
         rotations, positions = stacked_poses(group)
         maps = torch.tensor([h.map_number for h in group], device=rotations.device)
         return with_refined(group, refine(level, points, rotations, positions, iterations, step, stop, maps))
 
-    def _judge(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return hypotheses by falling score, one for each pose."""
-        height = self.config.judge.height
+    def _judge(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis], height: int) -> list[Hypothesis]:
+        """Return hypotheses by falling score on renderings of `height` rows, one for each pose."""
         judged = [h for number, group in by_map(hypotheses) for h in queries[number].judge(group, height)]
         return by_score(judged, self.config.judge.distinct)
+
+    def _with_rival(
+        self, finals: Sequence[Hypothesis], others: Sequence[Hypothesis], judged: Sequence[Hypothesis]
+    ) -> list[Hypothesis]:
+        """Return the others, and where all of them have come to the best place the best of the poses `judged` before that was elsewhere.
+
+        How far it is behind says how sure the answer is, although it was not refined further.
+        """
+        place, others = self.config.judge.place, list(others)
+        if not finals or any(not h.is_near(finals[0], place) for h in (*finals, *others)):
+            return others
+        return others + [h for h in judged if not h.is_near(finals[0], place)][:1]
 
     def _judge_rival(
         self, queries: Sequence[MapQuery], finals: Sequence[Hypothesis], others: Sequence[Hypothesis]

@@ -11,16 +11,18 @@ from core.errors import OptionsError
 from core.fast_method import FastMethod
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
+from core.judge.agreement import agreement_by_photo
 from core.judge.change_maps import ChangeMaps, change_maps
 from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
 from core.judge.hypotheses import Hypothesis, MethodResult, distinct
 from core.options import MAX_TOP_K, Hints, Method, Status
 from core.panorama.panorama import Panorama
-from core.panorama.session import Photo, Session, left_out
+from core.panorama.session import Photo, Session, left_out, session_from_rig
 from core.panorama.session_sphere import session_on_sphere
 from core.paper.paper_method import PaperMethod
 from core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from core.stage_clock import StageClock
+from core.views.comparison import Comparison
 
 _HINTS_MAY_BE_WRONG = (
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"
@@ -56,27 +58,25 @@ class Localizer:
         top_k: how many poses to return in all; those after the best one come as alternatives.
         Raises OptionsError for options out of range and DeadlineExceededError when `timeout_s` passes.
         """
-        if not isinstance(query, Panorama):
-            session = Session.of_photo(query) if isinstance(query, Photo) else query
-            panorama, session_from_panorama = session_on_sphere(session)
-            found = self.localize(panorama, maps, method=method, hints=hints, top_k=top_k, timeout_s=timeout_s)
-            found = replace(found, warnings=(*found.warnings, *left_out(session)))
-            return _for_session(found, session, session_from_panorama)
-        panorama = query
         if not maps:
             raise OptionsError("maps: expected at least one map to search")
         if not 1 <= top_k <= MAX_TOP_K:
             raise OptionsError(f"top_k: expected 1 to {MAX_TOP_K}, got {top_k}")
         clock = StageClock(timeout_s, self.device)
+        if isinstance(query, Photo):
+            query = Session.of_photo(query)
         with torch.inference_mode(method == "fast"):
             if method == "fast":
-                result = self._fast.run(panorama, maps, hints, clock)
+                result = self._fast.run(query, maps, hints, clock)
             elif method == "paper":
+                panorama = query if isinstance(query, Panorama) else session_on_sphere(query)[0]
                 result = self._paper.run(panorama, maps, hints, clock)
             else:
                 raise OptionsError(f"method: expected fast or paper, got {method!r}")
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
+        if isinstance(query, Session):
+            answer = _for_session(answer, query, result.comparison)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
             answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))
@@ -147,24 +147,27 @@ class Localizer:
         return "localized" if candidates[0].confidence >= model.threshold else "not_localized"
 
 
-def _for_session(found: Localization, session: Session, session_from_panorama: Pose) -> Localization:
+def _for_session(found: Localization, session: Session, comparison: Comparison | None) -> Localization:
     """Return the answer with poses of the first image, and those of all images at the best pose."""
-    first = session.images[0].session_from_camera
-    panorama_from_session = session_from_panorama.inverse()
     if found.best is None:
         return found
-    map_from_session = found.best.pose.after(panorama_from_session)
+    first, rig_from_session = session.images[0].session_from_camera, session_from_rig(session).inverse()
 
     def of_first(candidate: Candidate) -> Candidate:
-        return replace(candidate, pose=candidate.pose.after(panorama_from_session).after(first))
+        return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
 
-    images = tuple(FoundImage(map_from_session.after(image.session_from_camera), None) for image in session.images)
+    map_from_session = found.best.pose.after(rig_from_session)
+    agreements = agreement_by_photo(comparison, len(session.images))
+    images = [
+        FoundImage(map_from_session.after(image.session_from_camera), agreement)
+        for image, agreement in zip(session.images, agreements, strict=True)
+    ]
     return replace(
         found,
         best=of_first(found.best),
         alternatives=tuple(map(of_first, found.alternatives)),
         map_from_session=map_from_session,
-        images=images,
+        images=tuple(images),
     )
 
 

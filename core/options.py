@@ -138,6 +138,8 @@ class SessionOptions:
     orientation_noise_deg: float = 0.5
 
 
+MAX_SESSION_TILT_DEG = 5.0
+"""Of a session whose up axis is known, against gravity: phones are right within two degrees."""
 MAX_IMAGES = 32
 """Of one query."""
 MAX_SESSION_SPAN_M = 100.0

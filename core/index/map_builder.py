@@ -4,14 +4,16 @@ Paper: §3.1 to §3.3, the map side: starts, one synthetic view per start, patch
 """
 
 import hashlib
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from core.config import DescriptorConfig, IndexConfig, StartsConfig
+from core.config import IndexConfig, StartsConfig
+from core.describe.fine_views import FineViewCollector, RenderedViews
 from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
@@ -57,12 +59,12 @@ def build_map_index(
     labels = label_codes(raw) if options.color_kind == "labels" else None
     colors = raw.float() / 255 if labels is None else labels.recode(raw)[0]
     spacing = point_spacing(positions)
-    views = _ViewCollector(config.descriptors, labels)
     centers = torch.from_numpy(starts.positions).float().to(device)
     rendered = make_render_cloud(positions, colors, spacing)
+    views = _ViewCollector(config, labels, rendered, centers)
     for first in range(0, len(centers), RENDER_BATCH):
         report("rendering starts", first / len(centers))
-        views.add(rendered, centers[first : first + RENDER_BATCH])
+        views.add(centers[first : first + RENDER_BATCH])
     keep = views.well_covered(config.starts)
     report("describing views", 0.0)
     descriptors = views.describe(keep)
@@ -78,33 +80,50 @@ def build_map_index(
         sampled_shares=torch.cat(views.sampled_shares)[keep],
         labels=labels,
         num_points_read=cloud.num_points_read or len(cloud),
+        fine_views=views.fine.collected(keep),
     )
 
 
 class _ViewCollector:
     """Collects what is kept of each batch of synthetic views."""
 
-    def __init__(self, config: DescriptorConfig, labels: LabelCodes | None) -> None:
-        self.config, self.labels = config, labels
-        self.grid = PatchGrid(config.patch_rows, config.patch_columns)
+    def __init__(self, config: IndexConfig, labels: LabelCodes | None, cloud: RenderCloud, centers: Tensor) -> None:
+        self.config, self.labels, self.cloud = config.descriptors, labels, cloud
+        self.grid = PatchGrid(self.config.patch_rows, self.config.patch_columns)
         self.histograms: list[Tensor] = []
         self.coverage: list[Tensor] = []
         self.sampled_shares: list[Tensor] = []
+        sample = centers[:: max(1, len(centers) // config.fine_views.basis_views)]
+        parts = [self._render(part)[0] for part in torch.split(sample, RENDER_BATCH)]
+        together = RenderedViews(*(torch.cat([getattr(p, f.name) for p in parts]) for f in fields(RenderedViews)))
+        self.fine = FineViewCollector(config.fine_views, self.config.bins, labels is not None, together)
 
-    def add(self, cloud: RenderCloud, centers: Tensor) -> None:
-        """Render the views from `centers` (B, 3) and keep histograms and coverage."""
-        height, width = self.config.view_height, 2 * self.config.view_height
-        views = render_views(cloud, centers, height, width)
-        solid = pixel_solid_angles(height, width, centers.device).expand(-1, width)
-        weights = views.valid * solid
-        flat, flat_weights = views.color.flatten(1, 2), weights.flatten(1)
-        canonical = flat if self.labels is not None else equalize(flat, flat_weights)
+    def add(self, centers: Tensor) -> None:
+        """Render the views from `centers` (B, 3) and keep what describes them, and their coverage."""
+        views, sampled = self._render(centers)
         histogram = described_histograms(
-            views.color, canonical, views.valid.float(), weights, self.grid, self.config.bins, self.labels is not None
+            views.color,
+            views.canonical,
+            views.valid.float(),
+            views.weights,
+            self.grid,
+            self.config.bins,
+            self.labels is not None,
         )
+        self.fine.add(views)
         self.histograms.append(histogram.half())
-        self.coverage.append(weights.sum((1, 2)) / solid.sum())
-        self.sampled_shares.append(((views.point >= 0) * solid).sum((1, 2)) / solid.sum())
+        sphere = 4 * math.pi
+        self.coverage.append(views.weights.sum((1, 2)) / sphere)
+        self.sampled_shares.append((sampled * views.weights).sum((1, 2)) / sphere)
+
+    def _render(self, centers: Tensor) -> tuple[RenderedViews, Tensor]:
+        """Return the views from `centers` (B, 3), and in which pixels (B, H, W) a point falls."""
+        height, width = self.config.view_height, 2 * self.config.view_height
+        views = render_views(self.cloud, centers, height, width)
+        weights = views.valid * pixel_solid_angles(height, width, centers.device)
+        flat = views.color.flatten(1, 2)
+        canonical = flat if self.labels is not None else equalize(flat, weights.flatten(1))
+        return RenderedViews(views.color, canonical, views.valid, weights), views.point >= 0
 
     def well_covered(self, config: StartsConfig) -> Tensor:
         """Return the numbers of the views that see enough to lie inside the scanned space."""

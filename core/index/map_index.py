@@ -8,12 +8,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from core.describe.fine_views import FineViews
 from core.describe.patch_descriptors import ViewDescriptors, pooled
 from core.light.color_equalization import LabelCodes
 from core.options import ColorKind
 from core.views.render_cloud import RenderCloud, make_render_cloud
 
-INDEX_VERSION = 4  # of what an index holds and means; rises with every change, so that older ones are built again
+INDEX_VERSION = 5  # of what an index holds and means; rises with every change, so that older ones are built again
 _RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
 
 
@@ -26,6 +27,7 @@ class MapIndex:
     starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres.
     descriptors: of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view
     a point falls. labels: codes when the colours are semantic labels, else None. num_points_read: points in the scan file.
+    fine_views: the same views as photos need them.
     """
 
     positions: Tensor
@@ -38,6 +40,7 @@ class MapIndex:
     sampled_shares: Tensor
     labels: LabelCodes | None
     num_points_read: int
+    fine_views: FineViews
 
     @property
     def num_points(self) -> int:
@@ -55,7 +58,7 @@ class MapIndex:
         tensors = [getattr(self, f.name) for f in fields(self)]
         tensors += [self.descriptors.values, self.descriptors.basis, self.descriptors.weights]
         # What `render_cloud` and `coarse_views` add with the first query.
-        rendered = _RENDERED_BYTES * self.num_points + self.descriptors.values.numel()
+        rendered = _RENDERED_BYTES * self.num_points + self.descriptors.values.numel() + self.fine_views.num_bytes
         return rendered + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
 
     @property
@@ -113,4 +116,5 @@ class MapIndex:
             labels=None
             if self.labels is None
             else LabelCodes(self.labels.labels.to(device), self.labels.codes.to(device)),
+            fine_views=self.fine_views.to(device),
         )

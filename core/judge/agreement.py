@@ -24,7 +24,7 @@ class Agreement:
 
     correlation: mean over channels of the correlation of all pixels. patch_correlation: solid-angle mean over patches of the
     correlation inside a patch. mutual_information: nats, of brightness. inlier_share: of the pixels, by colour. coverage: share of the
-    sphere that was compared.
+    sphere that was compared. relative_coverage: the same of what was photographed, at most 1.
     """
 
     correlation: Tensor
@@ -32,32 +32,49 @@ class Agreement:
     mutual_information: Tensor
     inlier_share: Tensor
     coverage: Tensor
+    relative_coverage: Tensor
 
     @property
     def score(self) -> Tensor:
         """Return what candidates are ranked by (K,)."""
-        return (self.correlation + self.patch_correlation) * self.coverage.clamp(0, 1).sqrt()
+        return (self.correlation + self.patch_correlation) * self.relative_coverage.sqrt()
 
 
-def agreement(comparison: Comparison, height: int, config: JudgeConfig) -> Agreement:
-    """Measure how well the two sides of a comparison of `height` rows agree."""
+def agreement(comparison: Comparison, height: int, config: JudgeConfig, share: float = 1.0) -> Agreement:
+    """Measure how well the two sides of a comparison of `height` rows agree. share: of the sphere, that was photographed."""
     scan, panorama = comparison.scan, comparison.panorama
     total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
-    share = comparison.weights / total
-    correlation = _correlation(scan, panorama, share, config.min_variance).mean(-1)
-    patches = [_in_patches(x, height, height // config.patch_rows) for x in (scan, panorama, share[..., None])]
+    pixel_share = comparison.weights / total
+    correlation = _correlation(scan, panorama, pixel_share, config.min_variance).mean(-1)
+    patches = [_in_patches(x, height, height // config.patch_rows) for x in (scan, panorama, pixel_share[..., None])]
     weight = patches[2][..., 0]
     mass = weight.sum(-1)
     share_inside = weight / mass.clamp_min(1e-12)[..., None]
     inside = _correlation(patches[0], patches[1], share_inside, config.min_patch_variance, joint_channels=True)[..., 0]
+    coverage = total[:, 0] / (4 * torch.pi)
     distance_square = (scan - panorama).square().sum(-1) / config.inlier_difference**2
     return Agreement(
         correlation,
         (inside * mass).sum(-1),
-        _mutual_information(scan.mean(-1), panorama.mean(-1), share, config.brightness_bins),
-        (share / (1 + distance_square)).sum(-1),
-        total[:, 0] / (4 * torch.pi),
+        _mutual_information(scan.mean(-1), panorama.mean(-1), pixel_share, config.brightness_bins),
+        (pixel_share / (1 + distance_square)).sum(-1),
+        coverage,
+        (coverage / share).clamp(0, 1),
     )
+
+
+def agreement_by_photo(comparison: Comparison | None, count: int) -> list[float | None]:
+    """Return the correlation of what each of `count` photos shows with the scan at the one pose compared; None where nothing is in view."""
+    if comparison is None or comparison.photo is None:
+        return [None] * count
+    found: list[float | None] = []
+    for number in range(count):
+        weights = comparison.weights[:1] * (comparison.photo[:1] == number)
+        total = weights.sum(-1, keepdim=True)
+        share = weights / total.clamp_min(1e-9)
+        agrees = _correlation(comparison.scan[:1], comparison.panorama[:1], share, JudgeConfig().min_variance)
+        found.append(float(agrees.mean()) if float(total) > 0 else None)
+    return found
 
 
 def _correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joint_channels: bool = False) -> Tensor:

@@ -29,10 +29,9 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
     """
     camera = camera.resized(color.shape[1], color.shape[0])
     rows = _rows_of_sphere(camera)
-    color, valid = _shrunk(color, valid, camera, rows)
-    camera = camera.resized(color.shape[1], color.shape[0])
+    color, valid, camera = shrunk_photo(color, valid, camera, rows)
     u, v, shown = project_to_image(camera, _directions(rows))
-    sampled, seen = _sample(color, valid, u, v, shown)
+    sampled, seen = sample_photo(color, valid, u, v, shown)
     _check_share(seen, camera)
     return Panorama(sampled, seen)
 
@@ -63,20 +62,21 @@ def _rows_of_sphere(camera: Camera) -> int:
     return int(min(max(2 ** round(math.log2(max(wanted, 1.0))), _MIN_ROWS), _MAX_ROWS))
 
 
-def _shrunk(
+def shrunk_photo(
     color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, rows: int
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Average the photo down so that sampling it on the sphere skips no pixel."""
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Camera]:
+    """Average a photo (h, w, 3) down so that sampling it on a sphere of `rows` rows skips no pixel; the camera goes along."""
     factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / _LARGEST_STEP)
     if factor < 2:
-        return color, valid
+        return color, valid, camera
     size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
     # Masked pixels must not bleed into their neighbours: their average is taken out again.
     share = (
         np.asarray(Image.fromarray(valid.astype(np.uint8) * 255).resize(size, Image.Resampling.BOX), np.float32) / 255
     )
     mean = np.asarray(Image.fromarray(color * valid[..., None]).resize(size, Image.Resampling.BOX), np.float32)
-    return np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8), share > 0.99
+    small = np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8)
+    return small, share > 0.99, camera.resized(*size)
 
 
 def _directions(rows: int) -> NDArray[np.float64]:
@@ -89,15 +89,22 @@ def _directions(rows: int) -> NDArray[np.float64]:
     )
 
 
-def _sample(
+def sample_photo(
     color: NDArray[np.uint8],
     valid: NDArray[np.bool_],
     u: NDArray[np.float64],
     v: NDArray[np.float64],
     shown: NDArray[np.bool_],
+    nearest: bool = False,
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return the colours (H, W, 3) at pixel coordinates (H, W), bilinearly, and where all that is mixed is valid (H, W)."""
+    """Return the colours (H, W, 3) at pixel coordinates (H, W) where `shown`, and where all that is mixed is valid (H, W).
+
+    Bilinearly, or those of the nearest pixels, as labels need them.
+    """
     height, width = valid.shape
+    if nearest:
+        at = np.clip(v.astype(np.int64), 0, height - 1), np.clip(u.astype(np.int64), 0, width - 1)
+        return color[at] * shown[..., None], valid[at] & shown
     at_u, at_v = u[shown] - 0.5, v[shown] - 0.5
     left = np.clip(np.floor(at_u), 0, max(width - 2, 0)).astype(np.int64)
     top = np.clip(np.floor(at_v), 0, max(height - 2, 0)).astype(np.int64)

@@ -64,6 +64,11 @@ class Session:
         return cls((SessionImage(photo, Pose(np.eye(3), np.zeros(3))),))
 
 
+def session_from_rig(session: Session) -> Pose:
+    """Return the pose of the rig of a session: its own axes, from the middle of its cameras."""
+    return Pose(np.eye(3), np.mean([image.session_from_camera.position for image in session.images], axis=0))
+
+
 def left_out(query: Panorama | Photo | Session) -> tuple[str, ...]:
     """Return, in words for people, what of a query's images was found not to be the place, of several by their number."""
     if not isinstance(query, Session):

@@ -5,7 +5,7 @@ import numpy as np
 from core.geometry.pose import Pose
 from core.panorama.panorama import Panorama
 from core.panorama.photo import photo_on_sphere
-from core.panorama.session import Session
+from core.panorama.session import Session, session_from_rig
 
 
 def session_on_sphere(session: Session) -> tuple[Panorama, Pose]:
@@ -14,7 +14,6 @@ def session_on_sphere(session: Session) -> tuple[Panorama, Pose]:
         (photo_on_sphere(image.photo.color, image.photo.valid, image.photo.camera), image.session_from_camera)
         for image in session.images
     ]
-    middle = np.mean([pose.position for _, pose in spheres], axis=0)
     rows = max(len(sphere.valid) for sphere, _ in spheres)
     if len(spheres) == 1 and np.allclose(spheres[0][1].rotation, np.eye(3)):
         return spheres[0][0], spheres[0][1]
@@ -32,4 +31,4 @@ def session_on_sphere(session: Session) -> tuple[Panorama, Pose]:
         at = np.minimum(r.astype(int), height - 1), c.astype(int) % (2 * height)
         better = sphere.valid[at] & (seen[..., 0] > best)
         color[better], valid[better], best[better] = sphere.color[at][better], True, seen[..., 0][better]
-    return Panorama(color, valid), Pose(np.eye(3), middle)
+    return Panorama(color, valid), session_from_rig(session)

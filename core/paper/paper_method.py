@@ -63,11 +63,11 @@ class PaperMethod:
 
     def _searched(self, index: MapIndex, limits: PoseLimits) -> tuple[Tensor, Tensor]:
         """Return the starts (T, 3), N_t of the allowed ones evenly chosen, and the rotations (R, 3, 3)."""
-        starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search)]
+        starts = index.starts[limits.searched_starts(index.starts, self.localizer_config.search.hint_margin_m)]
         count = min(self.config.num_starts, len(starts))
         chosen = torch.linspace(0, len(starts) - 1, count).round().long() if count else torch.zeros(0, dtype=torch.long)
         return starts[chosen.to(starts.device)], self.rotations[
-            limits.searched_rotations(self.rotations, self.localizer_config.search)
+            limits.searched_rotations(self.rotations, self.localizer_config.search.hint_margin_deg)
         ]
 
     def _localize_in(

@@ -16,24 +16,30 @@ from core.config import PoseDistance, StepConfig, StoppingRule
 from core.geometry.distinct_poses import first_distinct
 from core.panorama.image_level import ImageLevel
 from core.refine.gauss_newton import PointPlanes, StepHistory, gauss_newton_step, initial_history
+from core.refine.rig_level import RigLevel
 
 
 @dataclass(frozen=True)
 class CandidatePoints:
-    """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point)."""
+    """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
+
+    photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo.
+    """
 
     positions: Tensor
     colors: Tensor
     weights: Tensor
+    photos: Tensor | None = None
 
     def take(self, chosen: Tensor) -> "CandidatePoints":
         """Return the points of the candidates numbered `chosen`."""
-        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen])
+        photos = None if self.photos is None else self.photos[chosen]
+        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos)
 
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        return PointPlanes(positions, colors, self.weights)
+        return PointPlanes(positions, colors, self.weights, self.photos)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
@@ -42,6 +48,9 @@ def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
         torch.cat([part.positions for part in parts]),
         torch.cat([part.colors for part in parts]),
         torch.cat([part.weights for part in parts]),
+        None
+        if any(part.photos is None for part in parts)
+        else torch.cat([part.photos for part in parts if part.photos is not None]),
     )
 
 
@@ -83,12 +92,12 @@ class _Active:
 
     def take(self, chosen: Tensor) -> "_Active":
         """Return some of the candidates."""
-        points = PointPlanes(self.points.positions[chosen], self.points.colors[chosen], self.points.weights[chosen])
+        points = self.points.take(chosen)
         return _Active(points, self.robust_weights[chosen], self.poses.take(chosen), self.history.take(chosen))
 
 
 def refine(
-    level: ImageLevel,
+    level: ImageLevel | RigLevel,
     points: CandidatePoints,
     rotations: Tensor,
     positions: Tensor,
@@ -127,7 +136,7 @@ def _at_start(points: CandidatePoints, rotations: Tensor, positions: Tensor, con
     return _Active(planes, planes.weights, poses, initial_history(len(rotations), config, rotations.device))
 
 
-def _stepped(active: _Active, level: ImageLevel, config: StepConfig, count: int, is_last: bool) -> _Active:
+def _stepped(active: _Active, level: ImageLevel | RigLevel, config: StepConfig, count: int, is_last: bool) -> _Active:
     """Take `count` steps; the very last of a refinement is not lengthened."""
     poses, weights, history = active.poses, active.robust_weights, active.history
     rotations, positions = poses.rotations, poses.positions

@@ -133,9 +133,11 @@ class _MapSearch:
     ) -> None:
         self.index, self.weights, self.config = index, panorama.weights, config
         self.query = panorama.roots @ index.descriptors.basis
-        self.full = rotations.full.take(limits.searched_rotations(rotations.full.rotations, config))
-        self.coarse = rotations.coarse.take(limits.searched_rotations(rotations.coarse.rotations, config))
-        self.starts = limits.searched_starts(index.starts, config).nonzero()[:, 0]
+        self.full = rotations.full.take(limits.searched_rotations(rotations.full.rotations, config.hint_margin_deg))
+        self.coarse = rotations.coarse.take(
+            limits.searched_rotations(rotations.coarse.rotations, config.hint_margin_deg)
+        )
+        self.starts = limits.searched_starts(index.starts, config.hint_margin_m).nonzero()[:, 0]
         if len(self.full.rotations) == 0:
             self.starts = self.starts[:0]
         self.num_allowed, self.num_coarse_poses = len(self.starts), 0

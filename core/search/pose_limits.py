@@ -1,12 +1,11 @@
 """Hints as limits on poses: which starts and rotations are searched, and which refined poses are allowed."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from core.config import SearchConfig
 from core.errors import OptionsError
 from core.index.map_index import MapIndex
 from core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
@@ -14,7 +13,11 @@ from core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAUL
 
 @dataclass(frozen=True)
 class PoseLimits:
-    """Limits in the index's local frame; a limit that is None does not apply. Angles in radians."""
+    """Limits in the index's local frame; a limit that is None does not apply. Angles in radians.
+
+    Poses are those of a camera, or of a rig of several, whose first camera is then what hints speak of: first_rotation (3, 3) and
+    first_center (3,), metres, are its pose in the rig. max_rig_tilt: of the rig's own up axis.
+    """
 
     center: Tensor | None = None
     radius_m: float = math.inf
@@ -23,6 +26,18 @@ class PoseLimits:
     max_tilt: float | None = None
     heading: float | None = None
     heading_tolerance: float = math.pi
+    first_rotation: Tensor | None = None
+    first_center: Tensor | None = None
+    max_rig_tilt: float | None = None
+
+    @property
+    def reach_m(self) -> float:
+        """Return how far the first camera is from the middle of the rig, metres."""
+        return 0.0 if self.first_center is None else float(self.first_center.norm())
+
+    def of_rig(self, first_rotation: Tensor, first_center: Tensor, max_rig_tilt: float | None) -> "PoseLimits":
+        """Return the limits of a rig whose first camera these limits are of."""
+        return replace(self, first_rotation=first_rotation, first_center=first_center, max_rig_tilt=max_rig_tilt)
 
     def allows_position(self, positions: Tensor, margin_m: float = 0.0) -> Tensor:
         """Return which positions (..., 3) lie within the limits, widened by a margin."""
@@ -42,6 +57,10 @@ class PoseLimits:
         The heading is the azimuth of the image centre; with the camera pointing almost straight up or down it says nothing.
         """
         allowed = torch.ones(rotations.shape[:-2], dtype=torch.bool, device=rotations.device)
+        if self.max_rig_tilt is not None:
+            allowed &= rotations[..., 2, 2] >= math.cos(min(math.pi, self.max_rig_tilt + margin_rad))
+        if self.first_rotation is not None:
+            rotations = rotations @ self.first_rotation
         if self.max_tilt is not None:
             allowed &= rotations[..., 2, 2] >= math.cos(min(math.pi, self.max_tilt + margin_rad))
         if self.heading is not None:
@@ -53,15 +72,17 @@ class PoseLimits:
 
     def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
         """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""
+        if self.first_center is not None:
+            position = position + rotation @ self.first_center
         return bool(self.allows_position(position)) and bool(self.allows_rotation(rotation))
 
-    def searched_starts(self, starts: Tensor, config: SearchConfig) -> Tensor:
+    def searched_starts(self, starts: Tensor, margin_m: float) -> Tensor:
         """Return which starts (T, 3) are searched; the nearest one always is, when any limit lies near it."""
-        return self.allows_position(starts, config.hint_margin_m)
+        return self.allows_position(starts, margin_m + self.reach_m)
 
-    def searched_rotations(self, rotations: Tensor, config: SearchConfig) -> Tensor:
+    def searched_rotations(self, rotations: Tensor, margin_deg: float) -> Tensor:
         """Return which rotations (R, 3, 3) are searched."""
-        return self.allows_rotation(rotations, math.radians(config.hint_margin_deg))
+        return self.allows_rotation(rotations, math.radians(margin_deg))
 
 
 def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:

@@ -18,7 +18,7 @@ class Comparison:
 
     scan, panorama: (K, S, 3) canonical colours over S = H W pixels. weights: (K, S) solid angle, zero where either is missing.
     tables: (K, 3, 256) equalization of the panorama over those pixels, None for labels.
-    views: what was rendered.
+    views: what was rendered. photo: (K, S) int64, which photo of a session a pixel is compared with, −1 for none; None for a panorama.
     """
 
     scan: Tensor
@@ -26,6 +26,7 @@ class Comparison:
     weights: Tensor
     tables: Tensor | None
     views: SyntheticViews
+    photo: Tensor | None = None
 
 
 def compare(

@@ -43,16 +43,29 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
+@dataclass(frozen=True)
+class ViewCones:
+    """The parts of B views that are wanted: axes (B, M, 3), unit directions in the map; half_angles (M,), radians, around them."""
+
+    axes: Tensor
+    half_angles: Tensor
+
+
 def render_views(
-    cloud: RenderCloud, centers: Tensor, height: int, width: int, with_points: bool = True
+    cloud: RenderCloud,
+    centers: Tensor,
+    height: int,
+    width: int,
+    with_points: bool = True,
+    cones: ViewCones | None = None,
 ) -> SyntheticViews:
     """Render the cloud from each of the centers (B, 3) in metres, in images of `height` x `width` pixels.
 
-    with_points: also find the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the
-    caller chooses B.
+    with_points: also find the point that each pixel shows. cones: outside of them nothing need be drawn; None: all is.
+    Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
     """
     batch, levels = len(centers), num_levels(height)
-    point, view, relative, spacing = _drawn_points(cloud, centers, math.pi / height)
+    point, view, relative, spacing = _drawn_points(cloud, centers, math.pi / height, cones)
     distance = relative.square().sum(0).sqrt()
     u, v = project(relative.T, height, width)
     pixel = _pixel_of(u, v, view, height, width)
@@ -100,7 +113,9 @@ def visible_points(positions: Tensor, spacing: float, center: Tensor, depth: Ten
     return visible
 
 
-def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _drawn_points(
+    cloud: RenderCloud, centers: Tensor, pixel_angle: float, cones: ViewCones | None
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Choose the points of each view.
 
     Returns their numbers (M,), from N on for what fills up the last run; the view of each (M,); where they lie from it (3, M) in metres;
@@ -109,6 +124,8 @@ def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tu
     distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
     per_point = (distance * (pixel_angle / (RENDERING.footprint * cloud.spacing))).clamp_min(1.0).square()
     exponent = torch.log2(per_point).floor_().clamp_(0, MAX_STRIDE_EXPONENT).to(torch.int8)
+    if cones is not None:
+        exponent.masked_fill_(~_blocks_within(cloud, centers, cones), -1)
     points, views, places, spacings = [], [], [], []
     for step, blocks in enumerate(cloud.block_points):
         view, block = (exponent == step).nonzero(as_tuple=True)
@@ -119,6 +136,18 @@ def _drawn_points(cloud: RenderCloud, centers: Tensor, pixel_angle: float) -> tu
         places.append(place.transpose(0, 1).flatten(1))
         spacings.append(torch.full((len(points[-1]),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
     return torch.cat(points), torch.cat(views), torch.cat(places, dim=1), torch.cat(spacings)
+
+
+def _blocks_within(cloud: RenderCloud, centers: Tensor, cones: ViewCones) -> Tensor:
+    """Tell which blocks (B, blocks) have a part in some cone of each view."""
+    towards = cloud.block_centers - centers[:, None]
+    distance = towards.norm(dim=-1).clamp_min(1e-6)
+    reach = torch.asin((cloud.block_radii / distance).clamp(max=1.0))
+    within: Tensor = distance <= cloud.block_radii
+    for number, half in enumerate(cones.half_angles.tolist()):
+        cosine = (towards @ cones.axes[:, number, :, None])[..., 0] / distance
+        within |= torch.acos(cosine.clamp(-1, 1)) <= half + reach
+    return within
 
 
 def _pixel_of(u: Tensor, v: Tensor, view: Tensor, height: int, width: int) -> Tensor:

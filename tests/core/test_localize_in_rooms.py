@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.camera.camera import Camera
 from core.geometry.pose import Pose, pose_error
 from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
 from core.options import Hints, IndexOptions
+from core.panorama.session import Session, SessionImage
 from core.pictures import draw_map_preview, draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from core.results import Localization
 from lab.rooms import (
@@ -23,8 +25,10 @@ from lab.rooms import (
     sample_pose,
     scan_scene,
     take_panorama,
+    take_photo,
     take_view,
 )
+from tests.core.painted_box import rotation_of
 
 pytestmark = pytest.mark.slow
 WIDTH = 512
@@ -171,3 +175,22 @@ def test_the_pictures_of_an_answer_show_the_place(
     assert np.median(shown) < 25  # the scan below lies where the panorama above shows it
     mirrored = np.abs(upper - lower[:, ::-1]).mean(axis=2)
     assert shown.mean() < 0.7 * mirrored.mean()
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_frames_of_a_phone_that_moves_are_found_within_two_centimetres(
+    localizer: Localizer, room: Scene, room_index: MapIndex, seed: int
+) -> None:
+    camera = Camera.from_hfov("pinhole", 640, 480, 69.0)
+    middle = sample_pose(room, np.random.default_rng(seed), "upright")
+    images = []
+    places = ((-35.0, (0.0, 0.2, 0.0)), (35.0, (0.0, -0.2, 0.1)), (100.0, (-0.2, 0.0, 0.0)), (190.0, (0.2, 0.0, -0.1)))
+    for turn, place in places:
+        tracked = Pose(rotation_of(turn, 5.0), np.array(place))
+        view = take_photo(room, camera, middle.after(tracked))
+        images.append(SessionImage(view.photo, tracked))
+    found = localizer.localize(Session(tuple(images)), [room_index])
+    assert found.map_from_session is not None
+    error = pose_error(found.map_from_session, middle)
+    assert error.within(0.02, 0.5), f"{error}, {found.status}"
+    assert all(image.agreement is not None and image.agreement > 0.5 for image in found.images)

@@ -1,46 +1,173 @@
-"""A single photo of an ordinary camera in a painted box."""
+"""Photos of ordinary cameras in a painted box: one alone, and several whose poses among each other are known."""
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from core.camera.camera import Camera
-from core.geometry.pose import Pose
+from core.geometry.pose import Pose, pose_error
+from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
-from core.options import Hints
+from core.options import Hints, IndexOptions
 from core.panorama.photo import photo_on_sphere
+from core.panorama.session import Session, SessionImage
+from core.results import Localization
 from tests.core.found_pose import assert_found
-from tests.core.painted_box import PaintedBox
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.panorama.painted_photos import FOUR, SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
+
+pytestmark = pytest.mark.slow
+WIDE = Camera.from_hfov("pinhole", 640, 480, 100.0)
+MAP_FROM_SESSION = Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2]))
+CAMERAS = (UPRIGHT, SIDEWAYS, UPRIGHT, SIDEWAYS)
 
 
-def photo_of(box: PaintedBox, camera: Camera, pose: Pose) -> np.ndarray:
-    """Return what a pinhole at `pose` takes, by its definition."""
-    column, row = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
-    left, up = (camera.cx_px - column) / camera.fx_px, (camera.cy_px - row) / camera.fy_px
-    rays = np.stack((np.ones_like(left), left, up), axis=-1).reshape(-1, 3)
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ pose.rotation.T
-    return box.color_along(pose.position, rays).reshape(camera.height_px, camera.width_px, 3)
+def session(poses: tuple[Pose, ...] = FOUR, up_known: bool = False) -> Session:
+    return session_of(PaintedBox(seed=3), MAP_FROM_SESSION, poses, CAMERAS[: len(poses)], up_known)
 
 
-@pytest.mark.slow
+@pytest.fixture(scope="module")
+def found(localizer: Localizer, box_index: MapIndex) -> Localization:
+    """Return the answer to four photos."""
+    return localizer.localize(session(), [box_index])
+
+
+def assert_same(found: Pose, expected: Pose) -> None:
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6)
+    np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-6)
+
+
+def in_axes(session: Session, axes: Pose) -> Session:
+    """Return the session with poses in other axes of its own."""
+    images = (replace(image, session_from_camera=axes.after(image.session_from_camera)) for image in session.images)
+    return replace(session, images=tuple(images))
+
+
+# One photo.
+
+
 @pytest.mark.parametrize(
     ("hfov_deg", "hints"), [(100.0, None), (75.0, Hints(upright=True))], ids=["wide", "with gravity"]
 )
+@pytest.mark.parametrize("form", ["photo", "masked sphere"])
 def test_a_photo_is_found_where_it_was_taken(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose, hfov_deg: float, hints: Hints | None
+    localizer: Localizer,
+    box: PaintedBox,
+    box_index: MapIndex,
+    box_pose: Pose,
+    hfov_deg: float,
+    hints: Hints | None,
+    form: str,
 ) -> None:
-    camera = Camera.from_hfov("pinhole", 640, 480, hfov_deg)
-    pixels = photo_of(box, camera, box_pose)
-    panorama = photo_on_sphere(pixels, np.ones(pixels.shape[:2], bool), camera)
-    found = localizer.localize(panorama, [box_index], hints=hints)
+    photo = photo_of(box, Camera.from_hfov("pinhole", 640, 480, hfov_deg), box_pose)
+    query = photo if form == "photo" else photo_on_sphere(photo.color, photo.valid, photo.camera)
+    found = localizer.localize(query, [box_index], hints=hints)
     assert_found(found, box_pose, 0.1, 5.0)
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("form", ["photo", "masked sphere"])
 def test_a_photo_of_another_place_is_never_localized(
-    localizer: Localizer, other_box_index: MapIndex, box: PaintedBox, box_pose: Pose
+    localizer: Localizer, other_box_index: MapIndex, box: PaintedBox, box_pose: Pose, form: str
 ) -> None:
-    camera = Camera.from_hfov("pinhole", 640, 480, 100.0)
-    pixels = photo_of(box, camera, box_pose)
-    panorama = photo_on_sphere(pixels, np.ones(pixels.shape[:2], bool), camera)
-    assert localizer.localize(panorama, [other_box_index]).status == "not_localized"
+    photo = photo_of(box, WIDE, box_pose)
+    query = photo if form == "photo" else photo_on_sphere(photo.color, photo.valid, photo.camera)
+    assert localizer.localize(query, [other_box_index]).status == "not_localized"
+
+
+def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose) -> None:
+    found = localizer.localize(photo_of(box, WIDE, box_pose), [box_index])
+    assert found.best is not None
+    assert found.map_from_session is not None
+    (image,) = found.images
+    assert_same(image.pose, found.best.pose)
+    assert_same(found.map_from_session, found.best.pose)
+    assert image.agreement is not None
+    assert image.agreement > 0.9
+
+
+def test_a_photo_of_labels_is_found_in_a_map_of_labels(localizer: Localizer, box_pose: Pose) -> None:
+    palette = ((0, 0, 0), (255, 0, 0), (0, 128, 255), (90, 90, 90), (20, 200, 60))
+    box = PaintedBox(seed=1, palette=palette)
+    index = build_map_index(box.scan(), IndexOptions(color_kind="labels"))
+    found = localizer.localize(photo_of(box, WIDE, box_pose), [index])
+    assert_found(found, box_pose, 0.05, 2.0)
+
+
+def test_of_several_maps_the_one_is_found_in_which_a_photo_was_taken(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, other_box_index: MapIndex, box_pose: Pose
+) -> None:
+    found = localizer.localize(photo_of(box, WIDE, box_pose), [other_box_index, box_index])
+    assert_found(found, box_pose, 0.1, 5.0)
+    assert found.best is not None
+    assert found.best.map_position == 1
+
+
+# Several photos.
+
+
+@pytest.mark.parametrize("up_known", [False, True], ids=["in any axes", "up known"])
+@pytest.mark.parametrize("poses", [TWO, FOUR], ids=["two", "four"])
+def test_photos_from_different_places_are_found_together(
+    localizer: Localizer, box_index: MapIndex, poses: tuple[Pose, ...], up_known: bool
+) -> None:
+    found = localizer.localize(session(poses, up_known), [box_index])
+    assert found.status == "localized"
+    for image, pose in zip(found.images, poses, strict=True):
+        error = pose_error(image.pose, MAP_FROM_SESSION.after(pose))
+        assert error.within(0.03 if poses is TWO else 0.02, 0.6), f"{error}"  # pixels of the paint are 5 cm wide
+        assert image.agreement is not None
+        assert image.agreement > 0.85
+
+
+def test_the_poses_of_all_images_are_one_pose_of_the_session(found: Localization) -> None:
+    assert found.best is not None
+    assert found.map_from_session is not None
+    for image, tracked in zip(found.images, session().images, strict=True):
+        assert_same(found.map_from_session.after(tracked.session_from_camera), image.pose)
+    assert_same(found.best.pose, found.images[0].pose)
+    assert pose_error(found.map_from_session, MAP_FROM_SESSION).within(0.02, 0.5)
+
+
+def test_the_axes_of_a_session_do_not_matter(localizer: Localizer, box_index: MapIndex) -> None:
+    axes = Pose(rotation_of(70.0, 50.0, 110.0), np.array([5.0, -3.0, 2.0]))
+    found = localizer.localize(in_axes(session(), axes), [box_index])
+    assert found.map_from_session is not None
+    expected = MAP_FROM_SESSION.after(axes.inverse())
+    assert_found(found, MAP_FROM_SESSION.after(FOUR[0]), 0.02, 0.5)
+    assert pose_error(found.map_from_session, expected).orientation_deg < 0.5
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)], ids=["upright first", "tilted first"])
+def test_upright_is_said_of_the_first_image(localizer: Localizer, box_index: MapIndex, order: Sequence[int]) -> None:
+    tilted = replace(TWO[1], rotation=rotation_of(75.0, -6.0, 60.0))
+    both = session((TWO[0], tilted))
+    axes = Pose(rotation_of(0.0, 80.0, 30.0), np.zeros(3))  # of a session whose own axes say nothing of what is up
+    images = tuple(both.images[number] for number in order)
+    found = localizer.localize(in_axes(replace(both, images=images), axes), [box_index], hints=Hints(upright=True))
+    truth = MAP_FROM_SESSION.after((TWO[0], tilted)[order[0]])
+    is_right = found.best is not None and pose_error(found.best.pose, truth).within(0.05, 2.0)
+    assert is_right is (order[0] == 0)
+    if found.best is not None:
+        assert found.best.pose.rotation[2, 2] >= np.cos(np.radians(15.0)) - 1e-6
+
+
+def test_a_photo_of_another_place_among_right_ones_is_told_by_its_agreement(
+    localizer: Localizer, box_index: MapIndex
+) -> None:
+    images = session().images
+    elsewhere = photo_of(
+        PaintedBox(seed=44, size_m=(4.2, 4.6, 2.5)), SIDEWAYS, Pose(rotation_of(20.0), np.full(3, 1.3))
+    )
+    spoilt = Session((*images[:3], SessionImage(elsewhere, images[3].session_from_camera)))
+    found = localizer.localize(spoilt, [box_index])
+    assert_found(found, MAP_FROM_SESSION.after(FOUR[0]), 0.05, 1.0)
+    *right, wrong = (image.agreement for image in found.images)
+    assert wrong is not None
+    assert all(each is not None and each > 0.75 > 0.5 > wrong for each in right)
+
+
+def test_photos_of_another_place_are_never_localized(localizer: Localizer, other_box_index: MapIndex) -> None:
+    assert localizer.localize(session(), [other_box_index]).status == "not_localized"

@@ -10,7 +10,7 @@ from core.geometry.projection import pixel_directions
 from core.geometry.rotations import rotation_from_vector, uniform_rotations
 from core.panorama.image_level import prepare_level
 from core.paper.sampling_loss import SamplingProblem, sampling_loss
-from core.refine import gauss_newton
+from core.refine import gauss_newton, point_sampling
 from tests.reference import loss_twin
 from tests.reference.spherical_twin import direction_of
 
@@ -122,7 +122,7 @@ def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProble
 HEIGHT = 128
 
 
-def jacobian_of(seen: gauss_newton.SampledPoints) -> np.ndarray:
+def jacobian_of(seen: point_sampling.SampledPoints) -> np.ndarray:
     """Return the Jacobians (N, 3, 6) of the first candidate."""
     return np.asarray(np.einsum("can,kan->nck", seen.derivatives[0].numpy(), seen.directions[0].numpy()))
 
@@ -134,7 +134,7 @@ def linearized(positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.
     place = torch.from_numpy(positions).float().T[None]
     rotation = torch.from_numpy(loss_twin.turned(ROTATION, step[:3])).float()[None]
     position = torch.from_numpy(POSITION + ROTATION @ step[3:]).float()[None]
-    seen, _ = gauss_newton.sample_points(level, place, rotation, position)
+    seen, _ = point_sampling.sample_points(level, place, rotation, position)
     return seen.color[0].T.numpy(), jacobian_of(seen)
 
 
@@ -161,7 +161,7 @@ def test_the_normal_equations_are_those_of_the_jacobian_without_light(fit_light:
     rng = np.random.default_rng(2)
     count = 60
     planes = torch.from_numpy(rng.normal(size=(1, 9, count)))
-    seen = gauss_newton.SampledPoints(planes, torch.from_numpy(rng.normal(size=(1, 6, 2, count))))
+    seen = point_sampling.SampledPoints(planes, torch.from_numpy(rng.normal(size=(1, 6, 2, count))))
     residual, weights = rng.normal(size=(1, 3, count)), rng.uniform(size=(1, count))
     hessian, gradient = gauss_newton.normal_equations(
         seen, torch.from_numpy(residual), torch.from_numpy(weights), fit_light

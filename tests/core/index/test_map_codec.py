@@ -38,6 +38,11 @@ def described(index: MapIndex, **changes: torch.Tensor) -> MapIndex:
     return dataclasses.replace(index, descriptors=dataclasses.replace(index.descriptors, **changes))
 
 
+def with_fine(index: MapIndex, **changes: torch.Tensor) -> MapIndex:
+    """Return the index with other arrays of its fine views."""
+    return dataclasses.replace(index, fine_views=dataclasses.replace(index.fine_views, **changes))
+
+
 Change = Callable[[MapIndex], MapIndex]
 UNFIT: dict[str, Change] = {
     "positions": lambda index: dataclasses.replace(index, positions=index.positions[:, :2]),
@@ -48,6 +53,12 @@ UNFIT: dict[str, Change] = {
     "basis": lambda index: described(index, basis=index.descriptors.basis[:, :-1]),
     "patch_weights": lambda index: described(index, weights=index.descriptors.weights[:, :-1]),
     "sampled_shares": lambda index: dataclasses.replace(index, sampled_shares=index.sampled_shares[:-1]),
+    "fine_steps": lambda index: with_fine(index, steps=index.fine_views.steps[:-1]),
+    "fine_scale": lambda index: with_fine(index, scale=index.fine_views.scale[:-1]),
+    "fine_basis": lambda index: with_fine(index, basis=index.fine_views.basis[:, :-1]),
+    "fine_weights": lambda index: with_fine(index, weights=index.fine_views.weights[:, :-1]),
+    "pictures": lambda index: with_fine(index, pictures=index.fine_views.pictures[:, :, :-1]),
+    "pictures_seen": lambda index: with_fine(index, seen=index.fine_views.seen[:, :-1]),
     "origin_offset": lambda index: dataclasses.replace(index, origin_offset=index.origin_offset[:2]),
 }
 
@@ -66,6 +77,7 @@ def test_an_index_without_a_start_is_refused(index: MapIndex) -> None:
         leaf_sizes=index.leaf_sizes[:0],
         sampled_shares=index.sampled_shares[:0],
         descriptors=ViewDescriptors(views.values[:0], views.basis, views.weights[:0]),
+        fine_views=index.fine_views.take(torch.arange(0)),
     )
     with pytest.raises(IndexFormatError, match=f"expected points and starts, got {index.num_points} and 0"):
         decode_map_index(encode_map_index(none))

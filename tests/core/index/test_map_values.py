@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from core.describe.fine_views import FineViews
 from core.describe.patch_descriptors import ViewDescriptors, pooled
 from core.index.map_diagnostics import map_diagnostics
 from core.index.map_index import MapIndex
@@ -13,6 +14,7 @@ from core.light.color_equalization import LabelCodes
 from core.options import IndexOptions
 
 NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
+FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8
 OFFSET = np.array([1000.5, -2000.25, 30.0])
 
 
@@ -39,6 +41,14 @@ def made(labels: bool = False) -> MapIndex:
         sampled_shares=torch.tensor([0.2, 0.9, 0.5]),
         labels=codes if labels else None,
         num_points_read=5000,
+        fine_views=FineViews(
+            torch.randint(-31, 32, (NUM_STARTS, FINE_PATCHES, FINE_SIZE), generator=random).to(torch.int8),
+            torch.rand(NUM_STARTS, generator=random),
+            torch.randn((BINS, FINE_SIZE), generator=random),
+            torch.rand((NUM_STARTS, FINE_PATCHES), generator=random).half(),
+            torch.randint(0, 256, (NUM_STARTS, ROWS, 2 * ROWS, 3), generator=random).byte(),
+            torch.rand((NUM_STARTS, ROWS, 2 * ROWS), generator=random) > 0.1,
+        ),
     )
 
 
@@ -59,7 +69,8 @@ def test_the_memory_of_an_index_is_that_of_its_arrays_and_of_what_a_query_adds()
     descriptors = 4 * (NUM_STARTS * NUM_PATCHES * SIZE + BINS * SIZE + NUM_STARTS * NUM_PATCHES)
     # 40 bytes of a point to render, and a quarter of the descriptors again.
     added = 40 * NUM_POINTS + NUM_STARTS * NUM_PATCHES * SIZE
-    assert made().num_bytes == points + starts + descriptors + added
+    fine = NUM_STARTS * (FINE_PATCHES * (FINE_SIZE + 2) + 4 + ROWS * 2 * ROWS * (3 + 1)) + 4 * BINS * FINE_SIZE
+    assert made().num_bytes == points + starts + descriptors + added + fine
 
 
 def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
@@ -91,6 +102,8 @@ def test_an_index_moves_to_a_device_with_all_its_arrays(labels: bool) -> None:
     moved = made(labels).to("meta")
     arrays = [moved.positions, moved.colors, moved.starts, moved.leaf_sizes, moved.sampled_shares]
     arrays += [moved.descriptors.values, moved.descriptors.basis, moved.descriptors.weights]
+    fine = moved.fine_views
+    arrays += [fine.steps, fine.scale, fine.basis, fine.weights, fine.pictures, fine.seen]
     if labels:
         assert moved.labels is not None
         arrays += [moved.labels.labels, moved.labels.codes]

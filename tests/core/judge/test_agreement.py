@@ -108,7 +108,7 @@ def test_where_nothing_is_seen_nothing_agrees() -> None:
 
 
 def test_each_hypothesis_gets_its_own_score_and_measures() -> None:
-    names = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "coverage")
+    names = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "coverage", "relative_coverage")
     values = {name: torch.tensor([0.1 + k, 0.2 + k]) for k, name in enumerate(names)}
     group = [Hypothesis(0, k, torch.eye(3), torch.zeros(3), loss=float(k)) for k in range(2)]
     measured = Agreement(**values)

@@ -16,8 +16,8 @@ from core.refine.gauss_newton import (
     gauss_newton_step,
     initial_history,
     normal_equations,
-    sample_points,
 )
+from core.refine.point_sampling import sample_points
 from core.refine.refinement import CandidatePoints, refine
 
 HEIGHT = 64

@@ -138,7 +138,7 @@ def test_hints_leave_starts_and_rotations_out() -> None:
     limits = PoseLimits(center=torch.tensor([2.0, 0.0, 0.0]), radius_m=0.9, max_tilt=math.radians(50))
     index = made_map(6, 1)
     (found,) = search([index], [limits])
-    allowed = limits.searched_rotations(uniform_rotations(30), CONFIG)
+    allowed = limits.searched_rotations(uniform_rotations(30), CONFIG.hint_margin_deg)
     assert 0 < int(allowed.sum()) < 30
     assert torch.equal(found.rotations, uniform_rotations(30)[allowed])
     assert_scored(found, full_scores(made_panorama(), index, found.rotations), [1, 2, 3])
@@ -152,7 +152,7 @@ def test_the_first_pass_is_held_to_the_hints_too() -> None:
     config = SearchConfig(**{**vars(CONFIG), "coarse_kept_starts": 2})
     index = made_map(8, 1)
     (found,) = search([index], [limits], config)
-    coarse = uniform_rotations(12)[limits.searched_rotations(uniform_rotations(12), CONFIG)]
+    coarse = uniform_rotations(12)[limits.searched_rotations(uniform_rotations(12), CONFIG.hint_margin_deg)]
     assert 0 < len(coarse) < 12
     inside = [t for t in range(8) if 0.4 <= t <= 4.6]
     best = coarse_scores(made_panorama(), index, coarse).max(1)
@@ -177,7 +177,7 @@ def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
     narrow = PoseLimits(max_tilt=math.acos(float(wanted)) - math.radians(CONFIG.hint_margin_deg) + 0.01)
     config = SearchConfig(**{**vars(CONFIG), "coarse_rotations": 1, "coarse_kept_starts": 2})
     rotations = make_search_rotations(config, GRID, torch.device("cpu"))
-    assert not bool(narrow.searched_rotations(rotations.coarse.rotations, config).any())
+    assert not bool(narrow.searched_rotations(rotations.coarse.rotations, config.hint_margin_deg).any())
     (found,) = search([made_map(4, 1)], [narrow], config)
     assert sorted(set(found.candidates.starts.tolist())) == [0, 1, 2, 3]
     assert found.num_poses == 4 * len(found.rotations) > 0

@@ -17,7 +17,7 @@ from core.search.pose_limits import PoseLimits, pose_limits
 
 def test_limits_widen_for_the_search_and_not_for_the_answer() -> None:
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
-    assert bool(limits.searched_starts(torch.tensor([[1.3, 0.0, 0.0]]), SearchConfig()))
+    assert bool(limits.searched_starts(torch.tensor([[1.3, 0.0, 0.0]]), SearchConfig().hint_margin_m))
     assert not bool(limits.allows_position(torch.tensor([1.3, 0.0, 0.0])))
     tilted = torch.tensor(
         [
@@ -26,7 +26,7 @@ def test_limits_widen_for_the_search_and_not_for_the_answer() -> None:
             [0, math.sin(math.radians(15)), math.cos(math.radians(15))],
         ]
     )
-    assert bool(limits.searched_rotations(tilted[None], SearchConfig()))
+    assert bool(limits.searched_rotations(tilted[None], SearchConfig().hint_margin_deg))
     assert not bool(limits.allows_rotation(tilted))
 
 
@@ -180,9 +180,8 @@ def test_looking_straight_up_a_camera_has_no_heading() -> None:
 
 def test_the_search_reaches_beyond_the_hints_by_its_margins() -> None:
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0, max_tilt=math.radians(10))
-    config = SearchConfig(hint_margin_m=0.2, hint_margin_deg=7.0)
-    assert limits.searched_starts(torch.tensor([[1.19, 0, 0], [1.21, 0, 0]]), config).tolist() == [True, False]
-    assert limits.searched_rotations(torch.stack((turned(x=16.5), turned(x=17.5))), config).tolist() == [True, False]
+    assert limits.searched_starts(torch.tensor([[1.19, 0, 0], [1.21, 0, 0]]), 0.2).tolist() == [True, False]
+    assert limits.searched_rotations(torch.stack((turned(x=16.5), turned(x=17.5))), 7.0).tolist() == [True, False]
 
 
 def test_a_pose_is_allowed_when_both_its_place_and_its_rotation_are() -> None:
@@ -196,3 +195,39 @@ def test_half_a_region_is_none() -> None:
     below = PoseLimits(lower=torch.ones(3))
     assert bool(below.allows_position(torch.zeros(3)))
     assert bool(PoseLimits(upper=torch.zeros(3)).allows_position(torch.ones(3)))
+
+
+# Of a rig, whose first camera the hints are about.
+
+
+def test_hints_of_a_rig_are_about_its_first_camera() -> None:
+    first_rotation, first_center = turned(z=90.0), torch.tensor([0.5, 0.0, 0.0])
+    level = PoseLimits(center=torch.tensor([2.0, 0.0, 0.0]), radius_m=0.2, heading=0.0, heading_tolerance=0.1)
+    limits = level.of_rig(first_rotation, first_center, None)
+    assert limits.reach_m == pytest.approx(0.5)
+    # The first camera heads where the rig does, and a quarter turn further; it stands 0.5 m from the rig's middle.
+    assert limits.allows_pose(turned(z=-90.0), torch.tensor([2.0, 0.5, 0.0]))
+    assert not limits.allows_pose(turned(z=-90.0), torch.tensor([2.0, 0.0, 0.0]))
+    assert not limits.allows_pose(turned(), torch.tensor([1.5, 0.0, 0.0]))
+    assert bool(limits.allows_rotation(turned(z=-90.0)))
+    assert not bool(limits.allows_rotation(turned()))
+    assert (level.first_rotation, level.reach_m) == (None, 0.0)
+
+
+def test_the_tilt_that_hints_allow_is_that_of_the_first_camera() -> None:
+    limits = PoseLimits(max_tilt=math.radians(10)).of_rig(turned(x=60.0), torch.zeros(3), None)
+    assert bool(limits.allows_rotation(turned(x=-60.0)))
+    assert not bool(limits.allows_rotation(turned()))
+
+
+def test_a_rig_whose_up_axis_is_known_stays_upright_however_its_first_camera_is_held() -> None:
+    limits = PoseLimits().of_rig(turned(x=90.0), torch.zeros(3), math.radians(5))
+    tilted = torch.stack([turned(z=77.0), turned(x=4.0), turned(x=6.0), turned(y=-6.0), turned(x=-90.0)])
+    assert limits.allows_rotation(tilted).tolist() == [True, True, False, False, False]
+    assert limits.searched_rotations(tilted, 3.0).tolist() == [True, True, True, True, False]
+
+
+def test_starts_are_searched_as_far_as_the_first_camera_may_be_from_the_middle() -> None:
+    limits = PoseLimits(center=torch.zeros(3), radius_m=1.0).of_rig(torch.eye(3), torch.tensor([0.0, 0.3, 0.4]), None)
+    places = torch.tensor([[1.69, 0, 0], [0, 0, -1.69], [1.71, 0, 0]])
+    assert limits.searched_starts(places, 0.2).tolist() == [True, True, False]

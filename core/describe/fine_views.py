@@ -1,0 +1,105 @@
+"""Fine views: what a map keeps of its views for photos.
+
+A photo of a phone shows eight patches of 22 degrees: too few to tell places apart. Patches of 11 degrees propose poses, and a small picture
+of each view lets thousands of them be scored again by what is inside of patches, which histograms cannot know (docs/experiments.md).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from core.config import FineViewConfig
+from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
+from core.describe.patch_histograms import described_histograms
+from core.describe.spherical_patches import PatchGrid
+
+
+@dataclass(frozen=True)
+class FineViews:
+    """Descriptors and pictures of T views.
+
+    steps: (T, P, D) int8, descriptors in steps of `scale` (T,) float32. basis: (B, D) float32. weights: (T, P) float16, solid-angle share
+    of each valid patch. pictures: (T, h, 2h, 3) uint8, what was rendered; seen: (T, h, 2h) bool, where anything was.
+    """
+
+    steps: Tensor
+    scale: Tensor
+    basis: Tensor
+    weights: Tensor
+    pictures: Tensor
+    seen: Tensor
+
+    def descriptors(self) -> ViewDescriptors:
+        """Return the descriptors as numbers."""
+        values = self.steps.float() * self.scale[:, None, None]
+        return ViewDescriptors(values, self.basis, self.weights.float())
+
+    def take(self, keep: Tensor) -> "FineViews":
+        """Return the views numbered `keep`."""
+        return FineViews(
+            self.steps[keep], self.scale[keep], self.basis, self.weights[keep], self.pictures[keep], self.seen[keep]
+        )
+
+    def to(self, device: torch.device | str) -> "FineViews":
+        """Return the views on `device`."""
+        tensors = (self.steps, self.scale, self.basis, self.weights, self.pictures, self.seen)
+        return FineViews(*(tensor.to(device) for tensor in tensors))
+
+    @property
+    def num_bytes(self) -> int:
+        """Return the memory of all arrays."""
+        tensors = (self.steps, self.scale, self.basis, self.weights, self.pictures, self.seen)
+        return sum(tensor.numel() * tensor.element_size() for tensor in tensors)
+
+
+@dataclass(frozen=True)
+class RenderedViews:
+    """Views of a batch: color (B, H, W, 3) in 0..1, canonical (B, H W, 3), valid (B, H, W) bool, weights (B, H, W) solid angles."""
+
+    color: Tensor
+    canonical: Tensor
+    valid: Tensor
+    weights: Tensor
+
+
+class FineViewCollector:
+    """Describes views batch by batch. The basis comes from views that lie evenly among all, given first."""
+
+    def __init__(self, config: FineViewConfig, bins: int, is_labels: bool, sample: RenderedViews) -> None:
+        self._config, self._bins, self._is_labels = config, bins, is_labels
+        self._grid = PatchGrid(config.patch_rows, config.patch_columns)
+        roots, _ = self._roots(sample)
+        self._basis = principal_basis(roots, config.size, roots.shape[0] * roots.shape[1])
+        self._parts: list[FineViews] = []
+
+    def add(self, views: RenderedViews) -> None:
+        """Describe a batch."""
+        roots, weights = self._roots(views)
+        values = roots @ self._basis
+        scale = values.abs().amax((1, 2)).clamp_min(1e-9) / self._config.steps
+        steps = (values / scale[:, None, None]).round().to(torch.int8)
+        pictures, seen = _small_pictures(views, self._config.picture_height)
+        self._parts.append(FineViews(steps, scale, self._basis, weights.half(), pictures, seen))
+
+    def collected(self, keep: Tensor) -> FineViews:
+        """Return the views numbered `keep` of all that were added."""
+        names = ("steps", "scale", "weights", "pictures", "seen")
+        joined = {name: torch.cat([getattr(part, name) for part in self._parts]) for name in names}
+        return FineViews(**joined, basis=self._basis).take(keep)
+
+    def _roots(self, views: RenderedViews) -> tuple[Tensor, Tensor]:
+        histograms = described_histograms(
+            views.color, views.canonical, views.valid.float(), views.weights, self._grid, self._bins, self._is_labels
+        )
+        return centered_roots(histograms, self._grid.solid_angles(histograms.device))
+
+
+def _small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:
+    """Return pictures (B, h, 2h, 3) uint8 averaged over what was seen, and where at least half was (B, h, 2h)."""
+    planes = torch.cat((views.color * views.valid[..., None], views.valid[..., None].float()), dim=-1).permute(
+        0, 3, 1, 2
+    )
+    small = torch.nn.functional.interpolate(planes, size=(height, 2 * height), mode="area")
+    color = small[:, :3] / small[:, 3:].clamp_min(1e-6)
+    return (color.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1).contiguous(), small[:, 3] >= 0.5

@@ -1,0 +1,224 @@
+"""The photos of a session as windows of spheres, at several resolutions.
+
+A photo of 69 degrees fills a fourteenth of its sphere: as a window it can be kept at its own resolution, which a whole sphere of that
+fineness would make too large.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from core.camera.lens import project_to_image
+from core.geometry.projection import pixel_solid_angles, unproject
+from core.geometry.rotations import even_directions
+from core.light.color_equalization import LabelCodes
+from core.panorama.photo import sample_photo, shrunk_photo
+from core.panorama.photo_level import PhotoWindows
+from core.panorama.session import Photo, Session, session_from_rig
+
+_COARSEST_ROWS = 16  # windows begin and end at whole pixels of a sphere of so many rows
+_LEAST_ROWS = 256
+_EXTENT_LEVEL = 32  # rows of the windows that tell what photos show
+_SHARE_DIRECTIONS = 8192
+_EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A window: color (3, h, w), valid (h, w), share of valid pixels at coarser levels; where it lies on a sphere of `rows` rows."""
+
+    color: Tensor
+    valid: Tensor
+    rows: int
+    first_row: int
+    first_column: int
+
+
+class PhotoAtlas:
+    """Photos of a session in the axes of the rig: those of the session, from the middle of the cameras.
+
+    rotations: (M, 3, 3) rig_from_camera. centers: (M, 3), metres. cones: (M,) half the opening angle around each optical axis that
+    holds all of the photo, radians.
+    """
+
+    def __init__(self, session: Session, max_rows: int, labels: LabelCodes | None, device: torch.device | str) -> None:
+        poses = [image.session_from_camera for image in session.images]
+        middle = session_from_rig(session).position
+        self.labels = labels
+        self.rotations = torch.tensor(np.stack([pose.rotation for pose in poses]), dtype=torch.float32, device=device)
+        self.centers = torch.tensor(
+            np.stack([pose.position - middle for pose in poses]), dtype=torch.float32, device=device
+        )
+        photos = [image.photo for image in session.images]
+        self._top = [_window(photo, _rows_for(photo, max_rows), labels, device) for photo in photos]
+        self.cones = torch.tensor([_cone(photo) for photo in photos], device=device)
+        self._windows: dict[int, PhotoWindows] = {}
+
+    def __len__(self) -> int:
+        return len(self._top)
+
+    @property
+    def finest_rows(self) -> int:
+        """Return the rows of the finest level that some photo has."""
+        return max(window.rows for window in self._top)
+
+    def rig_directions(self, windows: PhotoWindows) -> Tensor:
+        """Return the directions (H, W, 3) of the pixels of windows in the axes of the rig."""
+        directions = windows.direction.permute(1, 2, 0)
+        if len(self) == 1:
+            return directions @ self.rotations[0].T
+        return torch.einsum("hwab,hwb->hwa", self.rotations[windows.photo], directions)
+
+    def share(self) -> float:
+        """Return the share of the sphere, 0..1, that all photos together show, overlaps counted once."""
+        return float(self.shows(even_directions(_SHARE_DIRECTIONS).to(self.rotations.device)).float().mean())
+
+    def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
+        """Tell which directions (N, 3) in the axes of the rig some photo shows, or almost: within `margin`, radians."""
+        windows = self.windows(_EXTENT_LEVEL)
+        pixels = self.rig_directions(windows)[windows.valid > 0]
+        half_pixel = 0.71 * math.pi / _EXTENT_LEVEL
+        return (directions @ pixels.T).amax(1) >= math.cos(margin + half_pixel)
+
+    def windows(self, rows: int) -> PhotoWindows:
+        """Return all windows at `rows` to a sphere, a power of two; of a photo that is coarser, its pixels enlarged."""
+        if rows not in self._windows:
+            self._windows[rows] = _packed([_at_rows(window, rows) for window in self._top], rows)
+        return self._windows[rows]
+
+
+def shown_share(session: Session) -> float:
+    """Return about the share of the sphere, 0..1, that the photos of a session show together, overlaps counted once."""
+    row, column = np.arange(_EXTENT_LEVEL) + 0.5, np.arange(2 * _EXTENT_LEVEL) + 0.5
+    directions = _directions(row, column, _EXTENT_LEVEL)
+    shown = np.zeros(directions.shape[:2], np.bool_)
+    for image in session.images:
+        shown |= project_to_image(image.photo.camera, directions @ image.session_from_camera.rotation)[2]
+    return float((shown * np.sin(np.pi * row / _EXTENT_LEVEL)[:, None]).mean() * np.pi / 2)
+
+
+def _rows_for(photo: Photo, max_rows: int) -> int:
+    wanted = math.pi * min(photo.camera.fx_px, photo.camera.fy_px)
+    return int(min(max(2 ** round(math.log2(max(wanted, 1.0))), _LEAST_ROWS), max_rows))
+
+
+def _window(photo: Photo, rows: int, labels: LabelCodes | None, device: torch.device | str) -> _Window:
+    """Sample a photo on the window of a sphere of `rows` rows that it fills."""
+    row0, row1, column0, column1 = _extent(photo, rows)
+    color, valid, camera = photo.color, photo.valid, photo.camera
+    if labels is None:  # of labels an average means nothing
+        color, valid, camera = shrunk_photo(color, valid, camera, rows)
+    r, c = np.arange(row0, row1) + 0.5, np.arange(column0, column1) + 0.5
+    u, v, shown = project_to_image(camera, _directions(r, c, rows))
+    sampled, seen = sample_photo(color, valid, u, v, shown, nearest=labels is not None)
+    pixels, inside = torch.from_numpy(sampled).to(device), torch.from_numpy(seen).to(device)
+    if labels is None:
+        planes = pixels.permute(2, 0, 1).float() / 255
+    else:
+        codes, known = labels.recode(pixels)
+        planes, inside = codes.permute(2, 0, 1).contiguous(), inside & known
+    return _Window(planes, inside.float(), rows, row0, column0)
+
+
+def _directions(row: NDArray[np.floating], column: NDArray[np.floating], rows: int) -> NDArray[np.float64]:
+    """Return unit directions (h, w, 3) of the pixel coordinates of a grid on a sphere of `rows` rows."""
+    elevation, azimuth = np.pi / 2 - np.pi * row / rows, np.pi - np.pi * column / rows
+    flat = np.cos(elevation)[:, None]
+    rise = np.broadcast_to(np.sin(elevation)[:, None], (len(row), len(column)))
+    return np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), rise), axis=-1)
+
+
+def _extent(photo: Photo, rows: int) -> tuple[int, int, int, int]:
+    """Return first and last row, first and last column (exclusive) of what a photo fills on a sphere of `rows` rows."""
+    shown = _shown(photo)
+    step = rows // _COARSEST_ROWS
+    fine = _EXTENT_ROWS // _COARSEST_ROWS
+    used_rows, used_columns = (np.flatnonzero(shown.any(axis)) for axis in (1, 0))
+    # One pixel of the search for the extent may hide an edge.
+    bounds = []
+    for used, most in ((used_rows, _COARSEST_ROWS), (used_columns, 2 * _COARSEST_ROWS)):
+        first = max(0, (int(used.min()) - 1) // fine) if len(used) else 0
+        last = min(most, (int(used.max()) + 1) // fine + 1) if len(used) else most
+        bounds += [first * step, last * step]
+    return bounds[0], bounds[1], bounds[2], bounds[3]
+
+
+def _shown(photo: Photo) -> NDArray[np.bool_]:
+    """Return which pixels of a sphere of `_EXTENT_ROWS` rows a photo shows."""
+    r, c = np.arange(_EXTENT_ROWS) + 0.5, np.arange(2 * _EXTENT_ROWS) + 0.5
+    return project_to_image(photo.camera, _directions(r, c, _EXTENT_ROWS))[2]
+
+
+def _cone(photo: Photo) -> float:
+    """Return half the opening angle, radians, of the cone around the optical axis that holds all of a photo."""
+    r, c = np.arange(_EXTENT_ROWS) + 0.5, np.arange(2 * _EXTENT_ROWS) + 0.5
+    ahead = _directions(r, c, _EXTENT_ROWS)[..., 0][_shown(photo)]
+    return math.pi if not len(ahead) else min(math.pi, math.acos(float(ahead.min())) + math.pi / _EXTENT_ROWS)
+
+
+def _at_rows(window: _Window, rows: int) -> _Window:
+    """Return a window at another resolution; a pixel is valid when at least half of it is."""
+    color, valid, at = window.color, window.valid, window.rows
+    while at > rows:
+        total, share = _halved(color * valid), _halved(valid[None])
+        color, valid, at = total / share.clamp_min(1e-6), (share[0] >= 0.5).float(), at // 2
+    while at < rows:
+        color, valid = (x.repeat_interleave(2, -1).repeat_interleave(2, -2) for x in (color, valid))
+        at *= 2
+    scale = rows / window.rows
+    return _Window(color, valid, rows, round(window.first_row * scale), round(window.first_column * scale))
+
+
+def _halved(planes: Tensor) -> Tensor:
+    """Average planes (C, H, W) over squares of two pixels a side."""
+    rows = planes[:, ::2] + planes[:, 1::2]
+    return (rows[..., ::2] + rows[..., 1::2]) * 0.25
+
+
+def _packed(windows: list[_Window], rows: int) -> PhotoWindows:
+    """Put windows below each other, with a border of one pixel around each."""
+    device = windows[0].color.device
+    height = sum(w.valid.shape[0] + 2 for w in windows)
+    width = max(w.valid.shape[1] for w in windows) + 2
+    color, valid = torch.zeros((3, height, width), device=device), torch.zeros((height, width), device=device)
+    weights, direction = torch.zeros_like(valid), torch.zeros_like(color)
+    photo = torch.zeros((height, width), dtype=torch.int64, device=device)
+    solid, tops, top = pixel_solid_angles(rows, 2 * rows, device), [], 0
+    for number, window in enumerate(windows):
+        h, w = window.valid.shape
+        inside = (slice(top + 1, top + 1 + h), slice(1, w + 1))
+        color[:, *inside], valid[inside] = window.color * window.valid, window.valid
+        weights[inside] = window.valid * solid[window.first_row : window.first_row + h]
+        at_row = torch.arange(window.first_row - 1, window.first_row + h + 1, device=device) + 0.5
+        at_column = torch.arange(window.first_column - 1, window.first_column + w + 1, device=device) + 0.5
+        v, u = torch.meshgrid(at_row, at_column, indexing="ij")
+        direction[:, top : top + h + 2, : w + 2] = unproject(u, v, rows, 2 * rows).permute(2, 0, 1)
+        photo[top : top + h + 2] = number
+        if w == 2 * rows:  # a full turn goes on around
+            for target, source in ((0, w), (w + 1, 1)):
+                color[:, top : top + h + 2, target] = color[:, top : top + h + 2, source]
+                valid[top : top + h + 2, target] = valid[top : top + h + 2, source]
+        tops.append(top)
+        top += h + 2
+
+    def numbers(values: list[int]) -> Tensor:
+        """Return one number per window."""
+        return torch.tensor(values, dtype=torch.float32, device=device)
+
+    return PhotoWindows(
+        color,
+        valid,
+        weights,
+        direction,
+        photo,
+        rows,
+        numbers(tops),
+        numbers([w.first_row for w in windows]),
+        numbers([w.first_column for w in windows]),
+        numbers([w.valid.shape[0] for w in windows]),
+        numbers([w.valid.shape[1] for w in windows]),
+    )

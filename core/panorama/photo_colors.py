@@ -1,0 +1,66 @@
+"""Canonical colours of photos: equalized over all that the photos of a session show, and their local contrast."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from core.config import CONTRAST
+from core.light.color_equalization import equalize
+from core.panorama.photo_atlas import PhotoAtlas
+from core.panorama.photo_level import PhotoLevel, PhotoWindows
+
+_SURROUNDINGS_ROWS = 32  # of the windows whose pixels stand for what is around
+
+
+def equalized_windows(windows: PhotoWindows) -> Tensor:
+    """Return the colours (3, H, W) of windows equalized over all valid pixels of all photos."""
+    flat = windows.color.flatten(1).T[None]
+    return equalize(flat, windows.weights.flatten()[None])[0].T.reshape(windows.color.shape)
+
+
+def contrast_of_windows(atlas: PhotoAtlas, windows: PhotoWindows) -> Tensor:
+    """Return the local contrast (3, H, W) of windows, in 0..1, as `core.light.local_contrast` has it for a sphere."""
+    small = atlas.windows(_SURROUNDINGS_ROWS)
+    mean = _mean_around(atlas, small)
+    planes = torch.cat((mean, torch.ones_like(mean[:1])))
+    places = small.tops, small.first_rows, small.first_columns, small.heights, small.widths
+    level = PhotoLevel(planes, small.rows, *places)
+    x, y, z = windows.direction.flatten(1)
+    azimuth = torch.atan2(y, x)
+    # Columns beyond the left edge of a full turn lie at azimuths just above -π.
+    elevation = torch.atan2(z, torch.hypot(x, y))
+    around = level.sample(azimuth[None], elevation[None], windows.photo.flatten()[None])[0, :3]
+    ratio = (windows.color + CONTRAST.darkest).log() - around.view(windows.color.shape)
+    return (ratio * (windows.valid / CONTRAST.scale)).tanh().add(1).mul(0.5)
+
+
+def mixed_colors(atlas: PhotoAtlas, windows: PhotoWindows, equalized: Tensor, share: float) -> Tensor:
+    """Return equalized colours (3, H, W) mixed with a `share` in 0..1 of the local contrast."""
+    return torch.lerp(equalized, contrast_of_windows(atlas, windows), share)
+
+
+def blurred_windows(color: Tensor, windows: PhotoWindows) -> Tensor:
+    """Return colours (3, H, W) smoothed over valid pixels with the kernel 1 2 1 along both axes."""
+    stacked = torch.cat((color * windows.valid, windows.valid[None]))
+    rows = stacked.clone().mul_(2)
+    rows[:, 1:] += stacked[:, :-1]
+    rows[:, :-1] += stacked[:, 1:]
+    total = rows.clone().mul_(2)
+    total[..., 1:] += rows[..., :-1]
+    total[..., :-1] += rows[..., 1:]
+    return total[:3] / total[3:].clamp_min(1.0)
+
+
+def _mean_around(atlas: PhotoAtlas, windows: PhotoWindows) -> Tensor:
+    """Return the mean logarithm of colours (3, H, W) around each pixel, borders included, over the photos as one sphere."""
+    directions = atlas.rig_directions(windows).flatten(0, 1)
+    weights = windows.weights.flatten()
+    some = weights > 0
+    logarithms = (windows.color.flatten(1)[:, some] + CONTRAST.darkest).log()
+    sums = torch.cat((logarithms, torch.ones_like(logarithms[:1]))) * weights[some]
+    near = (CONTRAST.concentration * (directions[some] @ directions.T - 1)).exp()
+    total = sums @ near
+    # Where nothing is near, at the unused right of narrow windows, the mean of all is as good as any.
+    mean = total[:3] / total[3:].clamp_min(1e-12)
+    return torch.where(total[3:] > math.exp(-20), mean, logarithms.mean(1, keepdim=True)).view(windows.color.shape)

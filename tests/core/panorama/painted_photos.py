@@ -1,0 +1,58 @@
+"""Photos and sessions of a painted box, made by the definition of a camera and not by the code under test."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.camera.camera import Camera
+from core.geometry.pose import Pose
+from core.options import SessionOptions
+from core.panorama.session import Photo, Session, SessionImage
+from tests.core.painted_box import PaintedBox, rotation_of
+
+# A phone held upright, and one held sideways.
+UPRIGHT = Camera.from_hfov("pinhole", 360, 480, 58.0)
+SIDEWAYS = Camera.from_hfov("pinhole", 480, 360, 69.0)
+
+
+def pinhole_rays(camera: Camera) -> NDArray[np.float64]:
+    """Return the unit direction (H, W, 3) of each pixel of a pinhole."""
+    column, row = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
+    left, up = (camera.cx_px - column) / camera.fx_px, (camera.cy_px - row) / camera.fy_px
+    rays = np.stack((np.ones_like(left), left, up), axis=-1)
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+
+def photo_of(box: PaintedBox, camera: Camera, pose: Pose) -> Photo:
+    """Return what a pinhole at `pose` takes."""
+    rays = pinhole_rays(camera).reshape(-1, 3) @ pose.rotation.T
+    color = box.color_along(pose.position, rays).reshape(camera.height_px, camera.width_px, 3)
+    return Photo(color, np.ones(color.shape[:2], bool), camera)
+
+
+def session_of(
+    box: PaintedBox,
+    map_from_session: Pose,
+    session_from_camera: Sequence[Pose],
+    cameras: Sequence[Camera],
+    up_known: bool = False,
+) -> Session:
+    """Return photos taken from poses known among each other."""
+    images = [
+        SessionImage(photo_of(box, camera, map_from_session.after(pose)), pose)
+        for camera, pose in zip(cameras, session_from_camera, strict=True)
+    ]
+    return Session(tuple(images), SessionOptions(up_known=up_known))
+
+
+# Two and four places of a hand 0.4 m and more apart, in the axes of a session that begins somewhere else.
+TWO = (
+    Pose(rotation_of(10.0, 3.0), np.array([2.0, 1.0, 0.3])),
+    Pose(rotation_of(75.0, -6.0, 4.0), np.array([2.1, 1.4, 0.3])),
+)
+FOUR = (
+    *TWO,
+    Pose(rotation_of(-65.0, 5.0), np.array([1.7, 1.2, 0.4])),
+    Pose(rotation_of(170.0, -8.0, -3.0), np.array([1.8, 0.8, 0.2])),
+)

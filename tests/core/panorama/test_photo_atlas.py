@@ -1,0 +1,207 @@
+"""Photos as windows of spheres: what they show where, at every resolution, against the definition of their cameras."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from core.camera.camera import Camera
+from core.geometry.pose import Pose
+from core.geometry.rotations import even_directions
+from core.light.color_equalization import LabelCodes
+from core.panorama.panorama import Panorama
+from core.panorama.photo_atlas import PhotoAtlas, shown_share
+from core.panorama.session import Photo, Session, SessionImage
+from tests.core.painted_box import rotation_of
+
+CAMERA = Camera.from_hfov("pinhole", 640, 480, 69.0)
+FISHEYE = Camera("opencv_fisheye", 600, 600, 170.0, 170.0, 300.0, 300.0, (0.0, 0.0, 0.0, 0.0))
+
+
+def ramp(camera: Camera) -> Photo:
+    """Return a photo whose red grows to the right and whose green grows downwards, by 255 over all of it."""
+    u, v = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
+    color = np.stack((255 * u / camera.width_px, 255 * v / camera.height_px, np.full_like(u, 90)), axis=-1)
+    return Photo(color.round().astype(np.uint8), np.ones(u.shape, bool), camera)
+
+
+def plain(camera: Camera, value: int = 90) -> Photo:
+    shape = camera.height_px, camera.width_px
+    return Photo(np.full((*shape, 3), value, np.uint8), np.ones(shape, bool), camera)
+
+
+def atlas_of(*photos: Photo, rows: int = 256, labels: LabelCodes | None = None) -> PhotoAtlas:
+    return PhotoAtlas(
+        Session(tuple(SessionImage(p, Pose(np.eye(3), np.zeros(3))) for p in photos)), rows, labels, "cpu"
+    )
+
+
+def sampled(atlas: PhotoAtlas, rows: int, azimuth: np.ndarray, elevation: np.ndarray, photo: int = 0) -> np.ndarray:
+    """Return the planes (10, N) that a photo has at directions in its own axes, radians."""
+    windows = atlas.windows(rows)
+    ahead, up = (torch.from_numpy(angle).float()[None] for angle in (azimuth, elevation))
+    which = torch.full((1, len(azimuth)), photo)
+    return windows.level(windows.color).sample(ahead, up, which)[0].numpy()
+
+
+def directions_within(azimuth_deg: float, elevation_deg: float, count: int = 500) -> tuple[np.ndarray, np.ndarray]:
+    azimuth, elevation = np.radians(np.random.default_rng(0).uniform(-1, 1, (2, count)))
+    return azimuth * azimuth_deg, elevation * elevation_deg
+
+
+@pytest.mark.parametrize("photo", [0, 1])
+def test_a_photo_shows_a_direction_in_the_colour_of_the_pixel_that_its_camera_projects_it_to(photo: int) -> None:
+    azimuth, elevation = directions_within(30.0, 20.0)
+    found = sampled(atlas_of(ramp(CAMERA), ramp(FISHEYE)), 256, azimuth, elevation, photo)
+    if photo == 0:
+        u = 320 - CAMERA.fx_px * np.tan(azimuth)
+        v = 240 - CAMERA.fy_px * np.tan(elevation) / np.cos(azimuth)
+    else:
+        x, y, z = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+        off_axis = np.arccos(x) / np.hypot(y, z)
+        u, v = 300 - 170 * off_axis * y, 300 - 170 * off_axis * z
+    camera = (CAMERA, FISHEYE)[photo]
+    expected = np.stack((u / camera.width_px, v / camera.height_px, np.full_like(u, 90 / 255)))
+    np.testing.assert_allclose(found[:3], expected, atol=1.5 / 255)
+    assert (found[9] > 0.99).all()
+
+
+def test_what_a_photo_does_not_show_is_not_valid() -> None:
+    azimuth = np.radians([33.0, 36.0, -33.0, -36.0, 0.0, 0.0, 0.0, 0.0, 179.0, -179.0, 0.0, 90.0])
+    elevation = np.radians([0.0, 0.0, 0.0, 0.0, 25.5, 29.0, -25.5, -29.0, 0.0, 0.0, 89.9, -89.9])
+    found = sampled(atlas_of(ramp(CAMERA)), 256, azimuth, elevation)[9] > 0.99
+    assert found.tolist() == [True, False] * 4 + [False] * 4
+
+
+@pytest.mark.parametrize("rows", [32, 64, 128, 256, 512])
+def test_masked_pixels_are_not_valid_and_do_not_bleed_at_any_resolution(rows: int) -> None:
+    photo = plain(CAMERA)
+    photo.valid[:, 320:] = False
+    photo.color[:, 320:] = 255
+    windows = atlas_of(photo).windows(rows)
+    seen = windows.valid > 0
+    np.testing.assert_allclose(windows.color[:, seen], 90 / 255, atol=1e-5)
+    assert float(windows.color.max()) < 0.4
+    # Left of the middle only: azimuths above zero.
+    assert seen.any()
+    assert bool((windows.direction[1][seen] > -0.6 * math.pi / rows).all())
+
+
+@pytest.mark.parametrize("rows", [64, 256])
+def test_derivatives_are_those_of_the_colours_by_azimuth_and_elevation(rows: int) -> None:
+    def painted(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        return np.stack((np.sin(2 * azimuth + elevation), np.cos(3 * elevation), azimuth * elevation))
+
+    atlas = atlas_of(plain(FISHEYE), plain(CAMERA))
+    windows = atlas.windows(rows)
+    x, y, z = windows.direction.double().numpy()
+    level = windows.level(torch.from_numpy(painted(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))).float())
+    azimuth, elevation = directions_within(25.0, 18.0)
+    ahead, up = (torch.from_numpy(angle).float()[None] for angle in (azimuth, elevation))
+    found = level.sample(ahead, up, torch.ones((1, len(azimuth)), dtype=torch.int64))[0].numpy()
+    h, pixel = 1e-5, math.pi / rows
+    by_azimuth = (painted(azimuth + h, elevation) - painted(azimuth - h, elevation)) / (2 * h)
+    by_elevation = (painted(azimuth, elevation + h) - painted(azimuth, elevation - h)) / (2 * h)
+    np.testing.assert_allclose(found[:3], painted(azimuth, elevation), atol=2 * pixel**2)
+    np.testing.assert_allclose(found[3:6], by_azimuth, atol=8 * pixel**2)
+    np.testing.assert_allclose(found[6:9], by_elevation, atol=8 * pixel**2)
+
+
+def test_at_the_edge_of_what_is_valid_there_is_no_derivative() -> None:
+    azimuth, elevation = np.radians([34.3, -34.3, 30.0]), np.radians([0.0, 0.0, 0.0])
+    found = sampled(atlas_of(ramp(CAMERA)), 256, azimuth, elevation)
+    per_rad = -CAMERA.fx_px / 640 / np.cos(azimuth[2]) ** 2
+    assert found[3, 2] == pytest.approx(per_rad, rel=0.2)
+    assert (np.abs(found[3, :2]) <= 1.2 * abs(per_rad)).all()
+
+
+def test_a_full_turn_goes_on_across_its_seam() -> None:
+    def painted(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        return np.stack((np.sin(azimuth), np.cos(2 * azimuth), np.sin(elevation)))
+
+    sphere = Panorama(np.full((64, 128, 3), 90, np.uint8), np.ones((64, 128), bool))
+    windows = atlas_of(Photo.of_panorama(sphere), plain(CAMERA)).windows(64)
+    x, y, z = windows.direction.double().numpy()
+    level = windows.level(torch.from_numpy(painted(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))).float())
+    azimuth = np.radians(np.array([180, 179.5, 178.6, 177, 160, 0, -160, -177, -178.6, -179.5, -180], float))
+    elevation = np.linspace(-0.6, 0.6, len(azimuth))
+    ahead, up = (torch.from_numpy(angle).float()[None] for angle in (azimuth, elevation))
+    found = level.sample(ahead, up, torch.zeros((1, len(azimuth)), dtype=torch.int64))[0].numpy()
+    assert (found[9] > 0.99).all()
+    np.testing.assert_allclose(found[:3], painted(azimuth, elevation), atol=0.01)
+    by_azimuth = np.stack((np.cos(azimuth), -2 * np.sin(2 * azimuth), np.zeros_like(azimuth)))
+    np.testing.assert_allclose(found[3:6], by_azimuth, atol=0.03)
+
+
+def test_labels_are_those_of_the_nearest_pixels_and_never_mixed() -> None:
+    labels = LabelCodes(torch.tensor([[0, 0, 0], [250, 20, 20]]), torch.tensor([[0.1, 0.2, 0.3], [0.9, 0.6, 0.4]]))
+    photo = plain(CAMERA, 0)
+    stripe = (np.arange(640) // 37) % 2 == 1
+    photo.color[:, stripe] = (250, 20, 20)
+    photo.color[:100] = (90, 90, 240)  # of no label
+    windows = atlas_of(photo, labels=labels).windows(256)
+    x, y, z = windows.direction.double().numpy()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v = 320 - CAMERA.fx_px * y / x, 240 - CAMERA.fy_px * z / x
+    inside = (x > 0) & (u > 1) & (u < 639) & (v > 101) & (v < 479)
+    assert (windows.valid.numpy()[inside] == 1).all()
+    assert not windows.valid.numpy()[(x > 0) & (v < 99)].any()
+    expected = labels.codes.numpy()[stripe[u[inside].astype(int)].astype(int)].T
+    np.testing.assert_array_equal(windows.color.numpy()[:, inside], expected)
+
+
+def test_poses_are_told_from_the_middle_of_the_cameras() -> None:
+    poses = (Pose(rotation_of(30.0), np.array([4.0, 0.0, 1.0])), Pose(rotation_of(80.0), np.array([4.4, 0.2, 1.0])))
+    atlas = PhotoAtlas(Session(tuple(SessionImage(ramp(CAMERA), pose) for pose in poses)), 256, None, "cpu")
+    np.testing.assert_allclose(atlas.centers, [[-0.2, -0.1, 0.0], [0.2, 0.1, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(atlas.rotations[1], poses[1].rotation, atol=1e-6)
+    windows = atlas.windows(64)
+    seen = (windows.valid > 0) & (windows.photo == 1)
+    mean = torch.nn.functional.normalize(atlas.rig_directions(windows)[seen].mean(0), dim=0)
+    np.testing.assert_allclose(mean, poses[1].rotation[:, 0], atol=0.02)
+
+
+def test_a_cone_holds_all_of_a_photo_and_little_more() -> None:
+    corner = math.atan(math.hypot(320, 240) / CAMERA.fx_px)
+    pinhole, sphere = atlas_of(
+        plain(CAMERA), Photo.of_panorama(Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool)))
+    ).cones.tolist()
+    assert corner <= pinhole < corner + math.radians(2.5)
+    assert sphere == pytest.approx(math.pi)
+
+
+def test_what_photos_show_together_is_counted_once() -> None:
+    half_width, half_height = math.radians(34.5), math.atan(240 / CAMERA.fx_px)
+    one = 4 * math.asin(math.sin(half_width) * math.sin(half_height)) / (4 * math.pi)
+
+    def session(*yaws: float) -> Session:
+        return Session(tuple(SessionImage(plain(CAMERA), Pose(rotation_of(yaw), np.zeros(3))) for yaw in yaws))
+
+    for yaws, expected in (((0.0,), one), ((0.0, 180.0), 2 * one), ((50.0, 50.0), one)):
+        assert shown_share(session(*yaws)) == pytest.approx(expected, rel=0.05)
+        # By the photos' pixels, and half a pixel around each.
+        assert PhotoAtlas(session(*yaws), 256, None, "cpu").share() == pytest.approx(expected, rel=0.3)
+
+
+def test_directions_are_told_that_photos_show_or_almost() -> None:
+    session = Session((SessionImage(plain(CAMERA), Pose(rotation_of(90.0), np.zeros(3))),))
+    atlas = PhotoAtlas(session, 256, None, "cpu")
+    degrees = torch.tensor([92.0, 62.0, 118.0, 45.0, 135.0, -90.0])
+    angle = torch.deg2rad(degrees)
+    directions = torch.nn.functional.normalize(
+        torch.stack((angle.cos(), angle.sin(), torch.full((6,), 0.05)), dim=-1), dim=-1
+    )
+    assert atlas.shows(directions).tolist() == [True, True, True, False, False, False]
+    assert atlas.shows(directions, math.radians(15)).tolist() == [True] * 5 + [False]
+    every = even_directions(500)
+    assert bool((atlas.shows(every, 0.2) | ~atlas.shows(every)).all())
+
+
+def test_a_photo_coarser_than_asked_for_is_enlarged() -> None:
+    atlas = atlas_of(ramp(CAMERA), rows=256)
+    assert atlas.finest_rows == 256
+    azimuth, elevation = directions_within(28.0, 18.0)
+    fine, finer = (sampled(atlas, rows, azimuth, elevation) for rows in (256, 512))
+    np.testing.assert_allclose(fine[:3], finer[:3], atol=3 / 255)
+    assert (finer[9] > 0.99).all()
