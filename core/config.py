@@ -193,7 +193,7 @@ class RefinementConfig:
     # millimetres count.
     contrast_share: float = 0.5
     fine_contrast_share: float = 0.3
-    # Of steps before full resolution; None: as of all steps.
+    # Of the steps from the starts; None: as of all steps.
     rough_damping: float | None = None
     rough_max_relaxation: float | None = None
     coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, PoseDistance(0.1, 2.865))

@@ -136,13 +136,13 @@ class _Run:
             for rows, scale in sizes.middle_rounds:
                 points = joined([queries[number].points_from_poses(part) for number, part in by_map(group)])
                 level = picture.canonical_level(rows, sizes.contrast_share)
-                step = replace(self._rough_step(), robust_scale=scale)
+                step = replace(self.config.step, robust_scale=scale)
                 group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
             refined += group
         return refined
 
     def _rough_step(self) -> StepConfig:
-        """Return the steps before full resolution."""
+        """Return the steps from the starts."""
         sizes, step = self.config.refinement, self.config.step
         if sizes.rough_damping is None or sizes.rough_max_relaxation is None:
             return step
