@@ -15,7 +15,7 @@ import torch
 from core.config import JudgeConfig
 from core.judge.hypotheses import Hypothesis
 
-FEATURES = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "log_coverage", "margin")
+FEATURES = ("correlation", "patch_correlation", "inlier_share", "log_coverage", "margin")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,6 @@ def features_of(hypothesis: Hypothesis, best_elsewhere: float, config: JudgeConf
     return {
         "correlation": measures["correlation"],
         "patch_correlation": measures["patch_correlation"],
-        "mutual_information": measures["mutual_information"],
         "inlier_share": measures["inlier_share"],
         "log_coverage": math.log(max(measures["coverage"], 1e-3)),
         "margin": min(hypothesis.score - best_elsewhere, config.max_margin)

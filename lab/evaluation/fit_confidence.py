@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 # A little above 0.68: on places of a kind that was not fitted on, radii hold less often than on those that were.
 _RADIUS_LEVEL = 0.78
+_LEAST_THRESHOLD = (
+    60  # percent; a few hundred rows cannot tell what happens below it, and a wrong pose is worse than none
+)
 _LEAST_ERROR = 1e-5  # metres or degrees: nobody knows a pose better
 _TELLING_SPREAD = 0.05  # of a sign, below which rows cannot tell what it is worth
 
@@ -28,7 +31,7 @@ _TELLING_SPREAD = 0.05  # of a sign, below which rows cannot tell what it is wor
 class HeldOut:
     """How probabilities held on the rows of groups that the fit had not seen.
 
-    threshold: the smallest from 0.5 up at which wrong answers stay within what was allowed; the shares below hold at it. wrong_answers:
+    threshold: the smallest from 0.6 up at which wrong answers stay within what was allowed; the shares below hold at it. wrong_answers:
     of all rows, called localized though far off or of another map. answered_right: of the rows with a right pose, called localized.
     """
 
@@ -227,7 +230,7 @@ def _predict_held_out(
 
 def _threshold(predicted: Floats, rows: Sequence[Row], max_wrong: float) -> float:
     far_off = np.array([not row.within(WRONG) for row in rows])
-    for step in range(50, 100):
+    for step in range(_LEAST_THRESHOLD, 100):
         if float(np.mean((predicted >= step / 100) & far_off)) <= max_wrong:
             return step / 100
     return 0.99

@@ -76,7 +76,7 @@ def test_the_margin_is_what_the_best_other_place_is_behind(best_elsewhere: float
 def test_the_signs_of_confidence_are_the_judges_measures_and_the_logarithm_of_the_coverage() -> None:
     found = features_of(judged(coverage=0.25), 0.9, JudgeConfig())
     assert set(found) == set(FEATURES)
-    assert [found[name] for name in FEATURES[:4]] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert [found[name] for name in FEATURES[:3]] == pytest.approx([0.1, 0.2, 0.4])
     assert found["log_coverage"] == pytest.approx(math.log(0.25))
     assert features_of(judged(coverage=0.0), 0.9, JudgeConfig())["log_coverage"] == pytest.approx(math.log(1e-3))
 
