@@ -233,6 +233,9 @@ class JudgeConfig:
     merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
+    # Of several images: correlation below which one contradicts the pose of the others, and the share that may.
+    contradiction: float = 0.2
+    contradicting_share: float = 0.25
     ambiguous_margin: float = 0.08  # of the score, between two places that both fit well
     # Of the score, in the features of the confidence: beyond the first the runner-up says nothing more; the second stands
     # for a runner-up that is not there. The coefficients were fitted with both.

@@ -76,7 +76,7 @@ class Localizer:
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
         if isinstance(query, Session):
-            answer = _for_session(answer, query, result.comparison)
+            answer = self._for_session(answer, query, result.comparison)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
             answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))
@@ -121,6 +121,52 @@ class Localizer:
             evidence=Evidence(places[0].measures, max((h.score for h in places[1:]), default=None), formal),
         )
 
+    def _for_session(self, found: Localization, session: Session, comparison: Comparison | None) -> Localization:
+        """Return the answer with poses of the first image, and those of all images at the best pose."""
+        if found.best is None:
+            return found
+        first, rig_from_session = session.images[0].session_from_camera, session_from_rig(session).inverse()
+
+        def of_first(candidate: Candidate) -> Candidate:
+            return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
+
+        map_from_session = found.best.pose.after(rig_from_session)
+        agreements = agreement_by_photo(comparison, len(session.images))
+        images = [
+            FoundImage(map_from_session.after(image.session_from_camera), agreement)
+            for image, agreement in zip(session.images, agreements, strict=True)
+        ]
+        found = self._unless_contradicted(found, agreements)
+        assert found.best is not None
+        return replace(
+            found,
+            best=of_first(found.best),
+            alternatives=tuple(map(of_first, found.alternatives)),
+            map_from_session=map_from_session,
+            images=tuple(images),
+        )
+
+    def _unless_contradicted(self, found: Localization, agreements: Sequence[float | None]) -> Localization:
+        """Return the answer, not localized where images contradict the pose that fits the others: more than a few, or the first.
+
+        Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
+        """
+        judge, threshold = self.config.judge, self._confidence.threshold
+        doubtful = [k for k, each in enumerate(agreements) if each is not None and each < judge.contradiction]
+        best = found.best
+        if best is None or not doubtful or len(agreements) == 1 or found.status == "not_localized":
+            return found
+        share = len(doubtful) / len(agreements)
+        names = ", ".join(str(k + 1) for k in doubtful)
+        warning = (
+            f"of the images {names} do not agree with the pose that fits the others; check their session_from_camera"
+        )
+        found = replace(found, warnings=(*found.warnings, warning))
+        if share <= judge.contradicting_share and doubtful[0] > 0:
+            return found
+        less = min(best.confidence * (1 - share), threshold / 2)
+        return replace(found, status="not_localized", best=replace(best, confidence=less))
+
     def _candidate(self, hypothesis: Hypothesis, places: Sequence[Hypothesis], maps: Sequence[MapIndex]) -> Candidate:
         index = maps[hypothesis.map_number]
         rival = max((h.score for h in places if h is not hypothesis), default=0.0)
@@ -145,30 +191,6 @@ class Localizer:
             if alone >= model.threshold:
                 return "ambiguous"
         return "localized" if candidates[0].confidence >= model.threshold else "not_localized"
-
-
-def _for_session(found: Localization, session: Session, comparison: Comparison | None) -> Localization:
-    """Return the answer with poses of the first image, and those of all images at the best pose."""
-    if found.best is None:
-        return found
-    first, rig_from_session = session.images[0].session_from_camera, session_from_rig(session).inverse()
-
-    def of_first(candidate: Candidate) -> Candidate:
-        return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
-
-    map_from_session = found.best.pose.after(rig_from_session)
-    agreements = agreement_by_photo(comparison, len(session.images))
-    images = [
-        FoundImage(map_from_session.after(image.session_from_camera), agreement)
-        for image, agreement in zip(session.images, agreements, strict=True)
-    ]
-    return replace(
-        found,
-        best=of_first(found.best),
-        alternatives=tuple(map(of_first, found.alternatives)),
-        map_from_session=map_from_session,
-        images=tuple(images),
-    )
 
 
 def _orthonormal(rotation: torch.Tensor) -> Any:

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from core.camera.camera import Camera
 from core.camera.lens import project_to_image
@@ -69,6 +68,8 @@ def shrunk_photo(
     factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / _LARGEST_STEP)
     if factor < 2:
         return color, valid, camera
+    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
+
     size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
     # Masked pixels must not bleed into their neighbours: their average is taken out again.
     share = (

@@ -176,6 +176,8 @@ def _pixel_scores(
     pictures, seen = views.pictures.flatten(1, 2).flatten(0, 1), views.seen.flatten()
     height, size = views.pictures.shape[1], views.pictures.shape[1] * views.pictures.shape[2]
     member = torch.nn.functional.one_hot(photos.squares).float()  # (S, G)
+    # Once for all poses: that some see less of the scan where a photo looks hardly moves its colours.
+    own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
     scores = []
     step = max(1, _RESCORED_AT_ONCE // len(photos.directions))
     for s, r in zip(torch.split(start, step), torch.split(rotation, step), strict=True):
@@ -185,10 +187,9 @@ def _pixel_scores(
         at = (s[:, None] * size + pixel).flatten()
         scan = pictures.index_select(0, at).view(*pixel.shape, 3).float() / 255
         weights = seen.index_select(0, at).view(pixel.shape) * photos.solid
-        shown = photos.colors.expand(len(s), -1, -1)
         if not is_labels:
-            scan, shown = equalize(scan, weights), equalize(shown, weights)
-        inside, mass = _correlation_in_squares(scan, shown, weights, member, config.min_variance)
+            scan = equalize(scan, weights)
+        inside, mass = _correlation_in_squares(scan, own.expand_as(scan), weights, member, config.min_variance)
         share = weights.sum(1) / photos.solid.sum()
         scores.append((inside * mass).sum(1) / mass.sum(1).clamp_min(1e-9) * share.sqrt())
     return torch.cat(scores)
