@@ -128,6 +128,7 @@ class Localizer:
         first, rig_from_session = session.images[0].session_from_camera, session_from_rig(session).inverse()
 
         def of_first(candidate: Candidate) -> Candidate:
+            """Return the candidate with the pose of the first image in place of the rig's."""
             return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
 
         map_from_session = found.best.pose.after(rig_from_session)

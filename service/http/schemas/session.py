@@ -66,10 +66,11 @@ class TrackedSession(Model):
         "ARCore and WebXR have it.",
     )
     position_noise_m: Annotated[float, Field(ge=0, le=MAX_POSITION_NOISE_M)] = Field(
-        SessionOptions.position_noise_m, description="Standard deviation of the tracking from image to image."
+        SessionOptions.position_noise_m,
+        description="Standard deviation of the tracking from image to image; not used yet.",
     )
     orientation_noise_deg: Annotated[float, Field(ge=0, le=MAX_ORIENTATION_NOISE_DEG)] = Field(
-        SessionOptions.orientation_noise_deg, description="The same of the orientation."
+        SessionOptions.orientation_noise_deg, description="The same of the orientation; not used yet."
     )
 
     def to_options(self) -> SessionOptions:
