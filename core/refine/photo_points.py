@@ -119,10 +119,12 @@ def points_seen_by_photos(
     colors = comparison.scan
     if contrast_share is not None:
         views = comparison.views
-        # Of the surroundings only what the photos show too: at their edges both sides must know equally little.
-        shown = (comparison.weights > 0).float()
-        weights = weights * torch.gather(shown, 1, pixel)
-        contrast = local_contrast(views.color, shown.view(views.valid.shape)).flatten(1, 2)
+        # Of the surroundings only what the photos show too: at their edges both sides must know equally little. Points beyond
+        # the edges keep their say, for those that leave a photo must be replaced.
+        shown = comparison.weights > 0
+        inside = local_contrast(views.color, shown.view(views.valid.shape).float()).flatten(1, 2)
+        beyond = local_contrast(views.color, views.valid.float()).flatten(1, 2)
+        contrast = torch.where(shown[..., None], inside, beyond)
         colors = torch.lerp(colors, contrast, contrast_share)
     colors = torch.gather(colors, 1, pixel[..., None].expand(-1, -1, 3))
     points = cloud.positions[number.clamp_min(0)]
