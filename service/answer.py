@@ -1,6 +1,7 @@
 """The answer to a query as the HTTP contract promises it. No other module knows its shape."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from core.options import Frame
@@ -12,14 +13,21 @@ _ACCURACY_LEVEL = 0.68
 
 
 def answer_document(
-    localization_id: str, outcome: LocalizeOutcome, frame: Frame, *, total_s: float, warnings: Iterable[str] = ()
+    localization_id: str,
+    outcome: LocalizeOutcome,
+    frame: Frame,
+    *,
+    total_s: float,
+    warnings: Iterable[str] = (),
+    georeferences: Mapping[str, Document] | None = None,
 ) -> Document:
     """Return the 200 body of `POST /localize`.
 
     frame: that the query asked for. total_s: seconds that the caller waited; `queue` is what the worker did not need of them.
-    warnings: of the HTTP side, after those of the search. A query that fits no pose has `pose: null`, and so have its
-    images; the best guess then leads the alternatives.
+    warnings: of the HTTP side, after those of the search. georeferences: by map id, of the maps that have one.
+    A query that fits no pose has `pose: null`, and so have its images; the best guess then leads the alternatives.
     """
+    known = georeferences or {}
     best, motion = outcome.best, outcome.map_from_session
     answer = None if outcome.status == "not_localized" else best
     others = outcome.alternatives if answer is best or best is None else (best, *outcome.alternatives)
@@ -28,9 +36,9 @@ def answer_document(
         "status": outcome.status,
         "map_id": answer and answer.map.id,
         "map_revision": answer and answer.map.revision,
-        "pose": answer and _pose(answer, frame),
+        "pose": answer and _pose(answer, frame, known.get(answer.map.id)),
         "map_from_session": None if answer is None or motion is None else _motion(motion),
-        "images": [_image(each, frame, known=answer is not None) for each in outcome.images],
+        "images": [_image(each if answer else replace(each, pose=None), frame, known) for each in outcome.images],
         "geopose": None,
         "confidence": best.confidence if best else 0.0,
         "accuracy": answer and {
@@ -39,7 +47,12 @@ def answer_document(
             "level": _ACCURACY_LEVEL,
         },
         "alternatives": [
-            {"pose": _pose(each, frame), "confidence": each.confidence, "map_id": each.map.id} for each in others
+            {
+                "pose": _pose(each, frame, known.get(each.map.id)),
+                "confidence": each.confidence,
+                "map_id": each.map.id,
+            }
+            for each in others
         ],
         "change": {
             "panorama_changed_fraction": outcome.panorama_changed_fraction,
@@ -57,13 +70,22 @@ def picture_path(localization_id: str, name: str) -> str:
     return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"
 
 
-def _pose(found: FoundPose, frame: Frame) -> Document:
+def _pose(found: FoundPose, frame: Frame, georeference: Document | None) -> Document:
+    """Return a pose with its angles twice: as rotations about its axes, and as photographers mean them.
+
+    georeference: of the map; it turns the heading from the map's y axis to true north.
+    """
+    north_deg = 0.0 if georeference is None else georeference["heading_deg"]
     return {
         "frame": frame,
         "map_from_camera": _motion(found),
         "yaw_deg": found.yaw_deg,
         "pitch_deg": found.pitch_deg,
         "roll_deg": found.roll_deg,
+        "heading_deg": round((90.0 - found.yaw_deg + north_deg) % 360.0, 9) % 360.0,
+        "elevation_deg": 0.0 - found.pitch_deg,
+        "camera_roll_deg": found.roll_deg,
+        "north": "map" if georeference is None else "true",
     }
 
 
@@ -75,9 +97,10 @@ def _motion(found: FoundPose | RigidMotion) -> Document:
     }
 
 
-def _image(found: FoundImage, frame: Frame, *, known: bool) -> Document:
+def _image(found: FoundImage, frame: Frame, georeferences: Mapping[str, Document]) -> Document:
+    pose = found.pose
     return {
-        "pose": _pose(found.pose, frame) if known and found.pose is not None else None,
+        "pose": pose and _pose(pose, frame, georeferences.get(pose.map.id)),
         "agreement": found.agreement,
         "camera": {"model": found.model, "hfov_deg": found.hfov_deg},
     }

@@ -122,7 +122,14 @@ class Localizations:
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
         total_s = time.monotonic() - began
-        body = answer_document(localization_id, outcome, query.options.frame, total_s=total_s, warnings=chosen.warnings)
+        body = answer_document(
+            localization_id,
+            outcome,
+            query.options.frame,
+            total_s=total_s,
+            warnings=chosen.warnings,
+            georeferences=self._registry.georeferences(chosen.refs),
+        )
         await self._cache.put_answer(localization_id, body, outcome.pictures, [ref.id for ref in chosen.refs])
         await self._forget_deleted(chosen)
         if self._settings.keep_images:

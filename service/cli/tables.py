@@ -65,6 +65,8 @@ def answer_summary(answer: JsonObject) -> Table:
     if pose:
         rows.append(("position", _position(pose)))
         rows.append(("orientation", _angles(pose)))
+        if pose.get("heading_deg") is not None:
+            rows.append(("looks to", _photo_angles(pose)))
         rows.append(("frame", str(pose.get("frame"))))
     rows.append(("map", str(answer.get("map_id") or "none")))
     if answer.get("confidence") is not None:
@@ -170,6 +172,12 @@ def _what_is_shown(answer: JsonObject) -> str:
 
 def _angles(pose: JsonObject) -> str:
     return f"yaw {pose['yaw_deg']:.2f}   pitch {pose['pitch_deg']:.2f}   roll {pose['roll_deg']:.2f} deg"
+
+
+def _photo_angles(pose: JsonObject) -> str:
+    north = "true north" if pose["north"] == "true" else "the map's y axis"
+    tilted = f"elevation {pose['elevation_deg']:.2f}   roll {pose['camera_roll_deg']:.2f} deg"
+    return f"heading {pose['heading_deg']:.2f} from {north}   {tilted}"
 
 
 def _accuracy(accuracy: JsonObject) -> str:

@@ -9,7 +9,7 @@ import base64
 import binascii
 import json
 from collections import Counter
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -69,6 +69,11 @@ class MapRegistry:
     def has(self, map_id: str) -> bool:
         """Tell whether there is a map under this id."""
         return map_id in self._records
+
+    def georeferences(self, refs: Iterable[MapRef]) -> dict[str, dict[str, Any]]:
+        """Return the georeferences of those of the maps that (still) have one, by map id."""
+        found = {ref.id: self._records[ref.id].georeference for ref in refs if ref.id in self._records}
+        return {map_id: georeference for map_id, georeference in found.items() if georeference is not None}
 
     def all(self) -> list[MapRecord]:
         """Return all maps, oldest first."""

@@ -24,6 +24,19 @@ PANORAMA = Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool))
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
 
 
+# The golden pose of the formats that poses leave in: heading 37.5, elevation -12.25, roll 4.75 in a map of east, north and up.
+GOLDEN = Pose(
+    np.array(
+        [
+            [0.594900605, -0.779932600, 0.194418132],
+            [0.775289563, 0.620609899, 0.117343287],
+            [-0.212177672, 0.080922756, 0.973874809],
+        ]
+    ),
+    np.array([1.25, -2.5, 1.6]),
+)
+
+
 def turned_left(degrees: float) -> np.ndarray[Any, np.dtype[np.float64]]:
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
@@ -57,9 +70,15 @@ def localization(status: Status = "localized", best: Candidate | None = None) ->
     )
 
 
-def body_of(found: Localization, frame: Frame = "ros", query: Query = PANORAMA) -> dict[str, Any]:
+def body_of(
+    found: Localization,
+    frame: Frame = "ros",
+    query: Query = PANORAMA,
+    georeferences: dict[str, dict[str, Any]] | None = None,
+) -> dict[str, Any]:
     outcome = localize_outcome(found, MAPS, frame, {"decode": 0.03}, {}, query)
-    return answer_document("loc_1", outcome, frame, total_s=0.5, warnings=["map_c is not ready"])
+    warnings = ["map_c is not ready"]
+    return answer_document("loc_1", outcome, frame, total_s=0.5, warnings=warnings, georeferences=georeferences)
 
 
 def pose_of(pose: Pose, frame: Frame) -> dict[str, Any]:
@@ -141,6 +160,42 @@ def test_angles_are_in_degrees_and_quaternions_have_w_last() -> None:
     half = math.sqrt(0.5)
     assert list(pose["map_from_camera"]["quaternion"]) == ["x", "y", "z", "w"]
     assert list(pose["map_from_camera"]["quaternion"].values()) == pytest.approx([0, 0, half, half])
+
+
+@pytest.mark.parametrize("frame", get_args(Frame))
+def test_the_golden_pose_has_its_golden_angles_in_every_frame(frame: Frame) -> None:
+    pose = pose_of(GOLDEN, frame)
+    angles = [pose[name] for name in ("yaw_deg", "pitch_deg", "roll_deg")]
+    assert angles == pytest.approx([52.5, 12.25, 4.75], abs=1e-6)
+    angles = [pose[name] for name in ("heading_deg", "elevation_deg", "camera_roll_deg")]
+    assert angles == pytest.approx([37.5, -12.25, 4.75], abs=1e-6)
+    assert pose["north"] == "map"
+
+
+def test_a_heading_counts_clockwise_from_y_through_a_whole_turn() -> None:
+    yaws = {0: 90, 90: 0, 89: 1, 91: 359, 180: 270, -180: 270, -90: 180, 90 - 1e-13: 0}
+    for yaw_deg, heading_deg in yaws.items():
+        pose = pose_of(Pose(turned_left(yaw_deg), np.zeros(3)), "ros")
+        assert pose["heading_deg"] == pytest.approx(heading_deg, abs=1e-9), yaw_deg
+        assert 0 <= pose["heading_deg"] < 360
+
+
+def test_a_camera_that_looks_up_has_a_positive_elevation_and_one_whose_right_side_is_down_a_positive_roll() -> None:
+    up = pose_of(Pose(np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]), np.zeros(3)), "ros")
+    assert up["elevation_deg"] == pytest.approx(90)
+    s = math.sqrt(0.5)
+    right_down = Pose(np.array([[1, 0, 0], [0, s, -s], [0, s, s]]), np.zeros(3))
+    assert (right_down.rotation @ [0, -1, 0])[2] < 0
+    assert pose_of(right_down, "ros")["camera_roll_deg"] == pytest.approx(45)
+
+
+def test_a_heading_counts_from_true_north_where_the_map_has_a_georeference() -> None:
+    both = replace(localization(), best=replace(candidate(), pose=GOLDEN))
+    body = body_of(both, georeferences={"map_a": {"heading_deg": -40.0}})
+    assert (body["pose"]["heading_deg"], body["pose"]["north"]) == (pytest.approx(357.5, abs=1e-6), "true")
+    assert body["images"][0]["pose"] == body["pose"]
+    assert body["alternatives"][0]["map_id"] == "map_b"
+    assert body["alternatives"][0]["pose"]["north"] == "map"
 
 
 def test_a_pose_in_webxr_has_y_up_and_says_so() -> None:

@@ -127,13 +127,19 @@ class RigidMotion(Answer):
 
 
 class PoseAnswer(Answer):
-    """Where the camera is and how it is turned."""
+    """Where the camera is and how it is turned: as rotations about its axes, and as photographers mean it."""
 
     frame: Frame
     map_from_camera: RigidMotion
-    yaw_deg: float
-    pitch_deg: float
+    yaw_deg: float = Field(description="Counter-clockwise about z from the map's x axis, -180 to 180.")
+    pitch_deg: float = Field(description="Positive where the camera looks down.")
     roll_deg: float
+    heading_deg: float = Field(description="Of the image centre, clockwise from `north`, 0 to 360.", ge=0, lt=360)
+    elevation_deg: float = Field(description="Of the image centre, positive above the horizon.", ge=-90, le=90)
+    camera_roll_deg: float = Field(description="Positive where the camera's right side is down.")
+    north: Literal["map", "true"] = Field(
+        description="What `heading_deg` counts from: the map's y axis, or true north where the map has a georeference."
+    )
 
 
 class Accuracy(Answer):

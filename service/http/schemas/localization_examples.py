@@ -18,6 +18,10 @@ _POSE_EXAMPLE: dict[str, Any] = {
     "yaw_deg": 0.0,
     "pitch_deg": 0.0,
     "roll_deg": 0.0,
+    "heading_deg": 90.0,
+    "elevation_deg": 0.0,
+    "camera_roll_deg": 0.0,
+    "north": "map",
 }
 _FURTHER_POSE_EXAMPLE = {
     "frame": "ros",
@@ -29,6 +33,10 @@ _FURTHER_POSE_EXAMPLE = {
     "yaw_deg": 60.0,
     "pitch_deg": 0.0,
     "roll_deg": 0.0,
+    "heading_deg": 30.0,
+    "elevation_deg": 0.0,
+    "camera_roll_deg": 0.0,
+    "north": "map",
 }
 _FRAME_CAMERA_EXAMPLE = {
     "model": "pinhole",

@@ -34,6 +34,10 @@ def answer_with(status: str) -> dict[str, Any]:
         "yaw_deg": 12.5,
         "pitch_deg": 0.4,
         "roll_deg": -0.2,
+        "heading_deg": 77.5,
+        "elevation_deg": -0.4,
+        "camera_roll_deg": -0.2,
+        "north": "map",
     }
     return {
         "id": "loc_1",

@@ -41,6 +41,16 @@ async def test_the_answer_bears_id_links_and_the_time_that_the_caller_waited(run
     assert body["timings_s"]["total"] >= body["timings_s"]["queue"] >= 0
 
 
+async def test_a_heading_counts_from_true_north_in_a_map_that_has_a_georeference(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    before = (await running.localize(map_id)).json()["pose"]
+    assert (before["heading_deg"], before["north"]) == (90, "map")
+    change = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3, "heading_deg": 12.5}}
+    assert (await running.client.patch(f"/maps/{map_id}", json=change)).status_code == 200
+    after = (await running.localize(map_id)).json()["pose"]
+    assert (after["heading_deg"], after["north"]) == (102.5, "true")
+
+
 async def test_answer_and_pictures_can_be_fetched_for_a_while(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
