@@ -7,12 +7,14 @@ from core.errors import ScanDamagedError, ScanFormatError
 
 HEAD_BYTES = 4096
 _SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las"}
+_PTX_HEADER = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]  # words on its lines
 _EXTENSION_FORMATS = {
     "ply": "ply",
     "pcd": "pcd",
     "las": "las",
     "laz": "las",
     "e57": "e57",
+    "ptx": "ptx",
     **dict.fromkeys(("xyz", "txt", "csv", "pts", "asc", "xyzrgb", "neu"), "text"),
 }
 _OTHER_MAGIC = {
@@ -29,7 +31,7 @@ _OTHER_MAGIC = {
     b"MZ": "a program",
     b"\x7fELF": "a program",
 }
-KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, XYZ, TXT, CSV or PTS"
+KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, XYZ, TXT, CSV or PTS"
 
 
 def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
@@ -40,7 +42,7 @@ def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
 
 
 def format_of(head: bytes, extension: str) -> tuple[str, str | None]:
-    """Return the format ("ply", "pcd", "las", "e57" or "text") and a remark when the name says something else.
+    """Return the format ("ply", "pcd", "las", "e57", "ptx" or "text") and a remark when the name says something else.
 
     head: the first HEAD_BYTES of the file. extension: with or without its dot, or empty.
 
@@ -76,7 +78,13 @@ def _format_by_magic(head: bytes) -> str | None:
     first_words = [line.split()[:1] for line in head[:1024].splitlines() if not line.startswith(b"#")]
     if b".PCD" in head[:64] or first_words[:2] == [[b"VERSION"], [b"FIELDS"]]:
         return "pcd"
-    return None
+    return "ptx" if _is_ptx(head) else None
+
+
+def _is_ptx(head: bytes) -> bool:
+    """A station begins with its counts, its axes and its matrix, line by line."""
+    lines = [words for words in (line.split() for line in head.splitlines()) if words][: len(_PTX_HEADER)]
+    return [len(words) for words in lines] == _PTX_HEADER and all(word.isdigit() for word in (*lines[0], *lines[1]))
 
 
 def _text_format(head: bytes, named: str, expected: str | None) -> str:

@@ -16,6 +16,7 @@ from core.scan.las.reader import read_las
 from core.scan.pcd.reader import read_pcd
 from core.scan.ply.reader import read_ply
 from core.scan.point_cloud import PointCloud
+from core.scan.ptx.reader import read_ptx
 from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
 from core.scan.text.reader import read_text
 from core.scan.voxel_grouping import column_bounds
@@ -32,6 +33,7 @@ _READERS: dict[str, ScanReader] = {
     "pcd": read_pcd,
     "las": read_las,
     "e57": read_e57,
+    "ptx": read_ptx,
     "text": read_text,
 }
 

@@ -1,0 +1,1 @@
+"""PTX: stations of laser scanners as text, each with its pose."""
