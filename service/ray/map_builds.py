@@ -21,6 +21,8 @@ class MapBuilds:
         # A place of its own: a query that waits for a lost index does not wait for somebody's large scan as well.
         self._rebuild_place = asyncio.Semaphore(1)
         self._rebuilds: dict[MapRef, asyncio.Task[WorkerReply[None]]] = {}
+        # Tasks that somebody gave up while they were handed to Ray: they are ended as soon as there is something to end.
+        self._abandoned: set[asyncio.Future[Any]] = set()
 
     async def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Run one registration after those that came before it. Raises NoWorkerError when its process keeps dying."""
@@ -45,7 +47,7 @@ class MapBuilds:
         running = list(self._rebuilds.values())
         for task in running:
             task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
+        await asyncio.gather(*running, *self._abandoned, return_exceptions=True)
 
     def _running_rebuild(self, map_ref: MapRef) -> asyncio.Task[WorkerReply[None]]:
         running = self._rebuilds.get(map_ref)
@@ -62,11 +64,28 @@ class MapBuilds:
             reply: WorkerReply[None] = await self._finished(rebuild_map, map_ref)
             return reply
 
+    async def _submitted(self, task: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the reference of a task. One that was given up before it had a reference must not run on unseen."""
+        submission = asyncio.ensure_future(self._submit(task, *arguments))
+        try:
+            return await asyncio.shield(submission)
+        except asyncio.CancelledError:
+            self._abandoned.add(submission)
+            submission.add_done_callback(self._end_abandoned)
+            raise
+
+    def _end_abandoned(self, submission: asyncio.Future[Any]) -> None:
+        import ray
+
+        self._abandoned.discard(submission)
+        if not submission.cancelled() and submission.exception() is None:
+            ray.cancel(submission.result(), force=True)
+
     async def _finished(self, task: Callable[..., Any], *arguments: Any) -> Any:
         import ray
         from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError
 
-        reference = await self._submit(task, *arguments)
+        reference = await self._submitted(task, *arguments)
         try:
             return await reference
         except asyncio.CancelledError:

@@ -80,9 +80,9 @@ class RayPool:
             self._watch.cancel()
             await asyncio.gather(self._watch, return_exceptions=True)
         if self._loss.reason is None:
-            await self._builds.cancel()
             try:
                 async with asyncio.timeout(_LEAVE_S):
+                    await self._builds.cancel()
                     await self._in_ray_thread(self._leave)
             except TimeoutError:
                 _log.warning("Ray does not end, leaving it to the lifeline")

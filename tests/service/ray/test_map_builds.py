@@ -22,8 +22,11 @@ class Tasks:
         self.started: list[tuple[str, Any]] = []
         self.ends: list[asyncio.Future[Any]] = []
         self.cancelled: list[Any] = []
+        self.gate = asyncio.Event()
+        self.gate.set()
 
     async def submit(self, task: Any, argument: Any) -> Any:
+        await self.gate.wait()
         self.started.append((task.__name__, argument))
         self.ends.append(asyncio.get_running_loop().create_future())
         return self.ends[-1]
@@ -170,6 +173,45 @@ def test_a_registration_that_nobody_waits_for_is_ended_and_gives_its_place_to_th
         assert [name for _, name in tasks.started] == ["one", "two"]
         tasks.end(1)
         await second
+
+    run(scenario())
+
+
+def test_a_registration_that_is_given_up_while_it_is_handed_over_is_ended_as_soon_as_it_exists(tasks: Tasks) -> None:
+    async def scenario() -> None:
+        builds = MapBuilds(tasks.submit, 1)
+        tasks.gate.clear()
+        given_up = [asyncio.create_task(builds.register(job(name))) for name in ("one", "two")]
+        for each in given_up:
+            await settled()
+            each.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await each
+        tasks.gate.set()
+        await builds.cancel()
+        assert [name for _, name in tasks.started] == ["one", "two"]
+        assert tasks.cancelled == tasks.ends
+
+    run(scenario())
+
+
+def test_a_registration_that_is_given_up_while_ray_refuses_it_leaves_nothing_to_end(tasks: Tasks) -> None:
+    async def scenario() -> None:
+        refused = asyncio.Event()
+
+        async def submit(task: Any, argument: Any) -> Any:
+            await refused.wait()
+            raise RuntimeError("no cluster")
+
+        builds = MapBuilds(submit, 1)
+        waiting = asyncio.create_task(builds.register(job("one")))
+        await settled()
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        refused.set()
+        await builds.cancel()
+        assert tasks.cancelled == []
 
     run(scenario())
 
