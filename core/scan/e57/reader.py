@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
+from core.scan.e57.description import MAX_XML_BYTES, check_description
 from core.scan.e57.scan_entry import E57Scan
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
 _HEADER = struct.Struct("<8sIIQQQQ")
 _PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020
-_MAX_XML_BYTES = 1 << 26
 
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
@@ -63,10 +63,10 @@ def _check_header(context: ReadingContext) -> None:
 
 
 def _check_description(context: ReadingContext, xml_offset: int, xml_length: int) -> None:
-    """Refuse XML with entities: the parser would expand them without limit and open the files that they name."""
-    if xml_length > _MAX_XML_BYTES:
+    if xml_length > MAX_XML_BYTES:
         raise ScanContentError(
-            f"The E57 file describes itself in {xml_length:,} bytes of XML; at most {_MAX_XML_BYTES:,} are read."
+            f"The E57 file describes itself in {xml_length:,} bytes of XML; at most {MAX_XML_BYTES:,} are read. Export fewer stations "
+            "or pictures into one file."
         )
     first_page = xml_offset // _PAGE_BYTES * _PAGE_BYTES
     num_pages = (xml_offset - first_page + xml_length) // _PAGE_CONTENT_BYTES + 1
@@ -75,10 +75,7 @@ def _check_description(context: ReadingContext, xml_offset: int, xml_length: int
         pages = stream.read(num_pages * _PAGE_BYTES)
     starts = range(0, len(pages), _PAGE_BYTES)
     xml = b"".join(pages[start : start + _PAGE_CONTENT_BYTES] for start in starts)[xml_offset - first_page :]
-    if b"<!" in xml[:xml_length].replace(b"<![CDATA[", b"").replace(b"<!--", b""):
-        raise ScanDamagedError("The E57 file declares XML entities or a document type; E57 allows neither.")
-    if b"\x00" in xml[:xml_length]:
-        raise ScanDamagedError("The XML description of the E57 file is not UTF-8. Export the scan again.")
+    check_description(xml[:xml_length])
 
 
 def _iter_file(context: ReadingContext, libe57: Any, image_file: Any) -> Iterator[RawChunk]:
