@@ -10,6 +10,7 @@
     │   ├── MapNotReadyError          the map is still being built
     │   ├── MapUnusableError          the map could not be built and serves nothing
     │   ├── MapLimitError             as many maps as allowed
+    │   ├── RegistrationLimitError    the scan takes more time, memory or attempts than allowed
     │   ├── UploadTooLargeError       too many bytes
     │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
     │       └── UnwantedPartError     a part of an upload that nobody takes, or one too many
@@ -76,6 +77,10 @@ class MapUnusableError(RequestError):
 
 class MapLimitError(RequestError):
     """There are as many maps as allowed."""
+
+
+class RegistrationLimitError(RequestError):
+    """The registration of a scan took more time, memory or attempts than allowed."""
 
 
 class UploadTooLargeError(RequestError):

@@ -5,6 +5,7 @@ calls `start` when the application starts and `stop` when it ends.
 """
 
 import secrets
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Literal, Protocol, get_args
@@ -168,7 +169,7 @@ class RegisterJob:
 
     scan_key: of the scan in storage (`service.storage`), a suffix of which is the file's extension when it had one.
     scan_name: the file's name at the client. The worker reports what it is at through
-    `service.cache.WorkerCache.report_progress`.
+    `service.cache.WorkerCache.report_progress`. time_limit_s: seconds once it runs, None for no limit.
     """
 
     map: MapRef
@@ -176,6 +177,7 @@ class RegisterJob:
     scan_name: str
     options: RegisterOptions
     request_id: str
+    time_limit_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -217,6 +219,10 @@ class PoolState:
     num_retries: int = 0
 
 
+async def at_once() -> None:
+    """Begin a registration without anything before it."""
+
+
 class WorkerPool(Protocol):
     """Computes localizations and map indexes somewhere else. Used from one event loop."""
 
@@ -232,11 +238,12 @@ class WorkerPool(Protocol):
         Raises QueueFullError, NoWorkerError, CacheDownError, exceptions of `core`, or WorkerError for a worker's own fault.
         """
 
-    async def register(self, job: RegisterJob) -> RegisterOutcome:
+    async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
         """Build the index of one revision and put it into Redis; cancelling the call ends the work.
 
-        Calls wait for each other inside the pool. Raises NoWorkerError and CacheDownError (tried again later);
-        after an exception of `core` or a WorkerError the map has failed.
+        Calls wait for each other inside the pool; `begin` is awaited when the turn of this one has come, and what it raises ends
+        the call. Raises NoWorkerError and CacheDownError (tried again later); after an exception of `core`, a WorkerError or a
+        RegistrationLimitError (too long) the map has failed.
         """
 
     def state(self) -> PoolState:

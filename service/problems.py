@@ -80,6 +80,12 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.MapLimitError: Problem(
         "map-limit", "There are as many maps as allowed", 409, "Delete a map, or raise the limit."
     ),
+    service.RegistrationLimitError: Problem(
+        "registration-limit",
+        "The scan takes more time or memory than allowed",
+        422,
+        "Thin the scan, or export it in another format.",
+    ),
     service.UploadTooLargeError: Problem("upload-too-large", "The upload is too large", 413, "Send fewer bytes."),
     service.InvalidOptionsError: _INVALID,
     service.UnwantedPartError: _INVALID,

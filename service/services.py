@@ -48,7 +48,7 @@ class Services:
             storage,
             registry,
             metrics,
-            Registrations(registry, pool, cache, metrics),
+            Registrations(registry, pool, cache, metrics, settings.registration_limits),
             Localizations(settings, registry, pool, cache, storage, metrics),
         )
 

@@ -10,6 +10,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from core.options import MAX_PIXELS, Method, ScanOptions
 from service.api_keys import ApiKeys
 from service.jobs import PAPER_TIMEOUT_S
+from service.registration_limits import RegistrationLimits
 
 
 class Settings(BaseSettings):
@@ -31,6 +32,18 @@ class Settings(BaseSettings):
     )
     num_registrations: int = Field(
         1, ge=1, description="Scans read at the same time; each takes the memory of a whole scan."
+    )
+    registration_time_s: float = Field(
+        RegistrationLimits.time_s, gt=0, description="Seconds that a registration may take once it runs, of any scan."
+    )
+    registration_time_s_per_mb: float = Field(
+        RegistrationLimits.time_s_per_mb, ge=0, description="Seconds more for each megabyte of the scan."
+    )
+    registration_memory_bytes: int = Field(
+        RegistrationLimits.memory_bytes, ge=2**28, description="Bytes that a registration may allocate, of any scan."
+    )
+    registration_memory_per_scan_byte: float = Field(
+        RegistrationLimits.memory_per_scan_byte, ge=0, description="Bytes more for each byte of the scan."
     )
     max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
     max_image_bytes: int = Field(
@@ -90,6 +103,16 @@ class Settings(BaseSettings):
         """Return the seconds for a query of this method that names none itself."""
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if method == "paper" else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
+
+    @property
+    def registration_limits(self) -> RegistrationLimits:
+        """Return what a registration may take."""
+        return RegistrationLimits(
+            self.registration_time_s,
+            self.registration_time_s_per_mb,
+            self.registration_memory_bytes,
+            self.registration_memory_per_scan_byte,
+        )
 
     @property
     def storage_url(self) -> str:

@@ -27,6 +27,7 @@ class Revision:
     """One uploaded scan of a map and what became of it.
 
     number: from 1. scan_key: in storage. scan_sha256: hexadecimal. options: as in `RegisterJob`.
+    num_attempts: registrations of it that began, also before the service was started again.
     stats, diagnostics: as in the HTTP contract, once ready. error: a problem document, once failed.
     """
 
@@ -37,6 +38,7 @@ class Revision:
     scan_sha256: str
     options: RegisterOptions
     status: RevisionStatus = "queued"
+    num_attempts: int = 0
     stats: dict[str, Any] | None = None
     diagnostics: list[dict[str, Any]] = field(default_factory=list)
     error: dict[str, Any] | None = None

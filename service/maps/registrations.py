@@ -13,16 +13,23 @@ from typing import Any
 import structlog
 
 from service.cache import Cache
-from service.errors import EXPECTED_ERRORS, CacheDownError, MapNotFoundError, NoWorkerError, TryAgainError
+from service.errors import (
+    EXPECTED_ERRORS,
+    CacheDownError,
+    MapNotFoundError,
+    NoWorkerError,
+    RegistrationLimitError,
+    TryAgainError,
+)
 from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
 from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.problems import problem_document
+from service.registration_limits import MAX_ATTEMPTS, RegistrationLimits
 
 _log = structlog.get_logger(__name__)
 
-_MAX_ATTEMPTS = 5
 _POLL_S = 0.1
 _LONGEST_PAUSE_S = 30.0
 
@@ -30,11 +37,15 @@ _LONGEST_PAUSE_S = 30.0
 class Registrations:
     """Used from one event loop."""
 
-    def __init__(self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics) -> None:
+    def __init__(
+        self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics, limits: RegistrationLimits
+    ) -> None:
         self._registry = registry
         self._pool = pool
         self._cache = cache
         self._metrics = metrics
+        self._limits = limits
+        self._stopping = False
         self._running: dict[MapRef, asyncio.Task[None]] = {}
 
     def resume(self) -> None:
@@ -68,6 +79,7 @@ class Registrations:
 
     async def stop(self) -> None:
         """End all registrations; their scans are taken up again at the next start."""
+        self._stopping = True
         await _end(list(self._running.values()))
 
     def _note_end(self, ref: MapRef, task: asyncio.Task[None]) -> None:
@@ -104,17 +116,38 @@ class Registrations:
 
     async def _outcome_of(self, ref: MapRef, request_id: str) -> RegisterOutcome:
         """Let a worker do it; what is only a matter of time is tried again, a few times."""
-        attempt = 1
         while True:
             await self._wait_until_possible()
+            newest = self._registry.get(ref.id).newest
+            job = _job(newest, ref, request_id, self._limits.seconds(newest.scan_bytes))
             try:
-                return await self._pool.register(_job(self._registry.get(ref.id).newest, ref, request_id))
+                return await self._pool.register(job, lambda: self._begin_attempt(ref))
             except TryAgainError as error:
-                if attempt == _MAX_ATTEMPTS:
+                attempt = self._registry.get(ref.id).newest.num_attempts
+                if attempt >= MAX_ATTEMPTS:
                     raise
                 _log.warning("a registration is tried again", attempt=attempt, error=str(error))
-                await asyncio.sleep(min(error.retry_after_s * attempt, _LONGEST_PAUSE_S))
-            attempt += 1
+                await asyncio.sleep(min(error.retry_after_s * max(1, attempt), _LONGEST_PAUSE_S))
+            except asyncio.CancelledError:
+                if self._stopping:
+                    await _to_the_end(self._count_attempt(ref, -1))
+                raise
+
+    async def _begin_attempt(self, ref: MapRef) -> None:
+        """Note that a registration begins, before it can end the service. Raises RegistrationLimitError after too many."""
+        if self._registry.get(ref.id).newest.num_attempts >= MAX_ATTEMPTS:
+            raise RegistrationLimitError(
+                f"expected a map after {MAX_ATTEMPTS} attempts at most, but the service ended during each; upload a smaller scan, or "
+                "one in another format"
+            )
+        await self._count_attempt(ref, 1)
+
+    async def _count_attempt(self, ref: MapRef, step: int) -> None:
+        def counted(record: MapRecord) -> MapRecord:
+            newest = replace(record.newest, num_attempts=max(0, record.newest.num_attempts + step))
+            return replace(record, newest=newest)
+
+        await self._change_if_newest(ref, counted)
 
     async def _wait_until_possible(self) -> None:
         while True:
@@ -175,7 +208,7 @@ async def _end(tasks: list[asyncio.Task[None]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def _job(revision: Revision, ref: MapRef, request_id: str) -> RegisterJob:
+def _job(revision: Revision, ref: MapRef, request_id: str, time_limit_s: float) -> RegisterJob:
     if revision.number != ref.revision:
         raise NoWorkerError(f"revision {ref.revision} was replaced by revision {revision.number}")
-    return RegisterJob(ref, revision.scan_key, revision.scan_name, revision.options, request_id)
+    return RegisterJob(ref, revision.scan_key, revision.scan_name, revision.options, request_id, time_limit_s)

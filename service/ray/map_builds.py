@@ -4,12 +4,13 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
-from service.errors import NoWorkerError
-from service.jobs import MapRef, RegisterJob, RegisterOutcome
+from service.errors import NoWorkerError, RegistrationLimitError
+from service.jobs import MapRef, RegisterJob, RegisterOutcome, at_once
 from service.worker.reply import WorkerReply, error_of
 
 # Starts a task of `service.ray.remote` in a process of its own and returns its object reference.
 Submit = Callable[..., Awaitable[Any]]
+Begin = Callable[[], Awaitable[None]]
 
 
 class MapBuilds:
@@ -24,13 +25,26 @@ class MapBuilds:
         # Tasks that somebody gave up while they were handed to Ray: they are ended as soon as there is something to end.
         self._abandoned: set[asyncio.Future[Any]] = set()
 
-    async def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
-        """Run one registration after those that came before it. Raises NoWorkerError when its process keeps dying."""
+    async def register(self, job: RegisterJob, begin: Begin = at_once) -> WorkerReply[RegisterOutcome]:
+        """Run one registration after those that came before it, `begin` first.
+
+        Raises NoWorkerError when its process keeps dying, RegistrationLimitError when it takes longer than its job allows.
+        """
         from service.ray.remote import register_map
 
         async with self._registrations:
-            reply: WorkerReply[RegisterOutcome] = await self._finished(register_map, job)
-            return reply
+            await begin()
+            try:
+                async with asyncio.timeout(job.time_limit_s) as limit:
+                    reply: WorkerReply[RegisterOutcome] = await self._finished(register_map, job)
+                    return reply
+            except TimeoutError as error:
+                if not limit.expired():
+                    raise
+                raise RegistrationLimitError(
+                    f"expected a map within {job.time_limit_s:.0f} s (PANOLOC_REGISTRATION_TIME_S and ..._PER_MB), got none; thin the "
+                    "scan or export it in another format, or let the operator allow more time"
+                ) from error
 
     async def rebuild(self, maps: Iterable[MapRef]) -> None:
         """Wait until the lost indexes of `maps` are built; queries that miss the same one wait for the same build.

@@ -7,13 +7,13 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from core.errors import DeadlineExceededError
 from service.errors import NoWorkerError
-from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome
+from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome, at_once
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.cluster_loss import ClusterLoss
@@ -121,11 +121,11 @@ class RayPool:
                 await self._before_deadline(self._builds.rebuild(reply.missing), job)
         raise NoWorkerError(f"the index of {job.maps[0].id} does not stay in Redis; is its maxmemory too small?")
 
-    async def register(self, job: RegisterJob) -> RegisterOutcome:
+    async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
         """Build and store a map's index in a process of its own, after the registrations that came before it."""
         # Also because Ray starts a cluster by itself when it is given a task before there is one.
         self._require_workers()
-        return self._outcome(await self._builds.register(job))
+        return self._outcome(await self._builds.register(job, begin))
 
     def _require_workers(self) -> Any:
         self._loss.require_none()

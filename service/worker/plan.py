@@ -5,10 +5,11 @@ Both travel with the worker, also to another machine.
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from service.registration_limits import RegistrationLimits
 from service.worker.reply import WorkerReply
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ class WorkerSettings:
     redis_url and storage_url: reachable from every machine that runs a worker. workers_per_machine: that share its
     processors. resident_bytes: map indexes kept in memory, least recently used out. index_lifetime_s: of an index in
     Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
+    registration_limits: of which the worker keeps those of its process.
     """
 
     redis_url: str
@@ -32,6 +34,7 @@ class WorkerSettings:
     max_points_used: int
     index_lifetime_s: int
     workers_per_machine: int = 1
+    registration_limits: RegistrationLimits = field(default_factory=RegistrationLimits)
 
     @classmethod
     def of(cls, settings: "Settings", redis_url: str) -> "WorkerSettings":
@@ -44,6 +47,7 @@ class WorkerSettings:
             max_points=settings.max_points,
             max_points_used=settings.max_points_used,
             index_lifetime_s=settings.index_ttl_s,
+            registration_limits=settings.registration_limits,
         )
 
 

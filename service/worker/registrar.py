@@ -4,7 +4,9 @@ import dataclasses
 import os
 import socket
 import time
+from collections.abc import Callable
 from pathlib import PurePosixPath
+from typing import TypeVar
 
 import torch
 
@@ -16,8 +18,8 @@ from core.pictures import draw_map_preview, encode_png
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from service.cache import WorkerCache
-from service.errors import CacheDownError, MapNotFoundError
-from service.host.process_resources import num_usable_cpus
+from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError
+from service.host.process_resources import limit_process, num_usable_cpus
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
 from service.storage import open_storage
 from service.worker.map_catalog import MapCatalog
@@ -26,6 +28,8 @@ from service.worker.plan import WorkerSettings
 from service.worker.registration_progress import RegistrationProgress
 from service.worker.reply import WorkerReply, guarded
 
+Result = TypeVar("Result")
+
 # A Redis that is starting again is worth waiting for: without the index the first query builds it once more.
 _REDIS_PATIENCE_S = 10.0
 
@@ -33,7 +37,15 @@ _REDIS_PATIENCE_S = 10.0
 class Registrar:
     """Builds map indexes."""
 
-    def __init__(self, settings: WorkerSettings, catalog: MapCatalog, cache: WorkerCache) -> None:
+    def __init__(
+        self,
+        settings: WorkerSettings,
+        catalog: MapCatalog,
+        cache: WorkerCache,
+        limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None,
+    ) -> None:
+        """limit_process: gives this process so many bytes and seconds of a processor; for one that ends with its work."""
+        self._limit_process = limit_process
         self._settings = settings
         self._catalog = catalog
         self._cache = cache
@@ -41,12 +53,12 @@ class Registrar:
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Build and store the index of a new map; report the progress; describe the map."""
-        outcome, failure = guarded(lambda: self._register(job))
+        outcome, failure = guarded(lambda: _within_memory(lambda: self._register(job)))
         return WorkerReply(outcome=outcome, failure=failure, worker=self._name)
 
     def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         """Build and store an index that Redis has lost."""
-        _, failure = guarded(lambda: self._rebuild(map_ref))
+        _, failure = guarded(lambda: _within_memory(lambda: self._rebuild(map_ref)))
         return WorkerReply(failure=failure, worker=self._name)
 
     def _register(self, job: RegisterJob) -> RegisterOutcome:
@@ -78,6 +90,9 @@ class Registrar:
             format=PurePosixPath(job.scan_name).suffix or None,
         )
         with self._catalog.scan_file(job) as path:
+            allowed, scan_bytes = limits.registration_limits, path.stat().st_size
+            # The pool looks after the time of a registration; this also ends a rebuild that computes for ever.
+            self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
             cloud = read_scan(path, reading, lambda share: progress.report("reading", share))
         return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
@@ -104,8 +119,22 @@ class Registrar:
                 time.sleep(0.5)
 
 
+def _within_memory(work: Callable[[], Result]) -> Result:
+    """Do work. Raises RegistrationLimitError where it finds no memory."""
+    try:
+        return work()
+    except (MemoryError, RuntimeError) as error:
+        # torch has no class of its own for this.
+        if not isinstance(error, MemoryError) and "can't allocate memory" not in str(error):
+            raise
+        raise RegistrationLimitError(
+            "expected a scan that takes less memory than allowed (PANOLOC_REGISTRATION_MEMORY_BYTES and ..._PER_SCAN_BYTE), but there "
+            "was none left; thin the scan, or let the operator allow more"
+        ) from error
+
+
 def build_registrar(settings: WorkerSettings) -> Registrar:
     """Build a registrar in the process that will run it."""
     torch.set_num_threads(num_usable_cpus())
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return Registrar(settings, MapCatalog(open_storage(settings.storage_url)), cache)
+    return Registrar(settings, MapCatalog(open_storage(settings.storage_url)), cache, limit_process)

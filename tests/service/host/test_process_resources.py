@@ -8,6 +8,8 @@ import pytest
 from lab.process_memory import proportional_bytes
 from service.host.process_resources import num_sockets, num_usable_cpus, return_freed_memory
 
+ROOT = Path(__file__).parents[3]
+
 
 @pytest.fixture
 def eight_processors(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,3 +82,24 @@ def test_what_was_freed_is_kept_until_it_is_asked_back() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert int(done.stdout) > 15_000_000
+
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of processes are Linux's")
+
+
+def in_a_limited_process(work: str) -> "subprocess.CompletedProcess[str]":
+    program = f"from service.host.process_resources import limit_process\nlimit_process(64 << 20, 1)\n{work}"
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+@LINUX
+def test_a_process_of_limited_memory_gets_so_much_and_no_more() -> None:
+    done = in_a_limited_process("bytearray(32 << 20)\nprint('some')\nbytearray(128 << 20)")
+    assert done.stdout == "some\n"
+    assert "MemoryError" in done.stderr
+
+
+@LINUX
+@pytest.mark.slow
+def test_a_process_that_computes_for_ever_is_ended() -> None:
+    assert in_a_limited_process("while True: pass").returncode < 0

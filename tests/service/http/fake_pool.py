@@ -2,13 +2,23 @@
 
 import asyncio
 import struct
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.cache import WorkerCache
 from service.errors import NoWorkerError
 from service.http.schemas.maps import MAP_EXAMPLE
-from service.jobs import FoundPose, LocalizeJob, LocalizeOutcome, MapRef, PoolState, RegisterJob, RegisterOutcome
+from service.jobs import (
+    FoundPose,
+    LocalizeJob,
+    LocalizeOutcome,
+    MapRef,
+    PoolState,
+    RegisterJob,
+    RegisterOutcome,
+    at_once,
+)
 
 PNG = b"\x89PNG\r\n\x1a\n a picture"
 INDEX_DIGEST = "0123abcd"
@@ -66,7 +76,8 @@ class FakePool:
             raise self.fail_localize.pop(0)
         return outcome_in(job.maps[0], {name: PNG + name.encode() for name in job.options.artifacts})
 
-    async def register(self, job: RegisterJob) -> RegisterOutcome:
+    async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
+        await begin()
         self.registrations.append(job)
         await asyncio.to_thread(self.worker_cache.report_progress, job.map, "indexing", "rendering starts", 0.4)
         await self._pass(self.register_gate, "register")

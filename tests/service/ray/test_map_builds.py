@@ -7,8 +7,8 @@ from typing import Any, cast
 import pytest
 from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError
 
-from service.errors import NoWorkerError, WorkerError
-from service.jobs import MapRef, RegisterJob, RegisterOutcome
+from service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
+from service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
 from service.ray.map_builds import MapBuilds
 from service.worker.reply import WorkerFailure, WorkerReply
 
@@ -27,7 +27,7 @@ class Tasks:
 
     async def submit(self, task: Any, argument: Any) -> Any:
         await self.gate.wait()
-        self.started.append((task.__name__, argument))
+        self.started.append((task.__name__, argument.scan_name if isinstance(argument, RegisterJob) else argument))
         self.ends.append(asyncio.get_running_loop().create_future())
         return self.ends[-1]
 
@@ -51,8 +51,8 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> Tasks:
     return tasks
 
 
-def job(name: str) -> RegisterJob:
-    return cast(RegisterJob, name)
+def job(name: str, time_limit_s: float | None = None) -> RegisterJob:
+    return RegisterJob(MAP, "key", name, RegisterOptions(), "req_1", time_limit_s)
 
 
 async def settled() -> None:
@@ -79,6 +79,48 @@ def test_so_many_registrations_run_at_the_same_time_and_the_others_in_turn(
             await settled()
         replies = await asyncio.gather(*running)
         assert [cast(Any, reply.outcome).stats["name"] for reply in replies] == names
+
+    run(scenario())
+
+
+def test_a_registration_that_takes_too_long_is_ended_and_gives_its_place_to_the_next(tasks: Tasks) -> None:
+    async def scenario() -> None:
+        builds = MapBuilds(tasks.submit, 1)
+        first = asyncio.create_task(builds.register(job("slow", time_limit_s=0.05)))
+        await settled()
+        second = asyncio.create_task(builds.register(job("next", time_limit_s=0.05)))
+        with pytest.raises(RegistrationLimitError, match="PANOLOC_REGISTRATION_TIME_S"):
+            await first
+        assert tasks.cancelled == [tasks.ends[0]]
+        await settled()
+        tasks.end(1)
+        await second
+
+    run(scenario())
+
+
+def test_a_registration_says_when_its_turn_has_come_and_may_be_refused_then(tasks: Tasks) -> None:
+    async def scenario() -> None:
+        builds, turns = MapBuilds(tasks.submit, 1), []
+
+        async def begin() -> None:
+            turns.append(list(tasks.started))
+
+        async def refuse() -> None:
+            raise TryAgainError("not now")
+
+        first, second = (asyncio.create_task(builds.register(job(name), begin)) for name in ("one", "two"))
+        await settled()
+        assert turns == [[]]
+        tasks.end(0)
+        await settled()
+        assert turns == [[], [("register_map", "one")]]
+        third = asyncio.create_task(builds.register(job("three"), refuse))
+        tasks.end(1)
+        await asyncio.gather(first, second)
+        with pytest.raises(TryAgainError):
+            await third
+        assert len(tasks.started) == 2
 
     run(scenario())
 

@@ -14,7 +14,7 @@ from ray.serve.exceptions import RayServeException
 
 from core.errors import DeadlineExceededError
 from service.errors import NoWorkerError, QueueFullError, WorkerError
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOptions, RegisterOutcome
 from service.ray import pool as pool_module
 from service.ray.admission import Admission
 from service.ray.pool import RayPool
@@ -41,7 +41,7 @@ def job(timeout_s: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob
 
 
 def registration() -> RegisterJob:
-    return cast(RegisterJob, "a registration")
+    return RegisterJob(MapRef("map_a", 1), "key", "scan.ply", RegisterOptions(), "req_1")
 
 
 async def until(holds: Any) -> None:
@@ -270,7 +270,7 @@ def test_a_registration_is_a_task_of_its_own() -> None:
             assert await pool.register(registration()) == outcome
             with pytest.raises(WorkerError, match="too large"):
                 await pool.register(registration())
-            assert serving.submitted == [("register_map", "a registration")] * 2
+            assert serving.submitted == [("register_map", registration())] * 2
 
     run(scenario())
 

@@ -218,3 +218,30 @@ def test_a_scan_that_changed_on_disk_is_not_registered(place: Place) -> None:
     reply = place.registrar.register(place.job)
     assert reply.failure is not None
     assert reply.failure.kind == "StoredFileDamagedError"
+
+
+@pytest.mark.parametrize("lack", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: 9 bytes")])
+def test_a_scan_that_finds_no_memory_is_told_which_limit_it_met(
+    place: Place, monkeypatch: pytest.MonkeyPatch, lack: Exception
+) -> None:
+    def read(*_: object) -> None:
+        raise lack
+
+    monkeypatch.setattr("service.worker.registrar.read_scan", read)
+    failure = place.registrar.register(place.job).failure
+    assert failure is not None
+    assert failure.kind == "RegistrationLimitError"
+    assert "PANOLOC_REGISTRATION_MEMORY_BYTES" in failure.message
+
+
+def test_the_limits_of_the_process_grow_with_the_scan(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, float]] = []
+    settings = WorkerSettings.of(
+        Settings(registration_memory_bytes=2**28, registration_memory_per_scan_byte=3), "redis://"
+    )
+    catalog = MapCatalog(FolderStorage(place.folder / "data"))
+    registrar = Registrar(settings, catalog, place.registrar._cache, lambda *limits: given.append(limits))
+    registrar.register(place.job)
+    scan_bytes = len(FolderStorage(place.folder / "data").read(place.job.scan_key))
+    assert [num_bytes for num_bytes, _ in given] == [2**28 + 3 * scan_bytes]
+    assert all(cpu_s >= settings.registration_limits.seconds(scan_bytes) for _, cpu_s in given)

@@ -1,0 +1,128 @@
+"""A scan that ends the service each time it is registered is given up; one that waits its turn is not."""
+
+import asyncio
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from service.cache import Cache
+from service.errors import NoWorkerError
+from service.jobs import PoolState, RegisterJob, RegisterOptions, RegisterOutcome
+from service.maps.record import MapRecord, Revision, read_record
+from service.maps.registrations import Registrations
+from service.maps.registry import MapRegistry
+from service.metrics import Metrics
+from service.registration_limits import MAX_ATTEMPTS, RegistrationLimits
+from service.storage import FolderStorage
+
+REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 5_000_000, "00", RegisterOptions())
+RECORD = MapRecord("m", "m", "2026-01-01T00:00:00.000000Z", "2026-01-01T00:00:00.000000Z", REVISION)
+
+
+class AnsweringRedis:
+    async def check(self) -> None:
+        """Answer."""
+
+
+class Pool:
+    """Takes each registration's turn at once unless it is busy, and never comes to an end by itself."""
+
+    def __init__(self, busy: bool = False, fails: bool = False) -> None:
+        self.jobs: list[RegisterJob] = []
+        self._busy, self._fails = busy, fails
+
+    def state(self) -> PoolState:
+        return PoolState(ready=True, waiting_for=None)
+
+    async def register(self, job: RegisterJob, begin: Any) -> RegisterOutcome:
+        if not self._busy:
+            await begin()
+        self.jobs.append(job)
+        if self._fails:
+            raise NoWorkerError("its process died", retry_after_s=0)
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+class Service:
+    """What one process of the service does with the maps of a folder."""
+
+    def __init__(self, folder: Path, pool: Pool) -> None:
+        self.storage = FolderStorage(folder)
+        self.registry = MapRegistry(self.storage, 10)
+        metrics = Metrics(pool.state, self.registry.num_by_status)
+        cache = cast(Cache, AnsweringRedis())
+        self.registrations = Registrations(self.registry, cast(Any, pool), cache, metrics, RegistrationLimits())
+
+    @property
+    def newest(self) -> Revision:
+        return read_record(self.storage, "m").newest
+
+    async def begin(self) -> None:
+        await self.registry.load()
+        if not self.registry.has("m"):
+            await self.registry.add(RECORD)
+        self.registrations.resume()
+        for _ in range(50):
+            await asyncio.sleep(0.005)
+
+
+def run(scenario: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(scenario, 20))
+
+
+async def killed(service: Service) -> None:
+    """Let a service begin its registrations and be gone without a word."""
+    await service.begin()
+    for task in service.registrations._running.values():
+        task.cancel()
+    await asyncio.gather(*service.registrations._running.values(), return_exceptions=True)
+
+
+def test_a_scan_that_ends_the_service_each_time_has_failed_after_some_attempts(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        pool = Pool()
+        for attempt in range(MAX_ATTEMPTS):
+            await killed(service := Service(tmp_path, pool))
+            assert (service.newest.status, service.newest.num_attempts) == ("queued", attempt + 1)
+        await killed(service := Service(tmp_path, pool))
+        assert len(pool.jobs) == MAX_ATTEMPTS
+        assert service.newest.status == "failed"
+        assert service.newest.error is not None
+        assert service.newest.error["type"] == "/problems/registration-limit"
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("orderly", [True, False])
+def test_neither_a_wait_for_others_nor_an_orderly_stop_is_an_attempt(tmp_path: Path, orderly: bool) -> None:
+    async def scenario() -> None:
+        service = Service(tmp_path, Pool(busy=not orderly))
+        await service.begin()
+        await (service.registrations.stop() if orderly else killed(service))
+        assert (service.newest.status, service.newest.num_attempts) == ("queued", 0)
+
+    run(scenario())
+
+
+def test_a_registration_whose_process_keeps_dying_is_tried_so_often_and_no_more(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        pool = Pool(fails=True)
+        service = Service(tmp_path, pool)
+        await service.begin()
+        assert len(pool.jobs) == MAX_ATTEMPTS
+        assert service.newest.status == "failed"
+
+    run(scenario())
+
+
+def test_the_time_that_a_registration_has_grows_with_its_scan(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        pool = Pool()
+        await killed(Service(tmp_path, pool))
+        limits = RegistrationLimits()
+        assert [job.time_limit_s for job in pool.jobs] == [limits.time_s + 5 * limits.time_s_per_mb]
+
+    run(scenario())
