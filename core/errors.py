@@ -16,6 +16,7 @@
     │   └── PanoramaShapeError    not 2:1 and without crop fields, or transparent everywhere
     │       └── MaskShapeError    the mask has another shape than the image, or leaves nothing of it
     ├── OptionsError              a value out of its range
+    ├── ExportRefusedError        placed photos cannot be written in the format that was asked for
     ├── IndexFormatError          bytes that are not a map index of this version
     └── DeadlineExceededError     the deadline passed before a pose was found
 
@@ -85,6 +86,10 @@ class MaskShapeError(PanoramaShapeError):
 
 class OptionsError(CoreError):
     """An option is out of its range."""
+
+
+class ExportRefusedError(CoreError):
+    """Placed photos cannot be written in the format that was asked for."""
 
 
 class IndexFormatError(CoreError):

@@ -19,6 +19,25 @@ Unit = Literal["m", "cm", "mm", "ft"]
 UpAxis = Literal["z", "y"]
 ColorKind = Literal["rgb", "labels"]
 StartsMethod = Literal["octree", "grid"]
+ExportFormat = Literal[
+    "potree",
+    "navvis",
+    "colmap",
+    "colmap-rig",
+    "opensfm",
+    "nerfstudio",
+    "metashape",
+    "arcgis",
+    "stac",
+    "e57",
+    "gpano",
+    "ros",
+    "tum",
+    "gltf",
+    "psv",
+    "pannellum",
+    "geojson",
+]
 
 METRES_PER_UNIT: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 

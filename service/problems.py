@@ -134,6 +134,12 @@ PROBLEMS: dict[type[Exception], Problem] = {
         "mask",
     ),
     core.OptionsError: _INVALID,
+    core.ExportRefusedError: Problem(
+        "export-refused",
+        "The photos cannot be written in this format",
+        422,
+        "Choose another format, or add what the detail names.",
+    ),
     core.IndexFormatError: Problem(
         "index-unreadable", "The map's index cannot be read", 500, "Delete it from Redis; it is built again."
     ),

@@ -1,0 +1,63 @@
+"""ArcGIS: the table of an oriented imagery dataset."""
+
+import csv
+import io
+from collections.abc import Iterator
+
+from core.exports.angles import photo_angles
+from core.exports.earth.placing import on_earth, time_text
+from core.exports.number_text import plain
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+
+_WGS84 = "4326"
+_MAX_ROLL_DEG = 90.0
+_COLUMNS = (
+    "X",
+    "Y",
+    "Z",
+    "SRS",
+    "Name",
+    "ImagePath",
+    "AcquisitionDate",
+    "CameraHeading",
+    "CameraPitch",
+    "CameraRoll",
+    "HorizontalFieldOfView",
+    "VerticalFieldOfView",
+    "OrientedImageryType",
+)
+
+
+def why_not(photo: PlacedPhoto) -> str | None:
+    """Return why a photo cannot be written, None when it can. The turn of a map about its vertical changes no roll."""
+    roll_deg = photo_angles(photo.map_from_camera.rotation).roll_deg
+    if abs(roll_deg) <= _MAX_ROLL_DEG:
+        return None
+    return f"its roll is {roll_deg:.0f} degrees; ArcGIS takes at most {_MAX_ROLL_DEG:g} to either side"
+
+
+def write(tour: Tour) -> Iterator[ExportedFile]:
+    """Yield `oriented_imagery.csv`: longitude, latitude, height above the ellipsoid; heading from true north.
+
+    Its pitch is 0 straight down, 90 at the horizon: 90 + elevation.
+    """
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(_COLUMNS)
+    for photo, place, angles in on_earth(tour):
+        turns = angles.heading_deg, 90.0 + angles.elevation_deg, angles.roll_deg
+        position = place.longitude_deg, place.latitude_deg, place.height_m
+        table.writerow(
+            [
+                *(plain(value, 12) for value in position),
+                _WGS84,
+                photo.name,
+                photo.name,
+                time_text(tour, photo),
+                *map(plain, turns),
+                "360",
+                "180",
+                "360",
+            ]
+        )
+    yield ExportedFile("oriented_imagery.csv", out.getvalue().encode())

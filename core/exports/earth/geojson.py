@@ -1,0 +1,29 @@
+"""GeoJSON (RFC 7946): a point per photo."""
+
+import json
+from collections.abc import Iterator
+
+from core.exports.earth.placing import on_earth, time_text
+from core.exports.tour import ExportedFile, Tour
+
+
+def write(tour: Tour) -> Iterator[ExportedFile]:
+    """Yield `photos.geojson`: longitude, latitude, height above the ellipsoid; angles from true north, elevation up, right side down."""
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [place.longitude_deg, place.latitude_deg, place.height_m]},
+            "properties": {
+                "name": photo.name,
+                "time": None if photo.time_unix_s is None else time_text(tour, photo),
+                "heading_deg": angles.heading_deg,
+                "elevation_deg": angles.elevation_deg,
+                "roll_deg": angles.roll_deg,
+                "north": "true",
+                "confidence": photo.confidence,
+            },
+        }
+        for photo, place, angles in on_earth(tour)
+    ]
+    document = {"type": "FeatureCollection", "features": features}
+    yield ExportedFile("photos.geojson", (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())

@@ -1,0 +1,85 @@
+"""The XMP packet of a JPEG: read, changed and put back; every other byte stays as it is."""
+
+import struct
+from collections.abc import Mapping
+from xml.etree import ElementTree
+
+GPANO = "http://ns.google.com/photos/1.0/panorama/"
+_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+_META = "adobe:ns:meta/"
+_SIGNATURE = b"http://ns.adobe.com/xap/1.0/\x00"
+_APP1, _APP0, _MAX_SEGMENT_BYTES = 0xE1, 0xE0, 65_533
+_BEGIN = '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>'.encode()
+_END = b'<?xpacket end="w"?>'
+
+
+def with_fields(jpeg: bytes, fields: Mapping[str, str]) -> bytes:
+    """Return the JPEG with these GPano fields in place of all that it had; the rest of its XMP is kept where it can be read."""
+    segment = _segment(fields, xmp_of(jpeg))
+    kept, insert_at = bytearray(jpeg[:2]), 2
+    at = 2
+    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and 0xE0 <= jpeg[at + 1] <= 0xEF:
+        (length,) = struct.unpack(">H", jpeg[at + 2 : at + 4])
+        if not _is_xmp(jpeg, at):
+            kept += jpeg[at : at + 2 + length]
+        if jpeg[at + 1] in (_APP0, _APP1):
+            insert_at = len(kept)  # JFIF and EXIF want to come first
+        at += 2 + length
+    return bytes(kept[:insert_at]) + segment + bytes(kept[insert_at:]) + jpeg[at:]
+
+
+def xmp_of(jpeg: bytes) -> bytes | None:
+    """Return the XMP packet of a JPEG, None without one."""
+    at = 2
+    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and 0xE0 <= jpeg[at + 1] <= 0xEF:
+        (length,) = struct.unpack(">H", jpeg[at + 2 : at + 4])
+        if _is_xmp(jpeg, at):
+            return jpeg[at + 4 + len(_SIGNATURE) : at + 2 + length]
+        at += 2 + length
+    return None
+
+
+def _is_xmp(jpeg: bytes, at: int) -> bool:
+    return jpeg[at + 1] == _APP1 and jpeg.startswith(_SIGNATURE, at + 4)
+
+
+def _segment(fields: Mapping[str, str], former: bytes | None) -> bytes:
+    """Return an APP1 segment. What was there before is left out where it is no XMP, or would not fit beside the new fields."""
+    for packet in (former, None):
+        payload = _SIGNATURE + _BEGIN + _packet(fields, packet) + _END
+        if len(payload) <= _MAX_SEGMENT_BYTES:
+            break
+    return bytes([0xFF, _APP1]) + struct.pack(">H", len(payload) + 2) + payload
+
+
+def _packet(fields: Mapping[str, str], former: bytes | None) -> bytes:
+    ElementTree.register_namespace("x", _META)
+    ElementTree.register_namespace("rdf", _RDF)
+    ElementTree.register_namespace("GPano", GPANO)
+    root = _parsed(former)
+    descriptions = root.find(f"{{{_RDF}}}RDF")
+    if descriptions is None:
+        root = ElementTree.Element(f"{{{_META}}}xmpmeta")
+        descriptions = ElementTree.SubElement(root, f"{{{_RDF}}}RDF")
+    for description in descriptions:
+        _forget_gpano(description)
+    attributes = {f"{{{_RDF}}}about": "", **{f"{{{GPANO}}}{name}": value for name, value in fields.items()}}
+    ElementTree.SubElement(descriptions, f"{{{_RDF}}}Description", attributes)
+    return bytes(ElementTree.tostring(root, "utf-8"))
+
+
+def _parsed(packet: bytes | None) -> ElementTree.Element:
+    """Return the packet, empty where it is none. Entities, which could grow without limit, make it none."""
+    if packet is not None and b"<!" not in packet:
+        try:
+            return ElementTree.fromstring(packet.strip(b"\x00 \r\n\t"))
+        except ElementTree.ParseError:
+            pass
+    return ElementTree.Element(f"{{{_META}}}xmpmeta")
+
+
+def _forget_gpano(description: ElementTree.Element) -> None:
+    for name in [name for name in description.attrib if name.startswith(f"{{{GPANO}}}")]:
+        del description.attrib[name]
+    for child in [child for child in description if child.tag.startswith(f"{{{GPANO}}}")]:
+        description.remove(child)

@@ -1,0 +1,102 @@
+"""The registry of formats: what each can hold, and the one way into all of them."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from core.errors import ExportRefusedError
+from core.exports import e57
+from core.exports.earth import arcgis, geojson, gpano, stac
+from core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
+from core.exports.robots import ros, tum
+from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
+from core.exports.viewers import gltf, navvis, pannellum, photo_sphere_viewer, potree
+from core.options import ExportFormat
+
+North = Literal["map", "true"]
+UNPLACED = "unplaced.txt"
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """What a format can hold. why_not: says of a photo why it cannot be written, None: it can."""
+
+    write: Callable[[Tour], Iterator[ExportedFile]]
+    why_not: Callable[[PlacedPhoto], str | None] | None = None
+    spheres_only: bool = True
+    needs_georeference: bool = False
+    uses_georeference: bool = False
+
+
+EXPORTERS: dict[ExportFormat, Exporter] = {
+    "potree": Exporter(potree.write),
+    "navvis": Exporter(navvis.write),
+    "colmap": Exporter(colmap.write, colmap.why_not),
+    "colmap-rig": Exporter(colmap_rig.write),
+    "opensfm": Exporter(opensfm.write, uses_georeference=True),
+    "nerfstudio": Exporter(nerfstudio.write),
+    "metashape": Exporter(metashape.write),
+    "arcgis": Exporter(arcgis.write, arcgis.why_not, needs_georeference=True),
+    "stac": Exporter(stac.write, needs_georeference=True),
+    "e57": Exporter(e57.write, e57.why_not),
+    "gpano": Exporter(gpano.write, gpano.why_not, needs_georeference=True),
+    "ros": Exporter(ros.write, spheres_only=False),
+    "tum": Exporter(tum.write, spheres_only=False),
+    "gltf": Exporter(gltf.write, spheres_only=False),
+    "psv": Exporter(photo_sphere_viewer.write),
+    "pannellum": Exporter(pannellum.write),
+    "geojson": Exporter(geojson.write, spheres_only=False, needs_georeference=True),
+}
+
+
+def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
+    """Yield the files of a tour in a format, and beside them `unplaced.txt` and `export.json`, which say what is not in them and why.
+
+    Files are made one after the other, so that no more than one is in memory. Raises ExportRefusedError for a map without a georeference
+    where the format needs one.
+    """
+    exporter = EXPORTERS[format_name]
+    if exporter.needs_georeference and tour.georeference is None:
+        raise ExportRefusedError(
+            f"{format_name}: expected a map with a georeference, because this format has places on Earth, got one without; "
+            "set it with PATCH /maps/{id}, or choose another format"
+        )
+    held = _held(exporter, tour)
+    yield from exporter.write(held)
+    lines = "".join(f"{each.name}\t{each.reason}\n" for each in held.left_out)
+    yield ExportedFile(UNPLACED, lines.encode())
+    yield ExportedFile("export.json", (json.dumps(_summary(format_name, held), indent=1) + "\n").encode())
+
+
+def north_of(format_name: ExportFormat, tour: Tour) -> North:
+    """Return what headings and axes of an export refer to: the map's own axes, or true north."""
+    exporter = EXPORTERS[format_name]
+    on_earth = exporter.needs_georeference or (exporter.uses_georeference and tour.georeference is not None)
+    return "true" if on_earth else "map"
+
+
+def _held(exporter: Exporter, tour: Tour) -> Tour:
+    """Return the tour without the photos that the format cannot hold, which are left out with a reason."""
+    reasons = [_why_not(exporter, photo) for photo in tour.photos]
+    photos = tuple(photo for photo, reason in zip(tour.photos, reasons, strict=True) if reason is None)
+    refused = [LeftOut(photo.name, reason) for photo, reason in zip(tour.photos, reasons, strict=True) if reason]
+    return replace(tour, photos=photos, left_out=(*tour.left_out, *refused))
+
+
+def _why_not(exporter: Exporter, photo: PlacedPhoto) -> str | None:
+    if not photo.name.isprintable():
+        return "its name has control characters; rename it"
+    if exporter.spheres_only and not photo.is_sphere:
+        return "placed, but this format holds full panoramas alone"
+    return None if exporter.why_not is None else exporter.why_not(photo)
+
+
+def _summary(format_name: ExportFormat, tour: Tour) -> dict[str, object]:
+    return {
+        "format": format_name,
+        "map": tour.name,
+        "north": north_of(format_name, tour),
+        "num_photos": len(tour.photos),
+        "left_out": [{"name": each.name, "reason": each.reason} for each in tour.left_out],
+    }

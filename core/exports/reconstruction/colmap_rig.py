@@ -1,0 +1,124 @@
+"""COLMAP text model of six pinholes per panorama with one centre, and their images: for tools that know no spheres."""
+
+import io
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from core.exports.axes import cam_from_world
+from core.exports.reconstruction.colmap import points_of, pose_text, table
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.geometry.pose import Pose
+
+FACES: tuple[str, ...] = ("front", "right", "back", "left", "up", "down")
+_AXIS_TURNS = {"front": (0, 0), "right": (0, 1), "back": (0, 2), "left": (0, 3), "up": (1, 0), "down": (-1, 0)}
+_QUALITY = 95
+
+
+def write(tour: Tour) -> Iterator[ExportedFile]:
+    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`, four faces around, one up, one down, each 90 degrees wide.
+
+    The reference sensor of a rig is its front face, so the rig of a frame stands where the panorama does.
+    """
+    sizes = sorted({face_size(photo) for photo in tour.photos})
+    cameras = [
+        f"{_camera_id(sizes.index(size), face)} PINHOLE {size} {size} {size / 2} {size / 2} {size / 2} {size / 2}"
+        for size in sizes
+        for face in range(len(FACES))
+    ]
+    yield table("sparse/0/cameras.txt", "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]", cameras)
+    yield table(
+        "sparse/0/rigs.txt",
+        "RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID SENSORS[] as (SENSOR_TYPE, SENSOR_ID, HAS_POSE, SENSOR_FROM_RIG)",
+        [_rig(number) for number in range(len(sizes))],
+    )
+    frames, images = [], []
+    for number, photo in enumerate(tour.photos):
+        rig = sizes.index(face_size(photo))
+        data = " ".join(f"CAMERA {_camera_id(rig, face)} {_image_id(number, face)}" for face in range(len(FACES)))
+        frames.append(f"{number + 1} {rig + 1} {pose_text(cam_from_world(photo.map_from_camera))} {len(FACES)} {data}")
+        for face, name in enumerate(FACES):
+            pose = pose_text(_face_pose(photo.map_from_camera, name))
+            images += [f"{_image_id(number, face)} {pose} {_camera_id(rig, face)} {_image_name(photo, name)}", ""]
+    yield table("sparse/0/frames.txt", "FRAME_ID RIG_ID RIG_FROM_WORLD NUM_DATA_IDS DATA_IDS[]", frames)
+    yield table("sparse/0/images.txt", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]", images)
+    yield table("sparse/0/points3D.txt", "POINT3D_ID X Y Z R G B ERROR TRACK[]", points_of(tour.scan))
+    for photo in tour.photos:
+        if photo.image is not None:
+            yield from _cut(photo)
+
+
+def face_size(photo: PlacedPhoto) -> int:
+    """Return the edge of a face in pixels: as fine as the panorama is at its horizon, in the middle of the face."""
+    return max(1, round(photo.width / np.pi))
+
+
+def turned(face: str) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) from the axes of a face's camera (x forward, y left, z up) to those of the panorama."""
+    up, right = _AXIS_TURNS[face]
+    if up:
+        return np.array([[0.0, 0, -up], [0, 1, 0], [up, 0, 0]])
+    c, s = round(np.cos(right * np.pi / 2)), -round(np.sin(right * np.pi / 2))
+    return np.array([[c, -s, 0.0], [s, c, 0], [0, 0, 1]])
+
+
+def _face_pose(map_from_camera: Pose, face: str) -> Pose:
+    return cam_from_world(Pose(map_from_camera.rotation @ turned(face), map_from_camera.position))
+
+
+def _rig(number: int) -> str:
+    sensors = " ".join(
+        f"CAMERA {_camera_id(number, face)} 1 {pose_text(_sensor_from_rig(name))}"
+        for face, name in enumerate(FACES)
+        if face > 0
+    )
+    return f"{number + 1} {len(FACES)} CAMERA {_camera_id(number, 0)} {sensors}"
+
+
+def _sensor_from_rig(face: str) -> Pose:
+    rig_from_world = cam_from_world(Pose(np.eye(3), np.zeros(3)))
+    return _face_pose(Pose(np.eye(3), np.zeros(3)), face).after(rig_from_world.inverse())
+
+
+def _camera_id(rig: int, face: int) -> int:
+    return rig * len(FACES) + face + 1
+
+
+def _image_id(photo: int, face: int) -> int:
+    return photo * len(FACES) + face + 1
+
+
+def _image_name(photo: PlacedPhoto, face: str) -> str:
+    name = PurePosixPath(photo.name)
+    # Where a space stands, names end in COLMAP's text files.
+    return f"{face}/{name.with_name(name.name.replace('.', '_') + '.jpg')}".replace(" ", "_")
+
+
+def _cut(photo: PlacedPhoto) -> Iterator[ExportedFile]:
+    with Image.open(photo.image) as opened:  # type: ignore[arg-type]
+        colors = np.asarray(opened.convert("RGB"))
+    for face in FACES:
+        out = io.BytesIO()
+        Image.fromarray(cut_face(colors, face_size(photo), face)).save(out, "JPEG", quality=_QUALITY)
+        yield ExportedFile(f"images/{_image_name(photo, face)}", out.getvalue())
+
+
+def cut_face(colors: NDArray[np.uint8], size: int, face: str) -> NDArray[np.uint8]:
+    """Return (size, size, 3) what a camera of 90 degrees sees, interpolated between the pixels of a panorama (h, w, 3)."""
+    height, width = colors.shape[:2]
+    across = (np.arange(size) + 0.5) / size * 2 - 1
+    left, up = np.meshgrid(-across, -across)
+    x, y, z = np.einsum("ij,jrc->irc", turned(face), np.stack([np.ones_like(left), left, up]))
+    column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
+    row = (0.5 - np.arctan2(z, np.hypot(x, y)) / np.pi) * height - 0.5
+    first_column, first_row = np.floor(column).astype(int), np.floor(row).astype(int)
+    of_column, of_row = (column - first_column)[..., None], (row - first_row)[..., None]
+    blended = np.zeros((size, size, 3))
+    for down, weight_down in ((0, 1 - of_row), (1, of_row)):
+        rows = np.clip(first_row + down, 0, height - 1)
+        for aside, weight_aside in ((0, 1 - of_column), (1, of_column)):
+            blended += weight_down * weight_aside * colors[rows, (first_column + aside) % width]
+    return np.rint(blended).astype(np.uint8)

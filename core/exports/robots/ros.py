@@ -1,0 +1,70 @@
+"""ROS 2: `geometry_msgs/PoseWithCovarianceStamped` per photo, and `geographic_msgs/GeoPoseWithCovariance` with a georeference."""
+
+import json
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from core.exports.geodesy import earth_pose
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.geometry.pose import quaternion_of
+
+FRAME_ID = "map"
+RADIUS_PER_SIGMA = 1.872
+"""Of a sphere that holds 68 % of a normal distribution in three dimensions (χ² with three degrees of freedom)."""
+
+
+def write(tour: Tour) -> Iterator[ExportedFile]:
+    """Yield `poses.json` and `poses.yaml` (what `ros2 topic pub` takes), and `geo_poses.json` where the map has a georeference.
+
+    The body frame is x forward, y left, z up (REP-103), not an `_optical` one. Covariances are about the map's fixed axes, in m² and rad²;
+    zeros where the accuracy is not known, as ROS has it.
+    """
+    messages = [_stamped(photo, time) for photo, time in zip(tour.photos, tour.times_unix_s, strict=True)]
+    named = [{"image": photo.name, "message": each} for photo, each in zip(tour.photos, messages, strict=True)]
+    yield ExportedFile("poses.json", _json(named))
+    # JSON is YAML too, one document per message.
+    documents = (f"# {item['image']}\n{json.dumps(item['message'])}\n" for item in named)
+    yield ExportedFile("poses.yaml", "---\n".join(documents).encode())
+    if tour.georeference is not None:
+        yield ExportedFile("geo_poses.json", _json([_on_earth(photo, tour) for photo in tour.photos]))
+
+
+def _stamped(photo: PlacedPhoto, time_unix_s: float) -> dict[str, Any]:
+    pose = photo.map_from_camera
+    nanoseconds = round(time_unix_s * 1e6) * 1000  # a float holds no more than microseconds of this century
+    return {
+        "header": {
+            "stamp": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9},
+            "frame_id": FRAME_ID,
+        },
+        "pose": {
+            "pose": {
+                "position": dict(zip("xyz", pose.position.tolist(), strict=True)),
+                "orientation": dict(zip("xyzw", pose.quaternion_xyzw.tolist(), strict=True)),
+            },
+            "covariance": _covariance(photo),
+        },
+    }
+
+
+def _on_earth(photo: PlacedPhoto, tour: Tour) -> dict[str, Any]:
+    assert tour.georeference is not None
+    found = earth_pose(tour.georeference, photo.map_from_camera)
+    place = {"latitude": found.latitude_deg, "longitude": found.longitude_deg, "altitude": found.height_m}
+    orientation = dict(zip("xyzw", quaternion_of(found.enu_from_camera).tolist(), strict=True))
+    message = {"pose": {"position": place, "orientation": orientation}, "covariance": _covariance(photo)}
+    return {"image": photo.name, "message": message}
+
+
+def _covariance(photo: PlacedPhoto) -> list[float]:
+    """Return 36 numbers, row by row, over x, y, z and rotations about them; the same on every axis, so turning the axes changes nothing."""
+    variances = [0.0, 0.0]
+    if photo.position_radius_m is not None and photo.orientation_radius_deg is not None:
+        sigmas = photo.position_radius_m, math.radians(photo.orientation_radius_deg)
+        variances = [(radius / RADIUS_PER_SIGMA) ** 2 for radius in sigmas]
+    return [variances[row // 3] if row == column else 0.0 for row in range(6) for column in range(6)]
+
+
+def _json(document: Any) -> bytes:
+    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()

@@ -1,0 +1,75 @@
+"""Placed photos, ready to be written, and the files that come of them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from core.geometry.pose import Pose
+
+
+@dataclass(frozen=True)
+class PlacedPhoto:
+    """A photo with its pose.
+
+    name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres. width, height:
+    pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where nobody knows. position_radius_m,
+    orientation_radius_deg: 68 % radii, None where unknown. image: the file itself, None where only its pose is there.
+    """
+
+    name: str
+    map_from_camera: Pose
+    width: int
+    height: int
+    is_sphere: bool = True
+    time_unix_s: float | None = None
+    confidence: float = 1.0
+    position_radius_m: float | None = None
+    orientation_radius_deg: float | None = None
+    image: Path | None = None
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A photo that is not written, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Georeference:
+    """Where a map lies on Earth: WGS 84, its origin's height above the ellipsoid, the compass heading of its y axis."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    heading_deg: float
+
+
+@dataclass(frozen=True)
+class Tour:
+    """Photos of one map.
+
+    created_unix_s: when they were placed; stands for the time of a photo where a format cannot do without. scan: a file with the points of
+    the map in its own frame, PLY or E57, for formats that hold points.
+    """
+
+    name: str
+    photos: tuple[PlacedPhoto, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    georeference: Georeference | None = None
+    created_unix_s: float = 0.0
+    scan: Path | None = None
+
+    @property
+    def times_unix_s(self) -> list[float]:
+        """Return a time per photo: when it was taken; 0, 1, 2 … for all where that is not known of each."""
+        known = [photo.time_unix_s for photo in self.photos if photo.time_unix_s is not None]
+        return known if len(known) == len(self.photos) else [float(number) for number in range(len(self.photos))]
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """A file to be written. path: below the folder or in the zip, with `/`. content: its bytes, or a file that has them."""
+
+    path: str
+    content: bytes | Path

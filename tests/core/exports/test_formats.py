@@ -1,0 +1,185 @@
+"""What formats hold, what they leave out, and what they refuse."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pygltflib
+import pystac
+import pytest
+from PIL import Image
+
+from core.errors import ExportRefusedError
+from core.exports.earth.jpeg_xmp import with_fields, xmp_of
+from core.exports.formats import EXPORTERS, export, north_of
+from core.exports.tour import LeftOut, Tour
+from core.options import ExportFormat
+from core.panorama.gpano import crop_fields
+from core.scan.ply.writer import write_ply
+from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
+from tests.core.exports.tours import GOLDEN, LARGE, golden_tour, jpeg, rotation_of, written
+
+FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
+
+
+def test_a_photo_without_a_pose_stands_beside_and_in_no_other_file(tmp_path: Path) -> None:
+    for name in FORMATS:
+        folder = tmp_path / name
+        folder.mkdir()
+        tour = replace(golden_tour(folder), left_out=(LeftOut("garden.jpg", "not_localized"),))
+        out = written(name, tour, folder / "out")
+        assert (out / "unplaced.txt").read_text() == "garden.jpg\tnot_localized\n"
+        summary = json.loads((out / "export.json").read_text())
+        assert (summary["num_photos"], summary["left_out"][0]["name"]) == (1, "garden.jpg")
+        others = [
+            path for path in out.rglob("*") if path.is_file() and path.name not in ("unplaced.txt", "export.json")
+        ]
+        assert others
+        assert not any(b"garden" in path.read_bytes() for path in others)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_tour_without_photos_is_written_all_the_same(name: ExportFormat, tmp_path: Path) -> None:
+    tour = replace(golden_tour(), photos=(), left_out=(LeftOut("garden.jpg", "not_localized"),))
+    assert (written(name, tour, tmp_path) / "unplaced.txt").read_text().startswith("garden.jpg")
+
+
+def test_formats_of_places_on_earth_refuse_a_map_without_a_georeference_and_the_others_do_not() -> None:
+    refused = set()
+    for name in FORMATS:
+        try:
+            list(export(name, golden_tour(georeference=None)))
+        except ExportRefusedError:
+            refused.add(name)
+    assert refused == {"arcgis", "stac", "gpano", "geojson"}
+    with pytest.raises(ExportRefusedError, match=r"georeference.*PATCH /maps"):
+        list(export("stac", golden_tour(georeference=None)))
+
+
+def test_every_format_says_which_north_it_means() -> None:
+    on_earth = {name for name in FORMATS if north_of(name, golden_tour()) == "true"}
+    assert on_earth == {"arcgis", "stac", "gpano", "geojson", "opensfm"}
+    assert north_of("opensfm", golden_tour(georeference=None)) == "map"
+
+
+def test_a_photo_that_is_no_sphere_is_left_out_of_what_holds_spheres_and_kept_where_poses_are_all(
+    tmp_path: Path,
+) -> None:
+    tour = golden_tour(tmp_path)
+    tour = replace(tour, photos=(*tour.photos, replace(tour.photos[0], name="phone.jpg", is_sphere=False)))
+    for name in FORMATS:
+        summary = json.loads((written(name, tour, tmp_path / name) / "export.json").read_text())
+        assert summary["num_photos"] == (1 if EXPORTERS[name].spheres_only else 2), name
+    (node,) = [
+        node for node in pygltflib.GLTF2().load(str(tmp_path / "gltf" / "tour.gltf")).nodes if "phone" in node.name
+    ]
+    assert node.name == "photo:phone.jpg"
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "reason"),
+    [
+        ("arcgis", {"map_from_camera": replace(GOLDEN, rotation=rotation_of(0, 0, 120))}, "roll is 120 degrees"),
+        ("gpano", {"name": "pano.png"}, "JPEG"),
+        ("gpano", {"image": None}, "not there"),
+        ("e57", {"name": "pano.webp"}, "JPEG and PNG"),
+        ("colmap", {"name": "my pano.jpg"}, "space"),
+        ("potree", {"name": "my\tpano.jpg"}, "control characters"),
+    ],
+)
+def test_what_a_format_cannot_hold_is_left_out_with_its_reason(
+    name: ExportFormat, change: dict[str, object], reason: str, tmp_path: Path
+) -> None:
+    tour = golden_tour(tmp_path)
+    tour = replace(tour, photos=(replace(tour.photos[0], **change),))  # type: ignore[arg-type]
+    summary = json.loads((written(name, tour, tmp_path / "out") / "export.json").read_text())
+    assert summary["num_photos"] == 0
+    assert reason in summary["left_out"][0]["reason"]
+
+
+def test_without_all_times_photos_are_numbered_in_their_order() -> None:
+    (photo,) = golden_tour().photos
+    tour = Tour("map_1", (photo, replace(photo, name="b.jpg", time_unix_s=None)))
+    assert tour.times_unix_s == [0.0, 1.0]
+    (table, *_) = export("potree", tour)
+    assert isinstance(table.content, bytes)
+    assert [line.split("\t")[1] for line in table.content.decode().splitlines()] == ["time", "0", "1"]
+
+
+def test_gpano_leaves_every_pixel_and_all_other_data_as_they_were(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x010F] = "maker"
+    path = tmp_path / "pano.jpg"
+    with Image.open(golden_tour(tmp_path).photos[0].image) as image:  # type: ignore[arg-type]
+        image.save(path, exif=exif, comment=b"a comment")
+    before = path.read_bytes()
+    tour = golden_tour()
+    tour = replace(tour, photos=(replace(tour.photos[0], image=path),))
+    after = written("gpano", tour, tmp_path / "out") / "pano.jpg"
+    with Image.open(path) as old, Image.open(after) as new:
+        assert np.array_equal(np.asarray(old), np.asarray(new))
+        assert new.getexif()[0x010F] == "maker"
+        assert new.info["comment"] == b"a comment"
+        assert crop_fields(new, after.read_bytes()) is None  # a full sphere
+    scan_at = before.index(b"\xff\xdb")
+    assert after.read_bytes().endswith(before[scan_at:])
+
+
+def test_gpano_replaces_what_a_camera_wrote_of_its_pose_and_keeps_the_rest_of_its_xmp() -> None:
+    packet = (
+        b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        b'<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" xmlns:c="http://camera/" '
+        b'GPano:PoseHeadingDegrees="12" c:Serial="77"><GPano:PoseRollDegrees>3</GPano:PoseRollDegrees></rdf:Description>'
+        b"</rdf:RDF></x:xmpmeta>"
+    )
+    signature = b"http://ns.adobe.com/xap/1.0/\x00"
+    segment = b"\xff\xe1" + (len(signature + packet) + 2).to_bytes(2, "big") + signature + packet
+    source = jpeg()
+    found = xmp_of(with_fields(source[:2] + segment + source[2:], {"PoseHeadingDegrees": "37.5"}))
+    assert found is not None
+    assert b'PoseHeadingDegrees="37.5"' in found
+    assert b'"12"' not in found
+    assert b"PoseRollDegrees" not in found
+    assert b'Serial="77"' in found
+    bomb = segment.replace(packet, b"<!DOCTYPE a [<!ENTITY b 'b'>]>" + packet[30:])
+    assert b"DOCTYPE" not in (xmp_of(with_fields(source[:2] + bomb + source[2:], {"PoseHeadingDegrees": "1"})) or b"")
+
+
+def test_items_of_stac_are_valid_by_the_schema_of_stac_itself(tmp_path: Path) -> None:
+    (item,) = json.loads((written("stac", golden_tour(), tmp_path) / "items.json").read_text())["features"]
+    core_only = {**item, "stac_extensions": []}  # those of extensions are fetched from the network
+    assert pystac.Item.from_dict(core_only).validate()
+    properties = item["properties"]
+    assert properties["pano:projection_type"] == "equirectangular"
+    assert 0 <= properties["pano:yaw"] < 360
+    with pytest.raises(pystac.STACValidationError):
+        pystac.Item.from_dict({**core_only, "geometry": {"type": "Point", "coordinates": "here"}}).validate()
+
+
+def cloud_of(offset: np.ndarray) -> PointCloud:
+    random = np.random.default_rng(3)
+    positions = random.uniform(0, 6, size=(500, 3)).astype(np.float32)
+    return PointCloud(positions, random.integers(0, 256, size=(500, 3)).astype(np.uint8), offset)
+
+
+@pytest.mark.parametrize("offset", [np.zeros(3), LARGE])
+def test_the_points_of_the_map_go_with_photos_that_stand_in_them(offset: np.ndarray, tmp_path: Path) -> None:
+    write_ply(tmp_path / "points.ply", cloud_of(offset))
+    tour = replace(golden_tour(tmp_path), scan=tmp_path / "points.ply")
+    expected = read_scan(tmp_path / "points.ply")
+    order = np.lexsort(expected.positions.T)
+    found = read_scan(written("e57", tour, tmp_path / "e57") / "tour.e57")
+    again = np.lexsort(found.positions.T)
+    positions = found.positions[again].astype(np.float64) + found.origin_offset
+    np.testing.assert_allclose(positions, expected.positions[order] + expected.origin_offset, atol=1e-6)
+    np.testing.assert_array_equal(found.colors[again], expected.colors[order])
+    lines = (written("colmap", tour, tmp_path / "colmap") / "points3D.txt").read_text().splitlines()[1:]
+    rows = np.array([[float(value) for value in line.split(" ")] for line in lines])
+    np.testing.assert_allclose(rows[:, 1:4], expected.positions + expected.origin_offset, atol=1e-6)
+    np.testing.assert_array_equal(rows[:, 4:7], expected.colors)
+    folder = written("nerfstudio", tour, tmp_path / "nerfstudio")
+    named = json.loads((folder / "transforms.json").read_text())["ply_file_path"]
+    assert (folder / named).read_bytes() == (tmp_path / "points.ply").read_bytes()

@@ -1,0 +1,99 @@
+"""Tours with known poses: the golden one of the formats, and many turned every way."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from core.exports.formats import export
+from core.exports.tour import Georeference, PlacedPhoto, Tour
+from core.geometry.pose import Pose
+from core.options import ExportFormat
+
+WIDTH, HEIGHT = 2048, 1024
+GEOREFERENCE = Georeference(47.7, -122.3, 11.5, 0.0)
+TIME_UNIX_S = 1750939398.316
+POINT = np.array([4.0, 1.0, 0.5])
+"""A point of the map, and the pixel (column, row) where the golden pose sees it."""
+PIXEL = 1028.387681, 520.952120
+LARGE = np.array([431_250.25, 5_312_480.5, 412.75])
+
+
+def rotation_of(heading_deg: float, elevation_deg: float, roll_deg: float) -> np.ndarray:
+    """Return Rz(90° − heading) · Ry(−elevation) · Rx(roll), written out by hand."""
+    a, b, c = np.radians([90 - heading_deg, -elevation_deg, roll_deg])
+    z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    x = np.array([[1, 0, 0], [0, np.cos(c), -np.sin(c)], [0, np.sin(c), np.cos(c)]])
+    turned: np.ndarray = z @ y @ x
+    return turned
+
+
+GOLDEN = Pose(rotation_of(37.5, -12.25, 4.75), np.array([1.25, -2.5, 1.6]))
+
+
+def jpeg(width: int = 64, height: int = 32) -> bytes:
+    """Return a small picture."""
+    ramp = np.linspace(0, 255, width * height * 3).reshape(height, width, 3)
+    out = io.BytesIO()
+    Image.fromarray(ramp.astype(np.uint8)).save(out, "JPEG")
+    return out.getvalue()
+
+
+def golden_tour(folder: Path | None = None, georeference: Georeference | None = GEOREFERENCE) -> Tour:
+    """Return the golden pose as a tour of one photo. folder: where its file is put; None: there is none."""
+    image = None
+    if folder is not None:
+        image = folder / "pano.jpg"
+        image.write_bytes(jpeg())
+    photo = PlacedPhoto(
+        "pano.jpg",
+        GOLDEN,
+        WIDTH,
+        HEIGHT,
+        time_unix_s=TIME_UNIX_S,
+        confidence=0.93,
+        position_radius_m=0.02,
+        orientation_radius_deg=0.3,
+        image=image,
+    )
+    return Tour("map_1", (photo,), georeference=georeference, created_unix_s=TIME_UNIX_S)
+
+
+def turned_tour(folder: Path, upright: bool = False) -> Tour:
+    """Return 100 photos turned at random, and those at the poles and the seam, some of them far from the origin of the map.
+
+    upright: without rolls beyond a right angle.
+    """
+    random = np.random.default_rng(12)
+    image = folder / "photo.jpg"
+    image.write_bytes(jpeg())
+    rotations = [np.linalg.qr(random.normal(size=(3, 3)))[0] for _ in range(100)]
+    rotations = [rotation * np.sign(np.linalg.det(rotation)) for rotation in rotations]
+    rotations += [rotation_of(heading, up, 0) for heading in (0, 90, 123, 270, 359.9999) for up in (90, -90)]
+    rotations += [rotation_of(heading, 10, roll) for heading in (0, 90, 180, 270, 360) for roll in (0, 90, -90, 180)]
+    rotations += [rotation_of(heading, 0, 0) for heading in (269.999999999, 270.000000001)]
+    if upright:
+        rotations = [rotation for rotation in rotations if rotation[2, 2] >= -1e-12]
+    photos = tuple(
+        PlacedPhoto(
+            f"room_{number % 3}/{number:03}.jpg",
+            Pose(rotation, random.normal(size=3) * 5 + (LARGE if number % 2 else 0)),
+            WIDTH,
+            HEIGHT,
+            time_unix_s=TIME_UNIX_S + number,
+            image=image,
+        )
+        for number, rotation in enumerate(rotations)
+    )
+    return Tour("map_1", photos)
+
+
+def written(format_name: ExportFormat, tour: Tour, folder: Path) -> Path:
+    """Write an export into a folder, and return it."""
+    for file in export(format_name, tour):
+        target = folder / file.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.content if isinstance(file.content, bytes) else file.content.read_bytes())
+    return folder
