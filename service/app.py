@@ -12,6 +12,7 @@ from service.http.openapi import install_openapi
 from service.http.request_context import RequestContext
 from service.http.routes import ROUTERS
 from service.http.routes.health import service_version
+from service.http.slow_bodies import SlowBodies
 from service.jobs import WorkerPool
 from service.services import Services
 from service.settings import Settings
@@ -48,6 +49,12 @@ def create_app(
 
     app = FastAPI(title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan)
     app.state.services = services
+    app.add_middleware(
+        SlowBodies,
+        timeout_s=settings.transfer_timeout_s,
+        bytes_per_s=settings.min_bytes_per_s,
+        note_refusal=services.metrics.note_refusal,
+    )
     app.add_middleware(LingeringClose)
     app.add_middleware(RequestContext, metrics=services.metrics)
     install_error_handlers(app)

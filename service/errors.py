@@ -3,6 +3,7 @@
     ServiceError
     ├── RequestError                  the caller has to change the request
     │   ├── MalformedRequestError     not multipart, not JSON, or a part is missing
+    │   ├── SlowBodyError             the body comes too slowly
     │   ├── KeyMissingError           no key, or an unknown one
     │   ├── ScopeMissingError         the key may not do this
     │   ├── MapNotFoundError          no map under this id or tag
@@ -16,6 +17,7 @@
     │       └── UnwantedPartError     a part of an upload that nobody takes, or one too many
     ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
     │   ├── QueueFullError            as many requests wait as may
+    │   ├── BytesInFlightError        as many bytes of uploads lie in memory as may
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
     │   └── StorageFullError          the disk is full
@@ -45,6 +47,10 @@ class RequestError(ServiceError):
 
 class MalformedRequestError(RequestError):
     """The request is not multipart, not JSON, or a part of it is missing."""
+
+
+class SlowBodyError(RequestError):
+    """The body of the request comes too slowly."""
 
 
 class KeyMissingError(RequestError):
@@ -112,6 +118,10 @@ class TryAgainError(ServiceError):
 
 class QueueFullError(TryAgainError):
     """As many requests wait as may."""
+
+
+class BytesInFlightError(TryAgainError):
+    """As many bytes of uploads lie in memory as may."""
 
 
 class NoWorkerError(TryAgainError):

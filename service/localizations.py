@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import structlog
@@ -66,8 +66,11 @@ class Localizations:
         await self._cache.check()
         return await self._answer(query, chosen, new_id("loc"))
 
-    async def begin(self, query: LocalizeRequest) -> Document:
-        """Begin a query whose answer is fetched later, and return its state. Raises as `answer` does."""
+    async def begin(self, query: LocalizeRequest, when_done: Callable[[], None] = lambda: None) -> Document:
+        """Begin a query whose answer is fetched later, and return its state. Raises as `answer` does.
+
+        when_done: called once the query has ended, if it has begun.
+        """
         chosen = query.maps.resolve(self._registry)
         localization_id = new_id("loc")
         pending = {"id": localization_id, "status": "queued", "created_at": now(), "error": None}
@@ -77,6 +80,7 @@ class Localizations:
         task = asyncio.create_task(self._answer_later(query, chosen, pending))
         self._under_way.add(task)
         task.add_done_callback(self._under_way.discard)
+        task.add_done_callback(lambda _: when_done())
         task.add_done_callback(lambda done: done.cancelled() or done.exception())
         await asyncio.wait({task}, timeout=_ADMISSION_S)
         if task.done() and not task.cancelled() and task.exception() is not None:

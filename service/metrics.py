@@ -48,6 +48,12 @@ class Metrics:
             buckets=_SECONDS, registry=self._registry,
         )  # fmt: skip
         self._upload_bytes = Counter("panoloc_upload_bytes", "Bytes of scans stored.", registry=self._registry)
+        self._refusals = Counter(
+            "panoloc_refusals",
+            "Refused before or while they were read, by the limit.",
+            ("limit",),
+            registry=self._registry,
+        )
         for result in ("ready", "failed", "cancelled"):
             self._registrations.labels(result)
         self._registry.register(_PoolCollector(pool_state, maps_by_status))
@@ -74,6 +80,10 @@ class Metrics:
     def note_upload(self, num_bytes: int) -> None:
         """Count the bytes of a stored scan."""
         self._upload_bytes.inc(num_bytes)
+
+    def note_refusal(self, limit: str) -> None:
+        """Count what was refused before or while it was read; limit: one of `service.limits.connection_limits.Refusal`."""
+        self._refusals.labels(limit).inc()
 
     def text(self) -> bytes:
         """Return everything in the Prometheus text format."""

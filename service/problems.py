@@ -60,6 +60,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.ServiceError: _INTERNAL,
     service.RequestError: _MALFORMED,
     service.MalformedRequestError: _MALFORMED,
+    service.SlowBodyError: Problem(
+        "slow-body", "The request comes too slowly", 408, "Send it again over a better connection."
+    ),
     service.KeyMissingError: Problem("key-missing", "An API key is needed", 401, "Send `Authorization: Bearer KEY`."),
     service.ScopeMissingError: Problem(
         "scope-missing", "The API key may not do this", 403, "Use a key with the scope named."
@@ -92,6 +95,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.TryAgainError: _BUSY,
     service.QueueFullError: Problem(
         "queue-full", "Too many requests wait", 429, "Send it again after Retry-After seconds."
+    ),
+    service.BytesInFlightError: Problem(
+        "bytes-in-flight", "Too many bytes of uploads are in memory", 503, "Send it again after Retry-After seconds."
     ),
     service.NoWorkerError: Problem(
         "no-worker", "No worker can take this now", 503, "Send it again after Retry-After seconds."
@@ -150,7 +156,12 @@ HTTP_PROBLEMS: dict[int, Problem] = {
     400: _MALFORMED,
     404: Problem("no-such-path", "There is nothing at this path", 404, "See /docs for the paths."),
     405: Problem("method-not-allowed", "The path does not know this method", 405, "See Allow, or /docs."),
+    408: Problem("slow-request", "The request comes too slowly", 408, "Send it at once."),
+    431: Problem("head-too-large", "The path and headers are too large", 431, "Send what is large in the body."),
     500: _INTERNAL,
+    503: Problem(
+        "too-many-connections", "There are as many connections as may be", 503, "Use fewer, or try again later."
+    ),
 }
 
 

@@ -5,8 +5,6 @@ import logging
 import os
 import threading
 
-import uvicorn
-
 from service.app import create_app
 from service.cache import Cache
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
@@ -14,6 +12,8 @@ from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
 from service.host.run_folder import DataFolderInUseError, RunFolder
 from service.http.draining_server import DrainingServer
+from service.http.guarded_protocol import guarded_config
+from service.limits.connection_limits import ConnectionCount
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
@@ -72,14 +72,9 @@ def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> str | N
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url, folder, lifeline)
     cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
-    config = uvicorn.Config(
-        create_app(settings, pool, cache, open_storage(settings.storage_url)),
-        host=settings.host,
-        port=settings.port,
-        log_config=None,
-        access_log=False,
-        server_header=False,
-    )
+    app = create_app(settings, pool, cache, open_storage(settings.storage_url))
+    count: ConnectionCount = app.state.services.connections
+    config = guarded_config(app, count, host=settings.host, port=settings.port, server_header=False)
     server = DrainingServer(config, pool, settings.drain_s)
     pool.call_on_loss(server.end)
     server.run()

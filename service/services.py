@@ -9,6 +9,8 @@ from starlette.requests import HTTPConnection
 from service.cache import Cache
 from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
+from service.limits.bytes_in_flight import BytesInFlight
+from service.limits.connection_limits import ConnectionCount
 from service.localizations import Localizations
 from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
@@ -32,6 +34,8 @@ class Services:
     metrics: Metrics
     registrations: Registrations
     localizations: Localizations
+    bytes_in_flight: BytesInFlight
+    connections: ConnectionCount
     started: bool = False
     began: float = field(default_factory=time.monotonic)
     _watch: asyncio.Task[None] | None = None
@@ -50,6 +54,8 @@ class Services:
             metrics,
             Registrations(registry, pool, cache, metrics, settings.registration_limits),
             Localizations(settings, registry, pool, cache, storage, metrics),
+            BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
+            ConnectionCount(settings.connection_limits, metrics.note_refusal),
         )
 
     async def start(self) -> None:

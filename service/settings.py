@@ -10,7 +10,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from core.options import MAX_PIXELS, Method, ScanOptions
 from service.api_keys import ApiKeys
 from service.jobs import PAPER_TIMEOUT_S
-from service.registration_limits import RegistrationLimits
+from service.limits.connection_limits import ConnectionLimits
+from service.limits.registration_limits import RegistrationLimits
 
 
 class Settings(BaseSettings):
@@ -58,6 +59,30 @@ class Settings(BaseSettings):
     max_points_used: int = Field(
         ScanOptions.max_points_used, ge=1, description="Points of a scan that remain after thinning."
     )
+    max_connections: int = Field(1024, ge=1, description="Connections at the same time; the next one gets 503.")
+    max_connections_per_address: int = Field(
+        256, ge=1, description="Connections of one address; a proxy in front has one address for all its clients."
+    )
+    max_header_bytes: int = Field(
+        16_384, ge=1024, description="Bytes of a request's path and headers together; beyond that 431."
+    )
+    header_timeout_s: float = Field(
+        10.0, gt=0, description="Seconds from the start of a connection or request to the end of its headers; then 408."
+    )
+    transfer_timeout_s: float = Field(
+        30.0, gt=0, description="Seconds that a body, or the reading of an answer, may be slower than the next setting."
+    )
+    min_bytes_per_s: float = Field(
+        1024.0,
+        gt=0,
+        description="Bytes per second of a body on average; slower ones get 408, slow readers are cut off.",
+    )
+    max_bytes_in_flight: int = Field(
+        512 * 2**20, ge=1, description="Bytes of the images of all queries that are not yet answered; beyond that 503."
+    )
+    max_bytes_in_flight_per_caller: int = Field(
+        384 * 2**20, ge=1, description="Of these, bytes of one caller: an API key where keys are set, else an address."
+    )
     max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
     default_timeout_s: float = Field(
@@ -103,6 +128,18 @@ class Settings(BaseSettings):
         """Return the seconds for a query of this method that names none itself."""
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if method == "paper" else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
+
+    @property
+    def connection_limits(self) -> ConnectionLimits:
+        """Return what a connection may take."""
+        return ConnectionLimits(
+            self.max_connections,
+            self.max_connections_per_address,
+            self.max_header_bytes,
+            self.header_timeout_s,
+            self.transfer_timeout_s,
+            self.min_bytes_per_s,
+        )
 
     @property
     def registration_limits(self) -> RegistrationLimits:

@@ -1,5 +1,6 @@
 """Asks callers for an API key, when the operator has set any."""
 
+import hashlib
 from collections.abc import Awaitable, Callable
 
 from fastapi import Request, Security
@@ -13,6 +14,15 @@ _bearer = HTTPBearer(auto_error=False, description="Asked for only where the ope
 _header = APIKeyHeader(
     name="X-API-Key", auto_error=False, description="The same key, for clients without bearer tokens."
 )
+
+
+def caller_of(request: Request) -> str:
+    """Return who a request counts for: its API key where keys are asked for, else its address."""
+    keys = services_of(request).settings.keys
+    key = request.headers.get("X-API-Key") or request.headers.get("Authorization", "").rpartition(" ")[2]
+    if keys.required and keys.scopes_of(key) is not None:
+        return "key " + hashlib.sha256(key.encode()).hexdigest()
+    return f"address {request.client.host if request.client else ''}"
 
 
 def require(scope: Scope) -> Callable[..., Awaitable[None]]:

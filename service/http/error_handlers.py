@@ -11,9 +11,11 @@ from starlette.responses import JSONResponse, Response
 
 from service.errors import (
     EXPECTED_ERRORS,
+    BytesInFlightError,
     KeyMissingError,
     MalformedRequestError,
     MapNotReadyError,
+    SlowBodyError,
     TryAgainError,
     UnwantedPartError,
     UploadTooLargeError,
@@ -25,6 +27,10 @@ from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with, 
 _log = structlog.get_logger(__name__)
 _CLIENT_CLOSED_REQUEST = 499
 _RETRY_AFTER_S = 2
+
+
+# Raised while the body is read: the rest of it is not.
+_UNREAD = (UploadTooLargeError, MalformedRequestError, UnwantedPartError, SlowBodyError, BytesInFlightError)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -49,10 +55,7 @@ def problem_response(error: BaseException, request_id: str) -> JSONResponse:
         headers["Retry-After"] = str(_RETRY_AFTER_S)
     if isinstance(error, KeyMissingError):
         headers["WWW-Authenticate"] = 'Bearer realm="panoloc"'
-    if isinstance(error, UploadTooLargeError | MalformedRequestError | UnwantedPartError) or problem.status in (
-        413,
-        415,
-    ):
+    if isinstance(error, _UNREAD) or problem.status in (413, 415):
         # The rest of the body is not read.
         headers["Connection"] = "close"
     return JSONResponse(problem_document(error, request_id), problem.status, headers, MEDIA_TYPE)

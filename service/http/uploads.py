@@ -16,6 +16,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
 from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large, too_large_together
+from service.limits.bytes_in_flight import HeldBytes
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -63,14 +64,16 @@ async def read_form(
     headers: Mapping[str, str],
     rules: Mapping[str, PartRule],
     spool_folder: Path | None = None,
+    held: HeldBytes | None = None,
 ) -> Form:
-    """Read a multipart body part by part. spool_folder: needed where a part is spooled.
+    """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in memory.
 
     Raises MalformedRequestError, UploadTooLargeError, InvalidOptionsError (a part that no rule names), StorageFullError,
+    BytesInFlightError, SlowBodyError,
     and what `format_of` raises as soon as the head of a scan is there.
     """
     _check_length(headers, rules)
-    reader = _FormReader(_boundary(headers), rules, spool_folder)
+    reader = _FormReader(_boundary(headers), rules, spool_folder, held)
     try:
         async for chunk in chunks:
             await reader.feed(chunk)
@@ -91,9 +94,12 @@ async def read_body(chunks: AsyncIterator[bytes], max_bytes: int = MAX_FIELD_BYT
 
 
 class _FormReader:
-    def __init__(self, boundary: bytes, rules: Mapping[str, PartRule], spool_folder: Path | None) -> None:
+    def __init__(
+        self, boundary: bytes, rules: Mapping[str, PartRule], spool_folder: Path | None, held: HeldBytes | None
+    ) -> None:
         self._rules = rules
         self._spool_folder = spool_folder
+        self._held = held
         self._form = Form()
         self._headers: list[tuple[bytes, bytes]] = []
         self._header_name = b""
@@ -177,6 +183,8 @@ class _FormReader:
         if self._rule.spooled and self._spool is not None:
             self._spool.add(data[start:end])
             return
+        if self._held is not None:
+            self._held.take(end - start)
         self._value += data[start:end]
         if len(self._value) > self._rule.max_bytes:
             raise too_large(self._name, self._rule)

@@ -82,6 +82,9 @@ class MapRecord:
             revision: Revision | None = getattr(self, name)
             if revision is not None:
                 record[name]["options"] = options_to_json(revision.options)
+                if not revision.num_attempts:
+                    # As it was before attempts were counted: an older service reads it.
+                    del record[name]["num_attempts"]
         return json.dumps({"format": _FORMAT, "sha256": _digest(record), "record": record}, indent=1).encode()
 
     @classmethod

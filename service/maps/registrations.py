@@ -22,11 +22,11 @@ from service.errors import (
     TryAgainError,
 )
 from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
+from service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
 from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.problems import problem_document
-from service.registration_limits import MAX_ATTEMPTS, RegistrationLimits
 
 _log = structlog.get_logger(__name__)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from service.registration_limits import RegistrationLimits
+from service.limits.registration_limits import RegistrationLimits
 from service.worker.reply import WorkerReply
 
 if TYPE_CHECKING:

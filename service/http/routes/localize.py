@@ -12,7 +12,7 @@ from core.options import MAX_IMAGES
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
 from service.answer import Document
 from service.errors import InvalidOptionsError
-from service.http.access import require
+from service.http.access import caller_of, require
 from service.http.openapi import accepted_headers, files_part, json_part, multipart
 from service.http.query_images import query_images
 from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
@@ -26,6 +26,7 @@ from service.http.spool import PartRule
 from service.http.uploads import MAX_PARTS, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import QueryOptions
+from service.limits.bytes_in_flight import HeldBytes
 from service.localizations import LocalizeRequest
 from service.maps.selection import MapChoice
 from service.problems import error_responses
@@ -67,7 +68,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     summary="Find where a panorama, a photo or a session was taken",
     dependencies=[Depends(require("read"))],
     response_model=None,
-    responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 429, 503, 504)},
+    responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)},
     openapi_extra=multipart(
         _PARTS,
         ["image"],
@@ -92,15 +93,27 @@ async def localize(
 ) -> Response:
     """Return the pose of a panorama, a photo or a session, or say that it fits nowhere (`not_localized`), which is an answer too."""
     services = services_of(request)
-    query = await _query(request, services.settings)
+    held = services.bytes_in_flight.hold(caller_of(request))
+    try:
+        return await _answer(request, prefer, held)
+    except BaseException:
+        held.release()
+        raise
+
+
+async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Response:
+    services = services_of(request)
+    query = await _query(request, services.settings, held)
     if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
-        pending = await services.localizations.begin(query)
+        pending = await services.localizations.begin(query, when_done=held.release)
         headers = {"Location": f"/localizations/{pending['id']}", "Retry-After": str(_RETRY_AFTER_S)}
         return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
-    return JSONResponse(await _while_connected(request, services.localizations.answer(query)))
+    answer = await _while_connected(request, services.localizations.answer(query))
+    held.release()
+    return JSONResponse(answer)
 
 
-async def _query(request: Request, settings: Settings) -> LocalizeRequest:
+async def _query(request: Request, settings: Settings, held: HeldBytes) -> LocalizeRequest:
     max_bytes, setting = settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
     rules = {
         "image": PartRule(max_bytes, setting, max_parts=MAX_IMAGES, max_full_parts=_MAX_FULL_IMAGES),
@@ -109,7 +122,7 @@ async def _query(request: Request, settings: Settings) -> LocalizeRequest:
         "tag": PartRule(),
         "options": PartRule(),
     }
-    with await read_form(request.stream(), request.headers, rules) as form:
+    with await read_form(request.stream(), request.headers, rules, held=held) as form:
         options = parse_json(LocalizeOptions, form.single("options"), "options")
         maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
         images, masks = form.all(IMAGE.name), form.all(MASK.name)

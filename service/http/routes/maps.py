@@ -73,7 +73,7 @@ async def get_map(request: Request, map_id: str) -> Response:
     response_model=None,
     responses={
         200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
-        **error_responses(400, 401, 403, 404, 413, 422),
+        **error_responses(400, 401, 403, 404, 408, 413, 422),
     },
     openapi_extra=json_body(MapPatch, {"name": "4th floor", "tags": ["building 7"]}),
 )

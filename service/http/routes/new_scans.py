@@ -44,7 +44,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
     dependencies=[Depends(require("write"))],
     status_code=202,
     response_model=None,
-    responses={**_ACCEPTED, **error_responses(400, 401, 403, 409, 413, 415, 422, 503)},
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 408, 409, 413, 415, 422, 503)},
     openapi_extra=multipart(
         {"file": _SCAN_PART, "options": json_part(MapOptions)},
         ["file"],
@@ -83,7 +83,7 @@ async def post_map(request: Request) -> Response:
     dependencies=[Depends(require("write"))],
     status_code=202,
     response_model=None,
-    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 413, 415, 422, 503)},
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 408, 413, 415, 422, 503)},
     openapi_extra=multipart({"file": _SCAN_PART, "options": json_part(ScanOptions)}, ["file"]),
 )
 async def put_scan(request: Request, map_id: str) -> Response:

@@ -18,6 +18,7 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.cache import Cache, WorkerCache
+from service.http.guarded_protocol import guarded_config
 from service.settings import Settings
 from service.storage import FolderStorage, Storage
 from tests.service.http.fake_pool import FakePool, ply_of
@@ -91,7 +92,7 @@ def listening(folder: Path, redis_url: str, **changes: Any) -> Iterator[str]:
     """Serve the application on a port of its own, in a thread, and yield its URL."""
     pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
     app = create_app(Settings(**{"data_dir": folder, "redis_url": redis_url, "drain_s": 0.1, **changes}), pool)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
+    server = uvicorn.Server(guarded_config(app, app.state.services.connections, port=0))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     while not server.started:

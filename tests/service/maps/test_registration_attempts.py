@@ -10,11 +10,11 @@ import pytest
 from service.cache import Cache
 from service.errors import NoWorkerError
 from service.jobs import PoolState, RegisterJob, RegisterOptions, RegisterOutcome
+from service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
 from service.maps.record import MapRecord, Revision, read_record
 from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
-from service.registration_limits import MAX_ATTEMPTS, RegistrationLimits
 from service.storage import FolderStorage
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 5_000_000, "00", RegisterOptions())

@@ -1,0 +1,196 @@
+"""uvicorn's protocol with limits: connections, the head of a request, and clients that neither send nor read.
+
+What comes before the first byte of a body, and what is left of an answer that nobody reads, no ASGI application sees.
+"""
+
+import asyncio
+import functools
+import json
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from service.jobs import new_id
+from service.limits.connection_limits import ConnectionCount, Refusal
+from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with
+
+_RETRY_AFTER_S = 5
+_REASONS = {408: "Request Timeout", 431: "Request Header Fields Too Large", 503: "Service Unavailable"}
+
+
+class GuardedProtocol(HttpToolsProtocol):
+    """One connection."""
+
+    def __init__(self, *given: Any, count: ConnectionCount, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._count = count
+        self._limits = count.limits
+        self._address: str | None = None
+        self._refused = False
+        self._in_head = False
+        self._began_here = False
+        self._num_head_bytes = 0
+        self._head_timer: asyncio.TimerHandle | None = None
+        self._write_timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a connection, or say why not."""
+        super().connection_made(transport)
+        address = self.client[0] if self.client else ""
+        reason = self._count.why_not(address)
+        if reason is not None:
+            self._refuse(503, *reason)
+            return
+        self._address = address
+        self._count.add(address)
+        self._expect_head()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        if self._address is not None:
+            self._count.remove(self._address)
+            self._address = None
+        self._end_head()
+        self._cancel_write_timer()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes, unless the head of a request has become too long."""
+        if self._refused:
+            return
+        self._began_here = False
+        super().data_received(data)
+        if self._in_head and not self._began_here and not self._refused:
+            # What the parser holds back of a header that has not ended; it would put it together piece by piece.
+            self._num_head_bytes += len(data)
+            self._check_head()
+
+    def on_message_begin(self) -> None:
+        """Begin a request."""
+        super().on_message_begin()
+        self._in_head = self._began_here = True
+        self._num_head_bytes = 0
+        self._expect_head()
+
+    def on_url(self, url: bytes) -> None:
+        """Take a part of the path."""
+        self._num_head_bytes += len(url)
+        super().on_url(url)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """Take one header."""
+        self._num_head_bytes += len(name) + len(value)
+        super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        """Begin to answer."""
+        self._end_head()
+        self._in_head = False
+        self._check_head()
+        if not self._refused:
+            super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """Take a part of the body."""
+        if not self._refused:
+            super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """End a request."""
+        if not self._refused:
+            super().on_message_complete()
+
+    def pause_writing(self) -> None:
+        """Wait for a client that does not read, but not for ever."""
+        super().pause_writing()
+        self._watch_reader(self.transport.get_write_buffer_size())
+
+    def resume_writing(self) -> None:
+        """Go on writing."""
+        super().resume_writing()
+        self._cancel_write_timer()
+
+    def timeout_keep_alive_handler(self) -> None:
+        """Close an idle connection, also where the last answer has not been read."""
+        super().timeout_keep_alive_handler()
+        self._watch_reader(self.transport.get_write_buffer_size())
+
+    def _check_head(self) -> None:
+        if self._num_head_bytes > self._limits.header_bytes and not self._refused:
+            self._refuse(
+                431,
+                "header-bytes",
+                f"expected at most {self._limits.header_bytes:,} bytes of path and headers (PANOLOC_MAX_HEADER_BYTES), got more; send "
+                "what is large in the body",
+            )
+
+    def _expect_head(self) -> None:
+        if self._head_timer is None:
+            self._head_timer = self.loop.call_later(self._limits.header_timeout_s, self._give_head_up)
+
+    def _end_head(self) -> None:
+        if self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
+
+    def _give_head_up(self) -> None:
+        self._head_timer = None
+        self._refuse(
+            408,
+            "slow-header",
+            f"expected the head of a request within {self._limits.header_timeout_s:g} s (PANOLOC_HEADER_TIMEOUT_S), got less; send it "
+            "at once",
+        )
+
+    def _watch_reader(self, num_waiting: int) -> None:
+        """Look later whether the client has read what it has to in that time, and let it go when not."""
+        self._cancel_write_timer()
+        if num_waiting:
+            self._write_timer = self.loop.call_later(self._limits.transfer_timeout_s, self._look_at_reader, num_waiting)
+
+    def _look_at_reader(self, num_before: int) -> None:
+        num_waiting = self.transport.get_write_buffer_size()
+        if num_before - num_waiting < self._limits.bytes_per_s * self._limits.transfer_timeout_s and num_waiting:
+            self._count.note_refusal("slow-reader")
+            self.transport.abort()
+        else:
+            self._watch_reader(num_waiting)
+
+    def _cancel_write_timer(self) -> None:
+        if self._write_timer is not None:
+            self._write_timer.cancel()
+            self._write_timer = None
+
+    def _refuse(self, status: int, refusal: Refusal, detail: str) -> None:
+        self._refused = True
+        self._end_head()
+        self._count.note_refusal(refusal)
+        if not self.transport.is_closing():
+            self.transport.write(_refusal(HTTP_PROBLEMS[status], detail))
+            self.transport.close()
+            self._watch_reader(self.transport.get_write_buffer_size())
+
+
+def guarded_protocol(count: ConnectionCount) -> Any:
+    """Return what `uvicorn.Config` takes as `http`."""
+    return functools.partial(GuardedProtocol, count=count)
+
+
+def guarded_config(app: Any, count: ConnectionCount, **settings: Any) -> uvicorn.Config:
+    """Return the configuration of a server that keeps the limits; settings: others of uvicorn."""
+    # No path of ours is a WebSocket, whose protocol would take a connection out of the count.
+    return uvicorn.Config(app, http=guarded_protocol(count), ws="none", log_config=None, access_log=False, **settings)
+
+
+def _refusal(problem: Problem, detail: str) -> bytes:
+    body = json.dumps(document_with(problem, detail, new_id("req"))).encode()
+    head = [
+        f"HTTP/1.1 {problem.status} {_REASONS[problem.status]}",
+        f"Content-Type: {MEDIA_TYPE}",
+        f"Content-Length: {len(body)}",
+        "Connection: close",
+    ]
+    if problem.status == 503:
+        head.append(f"Retry-After: {_RETRY_AFTER_S}")
+    return ("\r\n".join(head) + "\r\n\r\n").encode() + body

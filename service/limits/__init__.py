@@ -1,0 +1,1 @@
+"""Limits that the operator sets: of registrations, connections, and bytes in memory."""

@@ -1,0 +1,59 @@
+"""How many connections there may be, how large the head of a request, and how slow a client."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+Refusal = Literal[
+    "connections", "connections-of-address", "header-bytes", "slow-header", "slow-body", "slow-reader", "bytes-in-flight"
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ConnectionLimits:
+    """Limits of the settings of the same names.
+
+    connections, of one address: at the same time. header_bytes: of the request line and all headers. header_timeout_s: until they are
+    there. transfer_timeout_s: for which a body, or the reading of an answer, may be below bytes_per_s.
+    """
+
+    connections: int
+    connections_of_address: int
+    header_bytes: int
+    header_timeout_s: float
+    transfer_timeout_s: float
+    bytes_per_s: float
+
+
+class ConnectionCount:
+    """Counts the connections of a server. Used from one event loop. note_refusal: told why something was refused."""
+
+    def __init__(self, limits: ConnectionLimits, note_refusal: Callable[[Refusal], None]) -> None:
+        self.limits = limits
+        self.note_refusal = note_refusal
+        self._by_address: Counter[str] = Counter()
+
+    def why_not(self, address: str) -> tuple[Refusal, str] | None:
+        """Return why this address gets no further connection, None when it does."""
+        total, of_address = self._by_address.total(), self._by_address[address]
+        if total >= self.limits.connections:
+            return "connections", _too_many(self.limits.connections, "PANOLOC_MAX_CONNECTIONS")
+        if of_address >= self.limits.connections_of_address:
+            setting = "PANOLOC_MAX_CONNECTIONS_PER_ADDRESS"
+            return "connections-of-address", _too_many(self.limits.connections_of_address, setting)
+        return None
+
+    def add(self, address: str) -> None:
+        """Count a connection."""
+        self._by_address[address] += 1
+
+    def remove(self, address: str) -> None:
+        """Forget a connection."""
+        self._by_address[address] -= 1
+        if self._by_address[address] <= 0:
+            del self._by_address[address]
+
+
+def _too_many(limit: int, setting: str) -> str:
+    return f"expected fewer than {limit} connections at the same time ({setting}), got as many; use fewer and try again"
