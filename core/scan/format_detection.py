@@ -6,7 +6,9 @@ from pathlib import Path, PurePosixPath
 from core.errors import ScanDamagedError, ScanFormatError
 
 HEAD_BYTES = 4096
-_SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las"}
+_SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las", b"glTF": "gltf"}
+_GLTF_KEYS = (b'"asset"', b'"accessors"', b'"buffers"', b'"bufferViews"', b'"scenes"', b'"meshes"', b'"extensionsUsed"')
+_OBJ_WORDS = {b"v", b"vt", b"vn", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl"}
 _PTX_HEADER = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]  # words on its lines
 _EXTENSION_FORMATS = {
     "ply": "ply",
@@ -15,6 +17,9 @@ _EXTENSION_FORMATS = {
     "laz": "las",
     "e57": "e57",
     "ptx": "ptx",
+    "glb": "gltf",
+    "gltf": "gltf",
+    "obj": "obj",
     **dict.fromkeys(("xyz", "txt", "csv", "pts", "asc", "xyzrgb", "neu"), "text"),
 }
 _OTHER_MAGIC = {
@@ -26,12 +31,11 @@ _OTHER_MAGIC = {
     b"\x1f\x8b": "a gzip archive: unpack it first and upload what was unpacked",
     b"7z\xbc\xaf": "a 7z archive: unpack it first and upload what was unpacked",
     b"%PDF": "a PDF document",
-    b"glTF": "a glTF model: export it as a coloured PLY",
     b"\xd0\xcf\x11\xe0": "an Office document",
     b"MZ": "a program",
     b"\x7fELF": "a program",
 }
-KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, XYZ, TXT, CSV or PTS"
+KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, GLB, glTF, OBJ, XYZ, TXT, CSV or PTS"
 
 
 def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
@@ -42,7 +46,7 @@ def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
 
 
 def format_of(head: bytes, extension: str) -> tuple[str, str | None]:
-    """Return the format ("ply", "pcd", "las", "e57", "ptx" or "text") and a remark when the name says something else.
+    """Return the format ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj" or "text") and a remark when the name says something else.
 
     head: the first HEAD_BYTES of the file. extension: with or without its dot, or empty.
 
@@ -78,7 +82,11 @@ def _format_by_magic(head: bytes) -> str | None:
     first_words = [line.split()[:1] for line in head[:1024].splitlines() if not line.startswith(b"#")]
     if b".PCD" in head[:64] or first_words[:2] == [[b"VERSION"], [b"FIELDS"]]:
         return "pcd"
-    return "ptx" if _is_ptx(head) else None
+    if _is_ptx(head):
+        return "ptx"
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") and any(key in head for key in _GLTF_KEYS):
+        return "gltf"
+    return "obj" if _is_obj(head) else None
 
 
 def _is_ptx(head: bytes) -> bool:
@@ -87,11 +95,19 @@ def _is_ptx(head: bytes) -> bool:
     return [len(words) for words in lines] == _PTX_HEADER and all(word.isdigit() for word in (*lines[0], *lines[1]))
 
 
+def _is_obj(head: bytes) -> bool:
+    """Every line begins with one of a few words; the last one may be cut."""
+    words = [line.split(maxsplit=1)[0] for line in head.splitlines()[:-1] if line.strip() and not line.startswith(b"#")]
+    return bool(words) and _OBJ_WORDS.issuperset(words)
+
+
 def _text_format(head: bytes, named: str, expected: str | None) -> str:
     other = next((name for magic, name in _OTHER_MAGIC.items() if head.startswith(magic)), None)
     if other is None and _is_text(head):
         if expected in (None, "text"):
             return "text"
+        if expected == "obj":  # it may begin with a long comment
+            return "obj"
         raise ScanFormatError(
             f"expected a scan as {KNOWN_FORMATS}, got a file named .{named} that does not begin like one: its content is "
             "plain text; give it the extension of its real format or export it again"

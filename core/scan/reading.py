@@ -10,15 +10,10 @@ from numpy.typing import NDArray
 from core.errors import ScanContentError
 from core.options import FARTHEST_M, METRES_PER_UNIT, ScanOptions
 from core.scan.color_range import ColorRange
-from core.scan.e57.reader import read_e57
 from core.scan.format_detection import detect_format
-from core.scan.las.reader import read_las
-from core.scan.pcd.reader import read_pcd
-from core.scan.ply.reader import read_ply
 from core.scan.point_cloud import PointCloud
-from core.scan.ptx.reader import read_ptx
-from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
-from core.scan.text.reader import read_text
+from core.scan.readers import iter_chunks
+from core.scan.reading_context import RawChunk, ReadingContext
 from core.scan.voxel_grouping import column_bounds
 from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 
@@ -27,15 +22,6 @@ _LARGE_COORDINATE_M = 1000.0
 _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
 _SHARE_OF_READING = 0.95
-
-_READERS: dict[str, ScanReader] = {
-    "ply": read_ply,
-    "pcd": read_pcd,
-    "las": read_las,
-    "e57": read_e57,
-    "ptx": read_ptx,
-    "text": read_text,
-}
 
 
 def read_scan(
@@ -56,7 +42,7 @@ def read_scan(
     if remark:
         context.note("extension_mismatch", remark, "warning")
     collector = _Collector(context)
-    for chunk in _READERS[name](context):
+    for chunk in iter_chunks(name, context):
         collector.add(chunk)
         report(_SHARE_OF_READING * min(max(chunk.fraction, 0.0), 1.0))
     cloud = collector.finish()

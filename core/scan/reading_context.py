@@ -30,12 +30,18 @@ class RawChunk:
 
 @dataclass
 class ReadingContext:
-    """One file being read: where it is, what is allowed, and what was noticed."""
+    """One file being read: where it is, what is allowed, and what was noticed.
+
+    folder: below which the files lie that it may refer to, such as textures; None for a file that came alone.
+    coordinate_system: of its coordinates, as "EPSG:25832" or WKT, where the file says so.
+    """
 
     path: Path
     options: ScanOptions
     size_bytes: int
     diagnostics: list[Diagnostic] = field(default_factory=list)
+    folder: Path | None = None
+    coordinate_system: str | None = None
 
     def note(self, code: str, message: str, severity: str = "info") -> None:
         """Record something that the operator should know."""

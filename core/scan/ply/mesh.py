@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from core.errors import ScanDamagedError
 from core.options import METRES_PER_UNIT
+from core.scan.mesh.sampling import barycentric_weights, num_samples_on
+from core.scan.mesh.surface import triangle_areas
 from core.scan.ply.body import PlyBody
 from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
 from core.scan.ply.header import PlyElement, PlyHeader
@@ -17,14 +19,9 @@ from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stac
 # Above these counts the vertices of any room lie closer than its points are thinned to; the faces are not even read.
 MAX_VERTICES = 2_000_000
 MAX_FACES = 5_000_000
-# Vertices farther apart than this leave holes in synthetic views; samples are this close.
+# Vertices farther apart than this leave holes in synthetic views.
 SPARSE_SPACING_M = 0.02
-SAMPLE_SPACING_M = 0.01
-# Samples are thinned to even spacing afterwards; that needs more of them than remain.
-SAMPLES_PER_KEPT_POINT = 4
 _INDEX_NAMES = ("vertex_indices", "vertex_index")
-# Steps of the R2 low-discrepancy sequence (Roberts 2018): even without a random generator.
-_R2_STEPS = (0.7548776662466927, 0.5698402909980532)
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ def has_face_colors(header: PlyHeader) -> bool:
 def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody) -> Iterator[RawChunk]:
     """Yield points on the surface of a mesh; which ones is noted in the diagnostics."""
     mesh = _load(header, body)
-    areas = _triangle_areas(mesh)
+    areas = triangle_areas(mesh.positions, mesh.triangles)
     metres = METRES_PER_UNIT[context.options.unit]
     spacing_m = float(np.sqrt(areas.sum() / len(mesh.positions))) * metres
     is_dense = spacing_m <= SPARSE_SPACING_M or not areas.any()
@@ -65,8 +62,7 @@ def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody) -> Iter
             fraction = min(1.0, (start + CHUNK_ROWS) / len(mesh.positions))
             yield RawChunk(mesh.positions[part], mesh.vertex_colors[part], fraction)
         return
-    most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points_used, context.options.max_points)
-    num_samples = int(min(max(areas.sum() * (metres / SAMPLE_SPACING_M) ** 2, 1000), most))
+    num_samples = num_samples_on(float(areas.sum()), context)
     context.note(
         "mesh_sampled",
         f"A mesh with {len(mesh.positions):,} vertices about {spacing_m:.3g} m apart and {len(mesh.triangles):,} "
@@ -122,30 +118,16 @@ def _load_faces(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.int64], 
     return np.concatenate(triangles), np.concatenate(colors) if colors else None
 
 
-def _triangle_areas(mesh: _Mesh) -> NDArray[np.float64]:
-    with np.errstate(over="ignore", invalid="ignore"):
-        corners = [mesh.positions[mesh.triangles[:, corner]] for corner in range(3)]
-        areas = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1) / 2
-    return np.where(np.isfinite(areas), areas, 0.0)
-
-
 def _iter_samples(mesh: _Mesh, areas: NDArray[np.float64], num_samples: int, is_label: bool) -> Iterator[RawChunk]:
     ends = np.cumsum(areas)
     for start in range(0, num_samples, CHUNK_ROWS):
         numbers = np.arange(start, min(start + CHUNK_ROWS, num_samples))
         chosen = np.searchsorted(ends, (numbers + 0.5) * (ends[-1] / num_samples))
         chosen = np.minimum(chosen, len(areas) - 1)
-        weights = _barycentric_weights(numbers)
+        weights = barycentric_weights(numbers)
         corners = mesh.triangles[chosen]
         positions = np.einsum("nk,nkd->nd", weights, mesh.positions[corners])
         yield RawChunk(positions, _sample_colors(mesh, chosen, corners, weights, is_label), numbers[-1] / num_samples)
-
-
-def _barycentric_weights(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-    first, second = ((numbers * step) % 1.0 for step in _R2_STEPS)
-    folded = first + second > 1
-    first, second = np.where(folded, 1 - first, first), np.where(folded, 1 - second, second)
-    return np.stack([1 - first - second, first, second], axis=1)
 
 
 def _sample_colors(

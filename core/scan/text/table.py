@@ -79,16 +79,16 @@ class TextBlock:
         """Parse every value of all lines as one flat float64 array."""
         text = self.text[self.begins[0] : self.ends[-1]]
         num_values = int(self.num_values.sum())
-        values = _parse_numbers(text)
+        values = parse_numbers(text)
         if values is None or len(values) != num_values:
-            values = _parse_numbers(_MISSING_VALUE.sub(b"nan", text))
+            values = parse_numbers(_MISSING_VALUE.sub(b"nan", text))
         if values is None or len(values) != num_values:
             raise self._not_a_number_error()
         return values
 
     def _not_a_number_error(self) -> ScanDamagedError:
         for row in range(len(self)):
-            values = _parse_numbers(_MISSING_VALUE.sub(b"nan", self.line(row)))
+            values = parse_numbers(_MISSING_VALUE.sub(b"nan", self.line(row)))
             if values is None or len(values) != self.num_values[row]:
                 return ScanDamagedError(
                     f"Line {self.numbers[row]:,} holds something that is not a number: {self.excerpt(row)}. "
@@ -154,7 +154,7 @@ class TextLines:
         return TextBlock(text, begins[filled], ends[filled], num_values[filled], numbers[filled], self._stream.tell())
 
 
-def _parse_numbers(text: bytes) -> NDArray[np.float64] | None:
+def parse_numbers(text: bytes) -> NDArray[np.float64] | None:
     """Parse numbers parted by white space; None when something else is among them."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # how numpy before 2.3 reports text that is no number

@@ -55,7 +55,6 @@ def test_the_format_option_stands_in_for_a_missing_extension(scan_file: ScanFile
         (b"PK\x03\x04", "ZIP archive: unpack"),
         (b"\x1f\x8b\x08", "gzip archive"),
         (b"%PDF-1.7", "PDF"),
-        (b"glTF\x02", "glTF"),
         (b"\x00\x01\x02\x03", "unknown binary data"),
     ],
 )

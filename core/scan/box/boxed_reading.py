@@ -1,0 +1,135 @@
+"""Read a scan with any reader in a process of its own, with limits of memory and time."""
+
+import dataclasses
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import NoReturn
+
+import core.errors
+from core.errors import ScanContentError, ScanDamagedError, ScanError
+from core.scan.box.limits import BoxLimits
+from core.scan.box.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
+from core.scan.reading_context import RawChunk, ReadingContext
+
+_READ_BYTES = 1 << 20
+_SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
+_EXPORT_AGAIN = "The file is damaged or made to do harm; export the scan again."
+
+
+def read_in_box(reader: str, context: ReadingContext, limits: BoxLimits | None = None) -> Iterator[RawChunk]:
+    """Yield the chunks of a reader; its notes and its coordinate system arrive in `context` at the end.
+
+    reader: a format of `core.scan.readers.READERS`, or "module:function".
+
+    Raises what the reader raises on purpose; ScanDamagedError when it crashes, ScanContentError when it takes more than `limits`.
+    """
+    box = _Box(reader, context, limits or BoxLimits())
+    try:
+        while (message := box.next_message())["kind"] != "end":
+            if message["kind"] == "chunk":
+                yield receive_chunk(message, box.take)
+            elif message["kind"] == "note":
+                context.note(str(message["code"]), str(message["message"]), str(message["severity"]))
+            else:
+                box.fail(str(message.get("error")), str(message.get("message")))
+        context.coordinate_system = message.get("coordinate_system")
+    finally:
+        box.close()
+
+
+class _Box:
+    def __init__(self, reader: str, context: ReadingContext, limits: BoxLimits) -> None:
+        self._reader, self._limits = reader.rpartition(":")[2].upper(), limits
+        job = {
+            "reader": reader,
+            "path": str(context.path),
+            "folder": None if context.folder is None else str(context.folder),
+            "options": dataclasses.asdict(context.options),
+            "limits": dataclasses.asdict(limits),
+        }
+        one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "core.scan.box.child", json.dumps(job)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **one_thread, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            start_new_session=True,
+        )
+        assert self._process.stdout is not None
+        self._pipe = self._process.stdout.fileno()
+        self._pending = bytearray()
+
+    def next_message(self) -> Message:
+        """Return the next message; raise as `read_in_box` does when the process ends or falls silent."""
+        while (end := self._pending.find(b"\n")) < 0:
+            if len(self._pending) > MAX_LINE_BYTES:
+                raise self._crashed("it wrote nonsense")
+            self._fill()
+        line = bytes(self._pending[:end])
+        del self._pending[: end + 1]
+        return parse(line)
+
+    def take(self, num_bytes: int) -> bytearray:
+        """Return the next bytes behind a message."""
+        while len(self._pending) < num_bytes:
+            self._fill()
+        taken = self._pending[:num_bytes]
+        del self._pending[:num_bytes]
+        return taken
+
+    def fail(self, kind: str, message: str) -> NoReturn:
+        """Raise what the reader said went wrong."""
+        found = getattr(core.errors, kind, None)
+        if isinstance(found, type) and issubclass(found, ScanError):
+            raise found(message)
+        if kind == "MemoryError":
+            raise ScanContentError(
+                f"Reading the {self._reader} file takes more than the {self._limits.memory_bytes / 2**30:.3g} GiB of memory "
+                f"that a reader may have. {_SIMPLIFY}"
+            )
+        if kind == "RecursionError":
+            raise self._crashed("it nests too deeply")
+        raise self._crashed(message)
+
+    def close(self) -> None:
+        """End the process, whatever it is doing."""
+        self._process.kill()
+        self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _fill(self) -> None:
+        if not select.select([self._pipe], [], [], self._limits.silence_s)[0]:
+            raise self._too_slow(self._limits.silence_s)
+        data = os.read(self._pipe, _READ_BYTES)
+        if not data:
+            raise self._ended()
+        self._pending += data
+
+    def _ended(self) -> ScanError:
+        """Return the error for a process that ended before it said so."""
+        deadline = time.monotonic() + 10.0
+        while (code := self._process.poll()) is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        # The soft limit of processor time kills with SIGXCPU, the hard one, which is the same, with SIGKILL.
+        if code == -signal.SIGXCPU:
+            return self._too_slow(self._limits.cpu_s)
+        if code == -signal.SIGKILL:
+            return ScanContentError(
+                f"The reader of the {self._reader} file was ended by the system for the time or memory it took. {_SIMPLIFY}"
+            )
+        return self._crashed(signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}")
+
+    def _too_slow(self, seconds: float) -> ScanError:
+        return ScanContentError(f"Reading the {self._reader} file takes longer than {seconds:g} s. {_SIMPLIFY}")
+
+    def _crashed(self, how: str) -> ScanError:
+        return ScanDamagedError(f"The {self._reader} file cannot be read: its reader failed ({how}). {_EXPORT_AGAIN}")

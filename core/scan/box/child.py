@@ -1,0 +1,60 @@
+"""The process of a boxed reader: `python -m core.scan.box.child`, started by `core.scan.box.boxed_reading`."""
+
+import dataclasses
+import importlib
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from core.errors import ScanError
+from core.options import ScanOptions
+from core.scan.box.limits import BoxLimits, take_limits
+from core.scan.box.messages import send, send_chunk
+from core.scan.reading_context import ReadingContext, ScanReader
+
+_LONGEST_MESSAGE = 2000
+
+
+def main() -> None:
+    """Read the scan that the one argument describes as JSON, and tell its points on standard output."""
+    job: dict[str, Any] = json.loads(sys.argv[1])
+    # Whatever a library prints must not get between the messages.
+    stream = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    take_limits(BoxLimits(**job["limits"]))
+    try:
+        _read(job, stream)
+    except ScanError as error:
+        send(stream, {"kind": "error", "error": type(error).__name__, "message": str(error)[:_LONGEST_MESSAGE]})
+    except (MemoryError, RecursionError) as error:
+        send(stream, {"kind": "error", "error": type(error).__name__, "message": ""})
+    except Exception as error:
+        send(stream, {"kind": "error", "error": "Exception", "message": f"{type(error).__name__}: {error}"[:200]})
+
+
+def _read(job: dict[str, Any], stream: BinaryIO) -> None:
+    path, folder = Path(job["path"]), job["folder"]
+    context = ReadingContext(
+        path, ScanOptions(**job["options"]), path.stat().st_size, folder=None if folder is None else Path(folder)
+    )
+    for chunk in _reader_of(job["reader"])(context):
+        send_chunk(stream, chunk)
+    for found in context.diagnostics:
+        send(stream, {"kind": "note", **dataclasses.asdict(found)})
+    send(stream, {"kind": "end", "coordinate_system": context.coordinate_system})
+
+
+def _reader_of(name: str) -> ScanReader:
+    if ":" in name:
+        module, _, function = name.partition(":")
+        found: ScanReader = getattr(importlib.import_module(module), function)
+        return found
+    from core.scan.readers import READERS
+
+    return READERS[name]
+
+
+if __name__ == "__main__":
+    main()

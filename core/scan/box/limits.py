@@ -1,0 +1,35 @@
+"""What a boxed reader may take of its machine."""
+
+import sys
+from dataclasses import dataclass
+
+_GRACE_S = 5
+
+
+@dataclass(frozen=True)
+class BoxLimits:
+    """memory_bytes: of address space. cpu_s: seconds of the processor. silence_s: without a word of it."""
+
+    memory_bytes: int = 6 << 30
+    cpu_s: int = 900
+    silence_s: float = 300.0
+
+
+def take_limits(limits: BoxLimits) -> None:
+    """Hold this process to `limits`; it may write no file and leaves no core dump. Does nothing where there are no such limits."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    wanted = {
+        resource.RLIMIT_AS: limits.memory_bytes,
+        resource.RLIMIT_CPU: limits.cpu_s,
+        resource.RLIMIT_CORE: 0,
+        resource.RLIMIT_FSIZE: 0,
+    }
+    for kind, most in wanted.items():
+        hard = resource.getrlimit(kind)[1]
+        allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        # Of two equal limits of time the hard one is met first, which kills without telling why.
+        is_time = kind == resource.RLIMIT_CPU and hard == resource.RLIM_INFINITY
+        resource.setrlimit(kind, (allowed, allowed + _GRACE_S if is_time else allowed))

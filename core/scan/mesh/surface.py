@@ -1,0 +1,45 @@
+"""Triangles and what is painted on them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.scan.mesh.texture import Texture
+
+
+@dataclass(frozen=True)
+class Paint:
+    """Colours of a part: texture, vertex colours and factor are multiplied, as far as they are there.
+
+    texture with uv: (T, 3, 2) per corner. vertex_colors: (V, 3), sRGB 0..1. factor: (3,), sRGB 0..1.
+    alpha_cutoff: what is more transparent in the texture is no surface; 0: all of it is.
+    """
+
+    texture: Texture | None = None
+    uv: NDArray[np.float64] | None = None
+    vertex_colors: NDArray[np.float64] | None = None
+    factor: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
+    alpha_cutoff: float = 0.0
+
+    @property
+    def is_plain(self) -> bool:
+        """Tell whether the part has the same colour everywhere."""
+        return self.texture is None and self.vertex_colors is None
+
+
+@dataclass(frozen=True)
+class SurfacePart:
+    """positions: (V, 3) in the file's frame. triangles: (T, 3) vertex numbers; none: the vertices are points."""
+
+    positions: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    paint: Paint
+
+
+def triangle_areas(positions: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the area of each triangle, (T,), zero where it is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = [positions[triangles[:, corner]] for corner in range(3)]
+        areas = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1) / 2
+    return np.where(np.isfinite(areas), areas, 0.0)

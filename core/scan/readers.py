@@ -1,0 +1,32 @@
+"""Which reader reads which format, and which of them in a process of its own."""
+
+from collections.abc import Iterator
+
+from core.scan.box.boxed_reading import read_in_box
+from core.scan.e57.reader import read_e57
+from core.scan.gltf.reader import read_gltf
+from core.scan.las.reader import read_las
+from core.scan.obj.reader import read_obj
+from core.scan.pcd.reader import read_pcd
+from core.scan.ply.reader import read_ply
+from core.scan.ptx.reader import read_ptx
+from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
+from core.scan.text.reader import read_text
+
+READERS: dict[str, ScanReader] = {
+    "ply": read_ply,
+    "pcd": read_pcd,
+    "las": read_las,
+    "e57": read_e57,
+    "ptx": read_ptx,
+    "gltf": read_gltf,
+    "obj": read_obj,
+    "text": read_text,
+}
+BOXED = frozenset({"gltf", "obj"})
+"""Formats of many parts that refer to each other and hold pictures."""
+
+
+def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:
+    """Yield the raw points of a scan of the format `name`."""
+    return read_in_box(name, context) if name in BOXED else READERS[name](context)

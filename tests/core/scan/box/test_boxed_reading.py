@@ -1,0 +1,62 @@
+"""A reader that crashes, hangs or takes too much fails its scan with a message, and nothing else."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.errors import ScanContentError, ScanDamagedError, ScanError
+from core.options import ScanOptions
+from core.scan.box.boxed_reading import read_in_box
+from core.scan.box.limits import BoxLimits
+from core.scan.reading_context import RawChunk, ReadingContext
+
+
+def read(name: str, tmp_path: Path, limits: BoxLimits | None = None) -> tuple[list[RawChunk], ReadingContext]:
+    path = tmp_path / "scan"
+    path.write_bytes(b"scan")
+    context = ReadingContext(path, ScanOptions(), 4)
+    return list(read_in_box(f"tests.core.scan.box.misbehaving_readers:{name}", context, limits)), context
+
+
+def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: Path) -> None:
+    chunks, context = read("well_behaved", tmp_path)
+    positions = np.concatenate([chunk.positions for chunk in chunks])
+    np.testing.assert_array_equal(positions, np.arange(7_500_000.0).reshape(-1, 3))
+    assert {chunk.colors.dtype for chunk in chunks} == {np.dtype(np.uint16)}
+    assert all((chunk.colors == 7).all() for chunk in chunks)
+    assert [(note.code, note.severity) for note in context.diagnostics] == [("few_points", "warning")]
+    assert context.coordinate_system == "EPSG:25832"
+
+
+@pytest.mark.parametrize(
+    ("name", "limits", "error", "said"),
+    [
+        ("refusing", BoxLimits(), ScanDamagedError, "^line 7 is odd$"),
+        ("crashing", BoxLimits(), ScanDamagedError, r"its reader failed \(SIGSEGV\)"),
+        ("exiting", BoxLimits(), ScanDamagedError, r"its reader failed \(exit code 3\)"),
+        ("greedy", BoxLimits(), ScanContentError, "more than the 6 GiB of memory"),
+        ("endless", BoxLimits(cpu_s=1), ScanContentError, "takes longer than 1 s"),
+        ("silent", BoxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
+        ("nesting", BoxLimits(), ScanDamagedError, "nests too deeply"),
+        ("writing", BoxLimits(), ScanDamagedError, "its reader failed"),
+        ("babbling", BoxLimits(), ScanDamagedError, "wrote nonsense"),
+    ],
+)
+def test_what_goes_wrong_in_a_reader_becomes_the_error_of_its_scan(
+    tmp_path: Path, name: str, limits: BoxLimits, error: type[ScanError], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        read(name, tmp_path, limits)
+
+
+def test_a_reader_ends_when_nobody_listens_any_more(tmp_path: Path) -> None:
+    path = tmp_path / "scan"
+    path.write_bytes(b"scan")
+    chunks = read_in_box("tests.core.scan.box.misbehaving_readers:endless", ReadingContext(path, ScanOptions(), 4))
+    next(chunks)
+    chunks.close()  # type: ignore[attr-defined]  # a generator
+    running = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
+    assert not [line for line in running.splitlines() if str(path) in line and sys.executable in line]

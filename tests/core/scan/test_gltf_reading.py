@@ -1,0 +1,216 @@
+"""glTF models become points on their surface, with the colours of their textures, z up."""
+
+import base64
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.errors import ScanContentError, ScanDamagedError, ScanTooLargeError
+from core.options import ScanOptions
+from core.scan.point_cloud import PointCloud
+from core.scan.reading import read_scan
+from tests.core.painted_box import PaintedBox
+from tests.core.scan.mesh_files import colored_quad, glb, glb_of
+
+ScanFile = Callable[[str, bytes | str], Path]
+FEW = ScanOptions(max_points_used=20_000)
+
+
+def assert_painted(cloud: PointCloud, box: PaintedBox, worst: float = 6.0) -> None:
+    """The points lie on the walls, evenly, and have their colours but for what lies between two pixels."""
+    size = np.array(box.size_m)
+    positions = cloud.positions.astype(np.float64) + cloud.origin_offset
+    gaps = np.minimum(np.abs(positions), np.abs(positions - size))
+    assert gaps.min(axis=1).max() < 0.03
+    away = np.sort(gaps, axis=1)[:, 1] > 0.1  # a voxel at an edge holds points of two walls
+    off = np.abs(cloud.colors.astype(float) - box.color_at(positions))[away]
+    assert off.mean() < worst, off.mean()
+    per_wall = [
+        np.count_nonzero(np.abs(positions[:, face % 3] - (face // 3) * size[face % 3]) < 1e-3) for face in range(6)
+    ]
+    areas = [size.prod() / size[face % 3] for face in range(6)]
+    np.testing.assert_allclose(np.array(per_wall) / np.sum(per_wall), np.array(areas) / np.sum(areas), rtol=0.1)
+
+
+def test_textured_walls_of_a_glb_are_sampled_with_their_pictures_and_z_is_up(scan_file: ScanFile) -> None:
+    box = PaintedBox(seed=3)
+    cloud = read_scan(scan_file("room.glb", glb_of(box)), FEW)
+    assert_painted(cloud, box)
+    assert [note.code for note in cloud.diagnostics] == ["axes_converted", "mesh_sampled", "thinned"]
+
+
+def test_saying_that_y_is_up_changes_nothing_of_a_gltf(scan_file: ScanFile) -> None:
+    path = scan_file("quad.glb", glb(*colored_quad()))
+    told = read_scan(path, ScanOptions(up_axis="y", max_points_used=1000))
+    np.testing.assert_array_equal(told.positions, read_scan(path, ScanOptions(max_points_used=1000)).positions)
+
+
+@pytest.mark.parametrize("name", ["room.gltf", "room", "room.json"])
+def test_json_with_its_buffer_inside_is_read_like_a_glb(scan_file: ScanFile, name: str) -> None:
+    document, binary = colored_quad()
+    document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+    path = scan_file(name, json.dumps({"asset": {"version": "2.0"}, **document}))
+    whole = read_scan(scan_file("quad.glb", glb(*colored_quad())), FEW)
+    np.testing.assert_array_equal(read_scan(path, FEW).positions, whole.positions)
+
+
+def test_vertex_colours_are_mixed_over_the_floor(scan_file: ScanFile) -> None:
+    cloud = read_scan(scan_file("quad.glb", glb(*colored_quad())), ScanOptions(max_points_used=3000))
+    low, high = cloud.bounds
+    np.testing.assert_allclose([*low, *high], [0, 0, 0, 4, 3, 0], atol=0.1)
+    x, y = cloud.positions[:, 0] / 4, cloud.positions[:, 1] / 3
+    lower = y < x  # the triangle of the corners red, green and blue
+    np.testing.assert_allclose(cloud.colors[lower, 0], 255 * (1 - x[lower]), atol=8)
+    np.testing.assert_allclose(cloud.colors[lower, 2], 255 * y[lower], atol=8)
+
+
+@pytest.mark.parametrize(
+    ("mode", "corners", "area"), [(4, [0, 1, 2], 6.0), (5, [0, 1, 3, 2], 12.0), (6, [0, 1, 2, 3], 12.0)]
+)
+def test_strips_and_fans_are_triangles(scan_file: ScanFile, mode: int, corners: list[int], area: float) -> None:
+    document, binary = colored_quad()
+    document["meshes"][0]["primitives"][0]["mode"] = mode
+    document["accessors"][2]["count"] = len(corners)
+    binary = binary[:64] + np.array([*corners, 0, 0, 0][:6], "<u2").tobytes()
+    cloud = read_scan(scan_file("quad.glb", glb(document, binary)))
+    assert cloud.num_points_read == pytest.approx(area / 0.01**2, abs=2)
+
+
+def test_points_of_a_gltf_are_taken_as_they_are(scan_file: ScanFile) -> None:
+    document, binary = colored_quad()
+    document["meshes"][0]["primitives"][0] = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "mode": 0}
+    cloud = read_scan(scan_file("points.glb", glb(document, binary)))
+    np.testing.assert_allclose(cloud.positions, [[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])
+    np.testing.assert_array_equal(cloud.colors[:3], [[255, 0, 0], [0, 255, 0], [0, 0, 255]])
+
+
+def test_transparent_parts_of_a_texture_are_no_surface(scan_file: ScanFile) -> None:
+    cloud = read_scan(scan_file("quad.glb", glb(*textured_quad("MASK"))))
+    assert cloud.positions[:, 0].min() > 1.9
+    assert read_scan(scan_file("quad.glb", glb(*textured_quad("OPAQUE")))).positions[:, 0].min() < 0.1
+
+
+def textured_quad(alpha_mode: str) -> tuple[dict[str, Any], bytes]:
+    """A floor whose left half, by texture, is clear and whose right half is red above (small y) and blue below."""
+    import io
+
+    from PIL import Image
+
+    pixels = np.zeros((8, 8, 4), np.uint8)
+    pixels[:4, :, 0], pixels[4:, :, 2], pixels[:, 4:, 3] = 255, 255, 255
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    document, binary = colored_quad()
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], "<f4").tobytes()
+    picture = buffer.getvalue()
+    document["meshes"][0]["primitives"][0] = {
+        "attributes": {"POSITION": 0, "TEXCOORD_0": 3},
+        "indices": 2,
+        "material": 0,
+    }
+    document["accessors"].append({"bufferView": 3, "componentType": 5126, "count": 4, "type": "VEC2"})
+    document["bufferViews"] += [
+        {"buffer": 0, "byteOffset": 76, "byteLength": len(uv)},
+        {"buffer": 0, "byteOffset": 76 + len(uv), "byteLength": len(picture)},
+    ]
+    document["buffers"] = [{"byteLength": 76 + len(uv) + len(picture)}]
+    document["images"] = [{"bufferView": 4, "mimeType": "image/png"}]
+    document["textures"] = [{"source": 0, "sampler": 0}]
+    document["samplers"] = [{"wrapS": 33071, "wrapT": 33071}]
+    document["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "alphaMode": alpha_mode}]
+    return document, binary + uv + picture
+
+
+@pytest.mark.parametrize(
+    ("transform", "red_where"),
+    [
+        ({}, "y < 1.5"),
+        ({"offset": [0, 0.5]}, "never"),
+        ({"scale": [1, 0.5]}, "always"),
+        # Counter-clockwise by a quarter, v down: (u, v) becomes (v, -u), moved back by 1.
+        ({"rotation": np.pi / 2, "offset": [0, 1]}, "x > 2"),
+    ],
+)
+def test_texture_transforms_are_applied(scan_file: ScanFile, transform: dict[str, Any], red_where: str) -> None:
+    document, binary = textured_quad("OPAQUE")
+    info = document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
+    info["extensions"] = {"KHR_texture_transform": transform}
+    cloud = read_scan(scan_file("quad.glb", glb(document, binary)), ScanOptions(max_points_used=2000))
+    x, y, _ = cloud.positions.T
+    expected = {"y < 1.5": y < 1.5, "never": y < 0, "always": y > -1, "x > 2": x > 2}[red_where]
+    is_inside = (np.abs(y - 1.5) > 0.3) & (np.abs(x - 2) > 0.4) & (y < 2.9)
+    np.testing.assert_array_equal((cloud.colors[:, 0] > 128)[is_inside], expected[is_inside])
+
+
+def test_a_mesh_without_any_colour_is_refused(scan_file: ScanFile) -> None:
+    document, binary = colored_quad()
+    del document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
+    with pytest.raises(ScanContentError, match="no colour"):
+        read_scan(scan_file("quad.glb", glb(document, binary)))
+
+
+BROKEN: dict[str, tuple[dict[str, Any], str]] = {
+    "a node below itself": ({"nodes": [{"mesh": 0, "children": [0]}]}, "below itself; expected a tree"),
+    "nodes in a ring": (
+        {"nodes": [{"children": [1]}, {"children": [2]}, {"children": [1], "mesh": 0}]},
+        "below itself; expected a tree",
+    ),
+    "a node that is not there": ({"scenes": [{"nodes": [7]}]}, "contradicts itself"),
+    "a negative reference": ({"nodes": [{"mesh": -1}]}, "refers to entry -1"),
+    "a mesh that is no list": ({"meshes": {"primitives": 1}}, "contradicts itself"),
+    "an accessor of more than there is": (
+        {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**15, "type": "VEC3"}] * 3},
+        "announces 1,000,000,000,000,000",
+    ),
+    "a view beyond its buffer": (
+        {"bufferViews": [{"buffer": 0, "byteOffset": 60, "byteLength": 48}] * 3},
+        "places 48 bytes at byte 60 of a buffer that has 76",
+    ),
+    "a buffer longer than its bytes": (
+        {"buffers": [{"byteLength": 10**9}]},
+        "announces a buffer of 1000000000|1,000,000,000",
+    ),
+    "a buffer that is only referred to": ({"buffers": [{"byteLength": 76, "uri": "room.bin"}]}, "one zip"),
+    "a buffer on the network": ({"buffers": [{"byteLength": 76, "uri": "https://a.b/c"}]}, "nothing is fetched"),
+    "Draco": ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "Draco compression"),
+    "an unknown extension": ({"extensionsRequired": ["ACME_cubes"]}, "ACME_cubes"),
+    "a pose that is not finite": ({"nodes": [{"mesh": 0, "scale": [1e308, 1e308, float("inf")]}]}, "not finite"),
+    "no surface": ({"meshes": [{"primitives": []}]}, "no surface"),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_gltf_is_refused_with_the_reason(scan_file: ScanFile, kind: str) -> None:
+    changes, said = BROKEN[kind]
+    with pytest.raises((ScanDamagedError, ScanContentError), match=said):
+        read_scan(scan_file("quad.glb", glb(*colored_quad(**changes))))
+
+
+def test_a_glb_cut_anywhere_is_refused_with_the_reason(scan_file: ScanFile) -> None:
+    whole = glb(*colored_quad())
+    for length in (5, 12, 30, len(whole) // 2, len(whole) - 4):
+        with pytest.raises(ScanDamagedError, match=r"cut short|no description"):
+            read_scan(scan_file("quad.glb", whole[:length]))
+
+
+@pytest.mark.parametrize("corner", [4, 60_000])
+def test_a_triangle_that_refers_to_no_vertex_is_damaged(scan_file: ScanFile, corner: int) -> None:
+    document, binary = colored_quad()
+    binary = binary[:64] + np.array([0, 1, corner, 0, 2, 3], "<u2").tobytes()
+    with pytest.raises(ScanDamagedError, match=rf"refers to vertex {corner}, but there are 4"):
+        read_scan(scan_file("quad.glb", glb(document, binary)))
+
+
+def test_a_million_instances_are_too_many_triangles(scan_file: ScanFile, monkeypatch: pytest.MonkeyPatch) -> None:
+    from core.scan.gltf import reader
+    from core.scan.reading_context import ReadingContext
+
+    monkeypatch.setattr(reader, "MAX_TRIANGLES", 100)
+    nodes = [{"mesh": 0} for _ in range(200)]
+    path = scan_file("quad.glb", glb(*colored_quad(nodes=nodes, scenes=[{"nodes": list(range(200))}])))
+    with pytest.raises(ScanTooLargeError, match="more than 100 triangles, instances included"):
+        list(reader.read_gltf(ReadingContext(path, ScanOptions(), path.stat().st_size)))

@@ -1,0 +1,97 @@
+"""OBJ models with vertex colours, or with materials and textures beside them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.errors import ScanContentError, ScanDamagedError
+from core.options import ScanOptions
+from core.scan.obj.materials import read_materials
+from core.scan.reading import read_scan
+
+ScanFile = Callable[[str, bytes | str], Path]
+FLOOR = """# four corners with colours
+o floor
+v 0 0 0 1 0 0
+v 4 0 0 0 1 0
+v 4 3 0 0 0 1
+v 0 3 0 1 1 1
+vn 0 0 1
+usemtl whatever
+f 1//1 2//1 3//1 4//1
+"""
+
+
+@pytest.mark.parametrize("name", ["floor.obj", "floor", "floor.txt"])
+@pytest.mark.parametrize("scale", [1, 255])
+def test_vertex_colours_of_a_lone_obj_are_mixed_over_its_faces(scan_file: ScanFile, name: str, scale: int) -> None:
+    text = FLOOR
+    if scale != 1:
+        lines = [line.split() for line in text.splitlines()]
+        scaled = [[*w[:4], *(str(255 * int(v)) for v in w[4:])] if w[0] == "v" else w for w in lines]
+        text = "\n".join(" ".join(words) for words in scaled)
+    cloud = read_scan(scan_file(name, text), ScanOptions(max_points_used=3000))
+    low, high = cloud.bounds
+    np.testing.assert_allclose([*low, *high], [0, 0, 0, 4, 3, 0], atol=0.1)
+    x, y = cloud.positions[:, 0] / 4, cloud.positions[:, 1] / 3
+    lower = y < x
+    np.testing.assert_allclose(cloud.colors[lower, 0], 255 * (1 - x[lower]), atol=8)
+    np.testing.assert_allclose(cloud.colors[lower, 2], 255 * y[lower], atol=8)
+
+
+def test_vertices_without_faces_are_points(scan_file: ScanFile) -> None:
+    text = "\n".join(line for line in FLOOR.splitlines() if not line.startswith("f"))
+    cloud = read_scan(scan_file("floor.obj", text))
+    np.testing.assert_array_equal(cloud.positions, [[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])
+    np.testing.assert_array_equal(cloud.colors[:2], [[255, 0, 0], [0, 255, 0]])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1 5//1", "refers to vertex 5, but there are 4"),
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1 -5//1", "refers to vertex 0, but there are 4"),
+        ("f 1//1 2//1 3//1 4//1", "f 1/7 2/7 3/7", "refers to texture coordinate 7, but there are 0"),
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1", "has 2 corners"),
+        ("f 1//1 2//1 3//1 4//1", "f one two three", "is not understood"),
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 nan//1 3//1", "is not understood"),
+        ("v 4 3 0 0 0 1", "v 4 3", "Line 5 of the OBJ file is not understood"),
+        ("v 4 3 0 0 0 1", "v 4 3 x 0 0 1", "Line 5 of the OBJ file is not understood"),
+        ("usemtl", "mtllib room.mtl\nusemtl", ""),
+    ],
+)
+def test_lines_that_are_not_understood_are_named(scan_file: ScanFile, old: str, new: str, said: str) -> None:
+    path = scan_file("floor.obj", FLOOR.replace(old, new))
+    if not said:  # a library that is not needed does not have to be there
+        assert len(read_scan(path)) > 1000
+        return
+    with pytest.raises(ScanDamagedError, match=said):
+        read_scan(path)
+
+
+def test_an_obj_without_colours_is_told_what_to_send(scan_file: ScanFile) -> None:
+    bare = "\n".join(" ".join(line.split()[:4]) if line.startswith("v ") else line for line in FLOOR.splitlines())
+    with pytest.raises(ScanContentError, match="no colour"):
+        read_scan(scan_file("floor.obj", bare))
+    with pytest.raises(ScanContentError, match=r"refers to the material file 'room\.mtl'.*one zip"):
+        read_scan(scan_file("floor.obj", "mtllib room.mtl\n" + bare))
+    with pytest.raises(ScanContentError, match="holds no vertices"):
+        read_scan(scan_file("floor.obj", "# nothing\no room\n"))
+
+
+def test_options_of_a_texture_are_parted_from_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "room.mtl"
+    path.write_text(
+        "newmtl a\nKd 0.5 0.25 1\nnewmtl b\nmap_Kd -s 2 3 -o 0.25 -clamp on my wall.png\nKd 0 0 0\nnewmtl c\nmap_Kd 4 walls.jpg\n"
+    )
+    found = read_materials(path)
+    np.testing.assert_array_equal(found["a"].diffuse, [0.5, 0.25, 1])
+    assert (found["b"].texture, found["b"].scale, found["b"].offset) == ("my wall.png", (2.0, 3.0), (0.25, 0.0))
+    assert found["b"].clamped
+    np.testing.assert_array_equal(found["b"].diffuse, [1, 1, 1])
+    assert found["c"].texture == "4 walls.jpg"
+    path.write_text("newmtl a\nKd red\n")
+    with pytest.raises(ScanDamagedError, match="Line 2 of the material file"):
+        read_materials(path)

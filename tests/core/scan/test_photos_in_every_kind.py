@@ -1,0 +1,43 @@
+"""A painted box as a file of every kind: registered, a panorama of it is found where it was taken."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.geometry.pose import Pose
+from core.index.map_builder import build_map_index
+from core.localizer import Localizer
+from core.scan.reading import read_scan
+from tests.core.found_pose import assert_found
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.scan.mesh_files import glb_of
+from tests.core.scan.ptx_files import station_text
+
+BOX = PaintedBox(seed=3)
+
+
+def ptx_of(box: PaintedBox) -> bytes:
+    cloud = box.scan(24_000)
+    poses = (
+        (rotation_of(70.0, 3.0, -2.0), np.array([1.0, 2.0, 1.6])),
+        (rotation_of(-140.0), np.array([3.5, 1.5, 1.4])),
+    )
+    halves = zip(np.split(cloud.positions.astype(np.float64), 2), np.split(cloud.colors, 2), poses, strict=True)
+    return "".join(station_text(points, colors, *pose) for points, colors, pose in halves).encode()
+
+
+KINDS: dict[str, Callable[[PaintedBox], bytes]] = {"room.ptx": ptx_of, "room.glb": glb_of}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_a_panorama_is_found_within_five_centimetres(
+    scan_file: Callable[[str, bytes | str], Path], localizer: Localizer, name: str
+) -> None:
+    pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+    index = build_map_index(read_scan(scan_file(name, KINDS[name](BOX))))
+    found = localizer.localize(BOX.panorama(pose), [index])
+    assert_found(found, pose, 0.05, 1.0)
+    assert found.status == "localized"
