@@ -1,5 +1,6 @@
 """The worker that answers queries: finds the index of the map, decodes the images, localizes them, draws the pictures."""
 
+import logging
 import os
 import socket
 import time
@@ -9,7 +10,7 @@ from typing import TypeVar
 
 import torch
 
-from core.errors import DeadlineExceededError
+from core.errors import DeadlineExceededError, IndexFormatError
 from core.index.map_builder import index_config_digest
 from core.index.map_codec import decode_map_index
 from core.index.map_index import MapIndex
@@ -27,6 +28,7 @@ from service.worker.query_images import Query, read_query, shown_on_sphere
 from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
 
+_log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 
@@ -57,7 +59,7 @@ class LocalizationWorker:
         )
 
     def _index_of(self, map_ref: MapRef) -> tuple[str, MapIndex | None]:
-        """Return where the index came from, and the index; None when Redis has lost it."""
+        """Return where the index came from, and the index; None when Redis has lost it, or has something else in its place."""
         source = "resident" if map_ref in self._resident else "redis"
         try:
             return source, self._resident.get_or_load(map_ref, lambda: self._from_redis(map_ref))
@@ -66,10 +68,16 @@ class LocalizationWorker:
 
     def _from_redis(self, map_ref: MapRef) -> MapIndex:
         options = self._catalog.registration_of(map_ref).options.index
-        encoded = self._cache.get_index(map_ref, index_config_digest(options))
+        digest = index_config_digest(options)
+        encoded = self._cache.get_index(map_ref, digest)
         if encoded is None:
             raise _IndexMissingError(map_ref.id)
-        return decode_map_index(encoded, str(self._localizer.device))
+        try:
+            return decode_map_index(encoded, str(self._localizer.device))
+        except IndexFormatError as error:
+            # As good as lost: it is built again, over what is there.
+            _log.warning("a map index in Redis cannot be read", extra={"map_id": map_ref.id, "error": str(error)})
+            raise _IndexMissingError(map_ref.id) from error
 
 
 class _IndexMissingError(Exception):

@@ -20,7 +20,7 @@ from tests.service.http.running_service import SCAN, listening
 def connected(url: str, sent: bytes = b"") -> Iterator[socket.socket]:
     """Open a connection and send what a hostile client sends."""
     host, port = url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port)), timeout=10) as connection:
+    with socket.create_connection((host, int(port)), timeout=60) as connection:
         connection.sendall(sent)
         yield connection
 
@@ -38,7 +38,7 @@ def answer(connection: socket.socket) -> tuple[int, dict[str, object]]:
 def refusals(url: str, limit: str) -> float:
     found = [
         line
-        for line in httpx.get(f"{url}/metrics").text.splitlines()
+        for line in httpx.get(f"{url}/metrics", timeout=60).text.splitlines()
         if f'limit="{limit}"' in line and "_total" in line
     ]
     return float(found[0].rpartition(" ")[2]) if found else 0.0
@@ -71,7 +71,7 @@ def test_the_refusal_of_a_head_says_what_to_do(tmp_path: Path, redis_server: Emb
 def test_the_limit_of_a_head_counts_every_request_of_a_connection_alone(
     tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
-    with listening(tmp_path, redis_server.url) as url, httpx.Client(base_url=url) as client:
+    with listening(tmp_path, redis_server.url) as url, httpx.Client(base_url=url, timeout=60) as client:
         for _ in range(5):
             assert client.get("/health/live", headers={"A": "a" * 10_000}).status_code == 200
 
@@ -94,7 +94,7 @@ def test_connections_beyond_the_limit_of_an_address_are_told_so(tmp_path: Path, 
             assert status == 503
             assert "PANOLOC_MAX_CONNECTIONS_PER_ADDRESS" in str(problem["detail"])
         time.sleep(0.05)
-        assert httpx.get(f"{url}/health/live").status_code == 200
+        assert httpx.get(f"{url}/health/live", timeout=60).status_code == 200
         assert refusals(url, "connections-of-address") == 1
 
 
@@ -123,24 +123,24 @@ def test_a_body_that_comes_too_slowly_is_ended(tmp_path: Path, redis_server: Emb
         dripping = threading.Thread(target=drip)
         dripping.start()
         began = time.monotonic()
-        connection.settimeout(5)
+        connection.settimeout(30)
         head = connection.recv(4096)
         ended.set()
         dripping.join()
         assert b"408" in head.partition(b"\r\n")[0]
-        assert time.monotonic() - began < 3
+        assert time.monotonic() - began < 10
         assert refusals(url, "slow-body") == 1
 
 
 def test_half_open_uploads_hold_no_more_memory_than_allowed(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     with listening(tmp_path, redis_server.url, max_bytes_in_flight=3_000_000) as url:
         with connected(url, half_a_query(2_000_000)) as first, connected(url, half_a_query(2_000_000)) as second:
-            refused, _, _ = select.select([first, second], [], [], 10)
+            refused, _, _ = select.select([first, second], [], [], 60)
             status, problem = answer(refused[0])
             assert (status, problem["type"]) == (503, "/problems/bytes-in-flight")
             assert "PANOLOC_MAX_BYTES_IN_FLIGHT" in str(problem["detail"])
         assert refusals(url, "bytes-in-flight") == 1
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 60
         status = 503
         while status == 503 and time.monotonic() < deadline:
             # What was held is free as soon as the service has seen that the first has gone.
@@ -158,7 +158,7 @@ def test_a_caller_who_does_not_read_is_cut_off(tmp_path: Path, redis_server: Emb
             connection.settimeout(0.2)
             with suppress(TimeoutError, ConnectionError):
                 connection.sendall(request)
-            deadline = time.monotonic() + 10
+            deadline = time.monotonic() + 60
             while not refusals(url, "slow-reader") and time.monotonic() < deadline:
                 time.sleep(0.05)
         assert refusals(url, "slow-reader") == 1
@@ -166,7 +166,7 @@ def test_a_caller_who_does_not_read_is_cut_off(tmp_path: Path, redis_server: Emb
 
 def test_whoever_reads_and_sends_as_usual_is_not_disturbed(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     limits = {"transfer_timeout_s": 0.3, "header_timeout_s": 0.3, "min_bytes_per_s": 1.0}
-    with listening(tmp_path, redis_server.url, **limits) as url, httpx.Client(base_url=url) as client:
+    with listening(tmp_path, redis_server.url, **limits) as url, httpx.Client(base_url=url, timeout=60) as client:
         for _ in range(3):
             assert client.post("/maps", files={"file": ("office.ply", SCAN)}).status_code == 202
             time.sleep(0.4)

@@ -3,7 +3,7 @@
 import hashlib
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -245,3 +245,27 @@ def test_the_limits_of_the_process_grow_with_the_scan(place: Place, monkeypatch:
     scan_bytes = len(FolderStorage(place.folder / "data").read(place.job.scan_key))
     assert [num_bytes for num_bytes, _ in given] == [2**28 + 3 * scan_bytes]
     assert all(cpu_s >= settings.registration_limits.seconds(scan_bytes) for _, cpu_s in given)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: data[: len(data) // 2],
+        lambda data: b"",
+        lambda data: data[:10] + b"\xff\x00{" + data[13:],
+        lambda data: data[:4] + b"\xff\xff" + data[6:],
+        lambda data: b"something else",
+    ],
+    ids=["truncated", "empty", "damaged header", "foreign version", "foreign"],
+)
+def test_an_index_that_cannot_be_read_is_built_again_like_one_that_is_lost(
+    place: Place, damage: Callable[[bytes], bytes]
+) -> None:
+    place.registrar.register(place.job)
+    (key,) = place.redis.keys("index:*")
+    place.redis.set(key, damage(place.redis.get(key)), ex=60)
+    reply = place.worker.localize(query())
+    assert (reply.failure, reply.missing) == (None, (MAP,))
+    assert place.registrar.rebuild(MAP).failure is None
+    assert place.worker.localize(query()).missing == ()
