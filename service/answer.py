@@ -70,6 +70,14 @@ def picture_path(localization_id: str, name: str) -> str:
     return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"
 
 
+def without_copies(answer: Document) -> Document:
+    """Return an answer of which Redis has no copy: it cannot be fetched again, and its pictures cannot be fetched at all."""
+    said = (
+        "Redis cannot keep this answer: it cannot be fetched again, and its pictures are lost; localize again for them"
+    )
+    return {**answer, "artifacts": {}, "warnings": [*answer["warnings"], said]}
+
+
 def _pose(found: FoundPose, frame: Frame, georeference: Document | None) -> Document:
     """Return a pose with its angles twice: as rotations about its axes, and as photographers mean them.
 

@@ -31,6 +31,7 @@ from service.jobs import ARTIFACTS, MapRef
 
 _TIMEOUT_S = 5.0
 _RETRIES = 3
+_PROBE_S = 10
 _RETRY_AFTER_S = 2
 # A server that loads its data, is full, or is only a replica for now is as good as away.
 _TEMPORARY = (BusyLoadingError, OutOfMemoryError, ReadOnlyError)
@@ -51,7 +52,11 @@ class WorkerCache:
     def get_index(self, ref: MapRef, digest: str) -> bytes | None:
         """Return the encoded index, None when it is not there; reading it renews its lifetime."""
         with _down_is_said():
-            found: Any = self._redis.getex(_index_key(ref, digest), ex=self._index_lifetime_s)
+            try:
+                found: Any = self._redis.getex(_index_key(ref, digest), ex=self._index_lifetime_s)
+            except ReadOnlyError:
+                # A replica that waits to become the first still knows the index.
+                found = self._redis.get(_index_key(ref, digest))
             return None if found is None else bytes(found)
 
     def put_index(self, ref: MapRef, digest: str, data: bytes) -> None:
@@ -89,6 +94,11 @@ class Cache:
         """Raise CacheDownError unless Redis answers."""
         async with _down_is_said_async():
             await self._redis.ping()
+
+    async def check_writable(self) -> None:
+        """Raise CacheDownError unless Redis takes a value: one that is full or read-only answers, but keeps nothing."""
+        async with _down_is_said_async():
+            await self._redis.set("probe", b"", ex=_PROBE_S)
 
     async def get_progress(self, refs: Iterable[MapRef]) -> dict[MapRef, dict[str, Any]]:
         """Return what the registrations of `refs` are at; those that have not begun are left out."""

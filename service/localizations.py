@@ -10,9 +10,9 @@ import structlog
 
 from core.errors import DeadlineExceededError
 from core.panorama.image_header import read_image_header
-from service.answer import Document, answer_document
+from service.answer import Document, answer_document, without_copies
 from service.cache import Cache
-from service.errors import EXPECTED_ERRORS, LocalizationNotFoundError, ServiceError
+from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, ServiceError
 from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
@@ -64,7 +64,7 @@ class Localizations:
         chosen = query.maps.resolve(self._registry)
         # What a worker computes for a Redis that is away cannot be kept, and may take it minutes.
         await self._cache.check()
-        return await self._answer(query, chosen, new_id("loc"))
+        return await self._answer(query, chosen, new_id("loc"), is_waited_for=True)
 
     async def begin(self, query: LocalizeRequest, when_done: Callable[[], None] = lambda: None) -> Document:
         """Begin a query whose answer is fetched later, and return its state. Raises as `answer` does.
@@ -118,7 +118,9 @@ class Localizations:
             task.cancel()
         await asyncio.gather(*under_way, return_exceptions=True)
 
-    async def _answer(self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str) -> Document:
+    async def _answer(
+        self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str, is_waited_for: bool
+    ) -> Document:
         began = time.monotonic()
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
@@ -134,12 +136,27 @@ class Localizations:
             warnings=chosen.warnings,
             georeferences=self._registry.georeferences(chosen.refs),
         )
-        await self._cache.put_answer(localization_id, body, outcome.pictures, [ref.id for ref in chosen.refs])
-        await self._forget_deleted(chosen)
+        if is_waited_for:
+            body = await self._kept_if_possible(body, outcome, chosen)
+        else:
+            await self._keep_answer(body, outcome, chosen)
         if self._settings.keep_images:
             await self._keep(localization_id, query.images)
         self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
         return body
+
+    async def _kept_if_possible(self, body: Document, outcome: LocalizeOutcome, chosen: ChosenMaps) -> Document:
+        """Keep an answer whose caller waits for it; return it with a warning where Redis does not take it."""
+        try:
+            await self._keep_answer(body, outcome, chosen)
+        except CacheDownError as error:
+            _log.warning("an answer cannot be kept", error=str(error))
+            return without_copies(body)
+        return body
+
+    async def _keep_answer(self, body: Document, outcome: LocalizeOutcome, chosen: ChosenMaps) -> None:
+        await self._cache.put_answer(body["id"], body, outcome.pictures, [ref.id for ref in chosen.refs])
+        await self._forget_deleted(chosen)
 
     async def _outcome(
         self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str
@@ -176,7 +193,7 @@ class Localizations:
 
     async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
         try:
-            return await self._answer(query, chosen, pending["id"])
+            return await self._answer(query, chosen, pending["id"], is_waited_for=False)
         except Exception as error:
             if not isinstance(error, EXPECTED_ERRORS):
                 _log.exception("a query met an unexpected fault")

@@ -17,13 +17,16 @@ async def watch_redis(cache: Cache, url: str, interval_s: float = _INTERVAL_S) -
     was_up = True
     while True:
         try:
-            await cache.check()
+            await cache.check_writable()
             is_up = True
         except CacheDownError as error:
             is_up = False
             if was_up:
                 said = {"redis": _place(url), "error": str(error)}
-                _log.warning("Redis does not answer; requests get 503 until it does", extra=said)
+                _log.warning(
+                    "Redis does not answer or keeps nothing; requests get 503, or answers that are not kept",
+                    extra=said,
+                )
         if is_up and not was_up:
             _log.info("Redis answers again", extra={"redis": _place(url)})
         was_up = is_up

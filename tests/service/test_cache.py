@@ -128,6 +128,15 @@ def test_a_redis_that_is_full_or_read_only_is_as_good_as_away(cache: WorkerCache
             cache.put_index(REF, DIGEST, b"")
 
 
+def test_an_index_is_read_from_a_redis_that_is_read_only(cache: WorkerCache, client: "redis.Redis") -> None:
+    cache.put_index(REF, DIGEST, b"index")
+    client.replicaof("127.0.0.1", "1")
+    try:
+        assert cache.get_index(REF, DIGEST) == b"index"
+    finally:
+        client.replicaof("NO", "ONE")
+
+
 def test_a_fault_that_does_not_pass_by_itself_is_not_called_away(cache: WorkerCache, client: "redis.Redis") -> None:
     client.lpush(INDEX, "not what we keep there")
     with pytest.raises(redis.ResponseError):

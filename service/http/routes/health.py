@@ -42,7 +42,7 @@ async def live() -> Response:
     },
 )
 async def ready(request: Request) -> Response:
-    """Answer 200 when Redis answers, a worker is up and start-up is over."""
+    """Answer 200 when Redis answers and takes values, a worker is up and start-up is over."""
     details = await _details(services_of(request))
     if details["status"] == "ready":
         return JSONResponse(details)
@@ -93,7 +93,7 @@ def service_version() -> str:
 
 async def _redis_is_up(services: Services) -> bool:
     try:
-        await services.cache.check()
+        await services.cache.check_writable()
     except CacheDownError:
         return False
     return True

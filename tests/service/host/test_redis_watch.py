@@ -15,7 +15,7 @@ class FlakyCache:
     def __init__(self, answers: list[bool]) -> None:
         self._answers = answers
 
-    async def check(self) -> None:
+    async def check_writable(self) -> None:
         if not self._answers:
             raise asyncio.CancelledError
         if not self._answers.pop(0):

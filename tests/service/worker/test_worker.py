@@ -264,7 +264,8 @@ def test_an_index_that_cannot_be_read_is_built_again_like_one_that_is_lost(
 ) -> None:
     place.registrar.register(place.job)
     (key,) = place.redis.keys("index:*")
-    place.redis.set(key, damage(place.redis.get(key)), ex=60)
+    kept: Any = place.redis.get(key)
+    place.redis.set(key, damage(kept), ex=60)
     reply = place.worker.localize(query())
     assert (reply.failure, reply.missing) == (None, (MAP,))
     assert place.registrar.rebuild(MAP).failure is None
