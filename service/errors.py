@@ -8,6 +8,9 @@
     │   ├── ScopeMissingError         the key may not do this
     │   ├── MapNotFoundError          no map under this id or tag
     │   ├── LocalizationNotFoundError no localization under this id, or its time is over
+    │   ├── BatchNotFoundError        no batch under this id
+    │   ├── BatchLimitError           as many batches as allowed
+    │   ├── ArchiveError              an uploaded zip that cannot be unpacked, or must not be
     │   ├── MapNotReadyError          the map is still being built
     │   ├── MapUnusableError          the map could not be built and serves nothing
     │   ├── MapLimitError             as many maps as allowed
@@ -24,6 +27,7 @@
     ├── StorageError                  what was stored cannot be read back
     │   ├── StoredFileMissingError    nothing under this key
     │   └── StoredFileDamagedError    the bytes do not match their digest
+    ├── ExportFailedError             the process that writes exports failed
     └── WorkerError                   a worker met a fault that nobody raises on purpose
 
 What is wrong with a scan, an image or the options of a search is an exception of `core.errors`, in every process.
@@ -67,6 +71,18 @@ class MapNotFoundError(RequestError):
 
 class LocalizationNotFoundError(RequestError):
     """There is no localization under this id, or its time is over."""
+
+
+class BatchNotFoundError(RequestError):
+    """There is no batch under this id."""
+
+
+class BatchLimitError(RequestError):
+    """There are as many batches as allowed."""
+
+
+class ArchiveError(RequestError):
+    """An uploaded zip cannot be unpacked, or must not be."""
 
 
 class MapNotReadyError(RequestError):
@@ -146,6 +162,10 @@ class StoredFileMissingError(StorageError):
 
 class StoredFileDamagedError(StorageError):
     """The stored bytes do not match their digest."""
+
+
+class ExportFailedError(ServiceError):
+    """The process that writes exports failed."""
 
 
 class WorkerError(ServiceError):

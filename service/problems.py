@@ -74,6 +74,18 @@ PROBLEMS: dict[type[Exception], Problem] = {
         404,
         "Localize again; answers live for a limited time.",
     ),
+    service.BatchNotFoundError: Problem(
+        "batch-not-found", "There is no such batch", 404, "Send the images again; batches live until they are deleted."
+    ),
+    service.BatchLimitError: Problem(
+        "batch-limit", "There are as many batches as allowed", 409, "Delete a batch, or raise the limit."
+    ),
+    service.ArchiveError: Problem(
+        "archive-unusable",
+        "The archive cannot be unpacked",
+        422,
+        "Pack the images alone into a zip, and send it again.",
+    ),
     service.MapNotReadyError: Problem(
         "map-not-ready", "The map is still being built", 409, "Poll the map and try again once it is ready."
     ),
@@ -111,6 +123,7 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.StorageError: _STORAGE,
     service.StoredFileMissingError: _STORAGE,
     service.StoredFileDamagedError: _STORAGE,
+    service.ExportFailedError: _INTERNAL,
     service.WorkerError: _INTERNAL,
     core.CoreError: _INTERNAL,
     core.ScanError: _BAD_SCAN,

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 from starlette.requests import HTTPConnection
 
+from service.batches.runs import BatchRuns
+from service.batches.store import BatchStore
 from service.cache import Cache
 from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
@@ -34,6 +36,8 @@ class Services:
     metrics: Metrics
     registrations: Registrations
     localizations: Localizations
+    batches: BatchStore
+    batch_runs: BatchRuns
     bytes_in_flight: BytesInFlight
     connections: ConnectionCount
     started: bool = False
@@ -45,6 +49,8 @@ class Services:
         """Put the services of an application together; nothing runs before `start`."""
         registry = MapRegistry(storage, settings.max_maps)
         metrics = Metrics(pool.state, registry.num_by_status)
+        localizations = Localizations(settings, registry, pool, cache, storage, metrics)
+        batches = BatchStore(storage, settings.max_batches)
         return cls(
             settings,
             pool,
@@ -53,16 +59,20 @@ class Services:
             registry,
             metrics,
             Registrations(registry, pool, cache, metrics, settings.registration_limits),
-            Localizations(settings, registry, pool, cache, storage, metrics),
+            localizations,
+            batches,
+            BatchRuns(batches, localizations, pool, settings.max_pixels),
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
             ConnectionCount(settings.connection_limits, metrics.note_refusal),
         )
 
     async def start(self) -> None:
-        """Read the maps, begin to bring the workers up, and take up unfinished registrations."""
+        """Read maps and batches, begin to bring the workers up, and take up unfinished registrations and batches."""
         await self.registry.load()
+        await self.batches.load()
         await self.pool.start()
         self.registrations.resume()
+        self.batch_runs.resume()
         if self.settings.redis_url is not None:
             self._watch = asyncio.create_task(watch_redis(self.cache, self.settings.redis_url))
         self.started = True
@@ -73,6 +83,7 @@ class Services:
         if self._watch is not None:
             self._watch.cancel()
         await self.registrations.stop()
+        await self.batch_runs.stop()
         await self.localizations.stop(self.settings.drain_s)
         await self.pool.stop(max(0.0, deadline - time.monotonic()))
         await self.cache.close()

@@ -84,6 +84,8 @@ class Settings(BaseSettings):
         384 * 2**20, ge=1, description="Of these, bytes of one caller: an API key where keys are set, else an address."
     )
     max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
+    max_batches: int = Field(100, ge=1, description="Batches at the same time; each lives until it is deleted.")
+    max_batch_images: int = Field(2000, ge=1, description="Images of one batch.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
     default_timeout_s: float = Field(
         60.0,

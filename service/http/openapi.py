@@ -7,11 +7,18 @@ from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from service.http.schemas import LocalizeOptions, MapOptions, MapPatch, ProblemDocument, ScanOptions
+from service.http.schemas import BatchOptions, LocalizeOptions, MapOptions, MapPatch, ProblemDocument, ScanOptions
 
 _REF = "#/components/schemas/{model}"
 # Known to the document although no route of FastAPI's kind names them.
-_MODELS: tuple[type[BaseModel], ...] = (ProblemDocument, MapOptions, ScanOptions, MapPatch, LocalizeOptions)
+_MODELS: tuple[type[BaseModel], ...] = (
+    ProblemDocument,
+    MapOptions,
+    ScanOptions,
+    MapPatch,
+    LocalizeOptions,
+    BatchOptions,
+)
 
 
 def binary_part(description: str) -> dict[str, Any]:

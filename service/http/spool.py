@@ -1,8 +1,9 @@
-"""A scan on its way into the storage: a file in the spool folder, hashed and looked at while it is written."""
+"""Files on their way into the storage: a file in the spool folder, hashed and looked at while it is written."""
 
 import errno
 import hashlib
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -13,12 +14,18 @@ from service.errors import StorageFullError, UploadTooLargeError
 MAX_FIELD_BYTES = 64 * 1024
 
 
+def check_scan_head(head: bytes, name: str) -> None:
+    """Raise ScanFormatError, and what else `format_of` raises, for what is no scan."""
+    format_of(head, extension_of(name))
+
+
 @dataclass(frozen=True)
 class PartRule:
     """What a part of a form may be.
 
     max_bytes: of one. setting: the name of that limit. spooled: goes to a file. max_parts: how often it may come. max_full_parts: of
-    them may be as large as `max_bytes`; all together take no more bytes than these.
+    them may be as large as `max_bytes`; all together take no more bytes than these. check_head: raises for a spooled file that
+    begins, under its name, as none that is wanted.
     """
 
     max_bytes: int = MAX_FIELD_BYTES
@@ -26,6 +33,7 @@ class PartRule:
     spooled: bool = False
     max_parts: int = 1
     max_full_parts: int = 1
+    check_head: Callable[[bytes, str], object] = check_scan_head
 
     @property
     def max_total_bytes(self) -> int:
@@ -34,8 +42,8 @@ class PartRule:
 
 
 @dataclass
-class SpooledScan:
-    """A scan on its way into the storage. name: at the client; sha256: hexadecimal."""
+class SpooledFile:
+    """A file on its way into the storage. name: at the client; sha256: hexadecimal."""
 
     name: str
     path: Path
@@ -44,7 +52,7 @@ class SpooledScan:
 
 
 class Spool:
-    """Collects a scan in a file; bytes wait in memory until `write_out`, which may run in another thread."""
+    """Collects a part in a file; bytes wait in memory until `write_out`, which may run in another thread."""
 
     def __init__(self, folder: Path, name: str, rule: PartRule, part: str) -> None:
         self._name, self._rule, self._part = name, rule, part
@@ -78,13 +86,13 @@ class Spool:
         except OSError as error:
             raise disk_error(error) from error
 
-    def finish(self) -> SpooledScan:
+    def finish(self) -> SpooledFile:
         """Close the file and say what is in it."""
         if not self._head_checked:
             self._check_head()
         self.write_out()
         self._file.close()
-        return SpooledScan(self._name, self._path, self._num_bytes, self._digest.hexdigest())
+        return SpooledFile(self._name, self._path, self._num_bytes, self._digest.hexdigest())
 
     def discard(self) -> None:
         """Remove the file."""
@@ -92,7 +100,7 @@ class Spool:
         self._path.unlink(missing_ok=True)
 
     def _check_head(self) -> None:
-        format_of(bytes(self._waiting[:HEAD_BYTES]), extension_of(self._name))
+        self._rule.check_head(bytes(self._waiting[:HEAD_BYTES]), self._name)
         self._head_checked = True
 
 

@@ -1,6 +1,7 @@
 """Reads multipart uploads while they stream in: a limit that is passed ends the request at once, unread.
 
-Scans go to a file in the storage's spool folder, hashed on the way; images and fields stay in memory.
+Scans, archives and the images of a batch go to files in the storage's spool folder, hashed on the way; the images of a query and
+fields stay in memory.
 """
 
 import asyncio
@@ -15,7 +16,7 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
-from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledScan, too_large, too_large_together
+from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile, too_large, too_large_together
 from service.limits.bytes_in_flight import HeldBytes
 
 if TYPE_CHECKING:
@@ -30,17 +31,31 @@ _WRITE_BYTES = 2**20
 
 @dataclass
 class Form:
-    """The parts of an upload by name. Leaving its `with` block removes the scan's file unless it was taken over."""
+    """The parts of an upload by name. Leaving its `with` block removes the spooled files that were not taken over."""
 
     fields: dict[str, list[bytes]] = field(default_factory=dict)
-    scan: SpooledScan | None = None
+    files: dict[str, list[SpooledFile]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self.scan is not None:
-            self.scan.path.unlink(missing_ok=True)
+        self.discard()
+
+    @property
+    def scan(self) -> SpooledFile | None:
+        """Return the spooled file of a form that has one, None where it did not come."""
+        return next((file for files in self.files.values() for file in files), None)
+
+    def files_of(self, name: str) -> list[SpooledFile]:
+        """Return the spooled parts of this name in their order."""
+        return self.files.get(name, [])
+
+    def discard(self) -> None:
+        """Remove the spooled files."""
+        for files in self.files.values():
+            for file in files:
+                file.path.unlink(missing_ok=True)
 
     def single(self, name: str) -> bytes | None:
         """Return the part of this name, None without one."""
@@ -65,15 +80,17 @@ async def read_form(
     rules: Mapping[str, PartRule],
     spool_folder: Path | None = None,
     held: HeldBytes | None = None,
+    max_parts: int = MAX_PARTS,
 ) -> Form:
-    """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in memory.
+    """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in memory. max_parts:
+    whatever their names.
 
     Raises MalformedRequestError, UploadTooLargeError, InvalidOptionsError (a part that no rule names), StorageFullError,
     BytesInFlightError, SlowBodyError,
     and what `format_of` raises as soon as the head of a scan is there.
     """
     _check_length(headers, rules)
-    reader = _FormReader(_boundary(headers), rules, spool_folder, held)
+    reader = _FormReader(_boundary(headers), rules, spool_folder, held, max_parts)
     try:
         async for chunk in chunks:
             await reader.feed(chunk)
@@ -95,9 +112,15 @@ async def read_body(chunks: AsyncIterator[bytes], max_bytes: int = MAX_FIELD_BYT
 
 class _FormReader:
     def __init__(
-        self, boundary: bytes, rules: Mapping[str, PartRule], spool_folder: Path | None, held: HeldBytes | None
+        self,
+        boundary: bytes,
+        rules: Mapping[str, PartRule],
+        spool_folder: Path | None,
+        held: HeldBytes | None,
+        max_parts: int,
     ) -> None:
         self._rules = rules
+        self._max_parts = max_parts
         self._spool_folder = spool_folder
         self._held = held
         self._form = Form()
@@ -132,9 +155,10 @@ class _FormReader:
         return self._form
 
     def discard(self) -> None:
-        """Remove what has been written of a scan."""
+        """Remove what has been written of spooled parts."""
         if self._spool is not None:
             self._spool.discard()
+        self._form.discard()
 
     def _callbacks(self) -> "MultipartCallbacks":
         return {
@@ -151,8 +175,8 @@ class _FormReader:
     def _begin_part(self) -> None:
         self._headers = []
         self._num_parts += 1
-        if self._num_parts > MAX_PARTS:
-            raise UploadTooLargeError(f"expected at most {MAX_PARTS} parts, got more; send fewer")
+        if self._num_parts > self._max_parts:
+            raise UploadTooLargeError(f"expected at most {self._max_parts} parts, got more; send fewer")
 
     def _on_header_field(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
@@ -182,19 +206,20 @@ class _FormReader:
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         if self._rule.spooled and self._spool is not None:
             self._spool.add(data[start:end])
-            return
-        if self._held is not None:
-            self._held.take(end - start)
-        self._value += data[start:end]
-        if len(self._value) > self._rule.max_bytes:
-            raise too_large(self._name, self._rule)
+        else:
+            if self._held is not None:
+                self._held.take(end - start)
+            self._value += data[start:end]
+            if len(self._value) > self._rule.max_bytes:
+                raise too_large(self._name, self._rule)
         self._num_bytes[self._name] += end - start
         if self._num_bytes[self._name] > self._rule.max_total_bytes:
             raise too_large_together(self._name, self._rule)
 
     def _end_part(self) -> None:
         if self._rule.spooled and self._spool is not None:
-            self._form.scan = self._spool.finish()
+            self._form.files.setdefault(self._name, []).append(self._spool.finish())
+            self._spool = None
         else:
             self._form.fields.setdefault(self._name, []).append(bytes(self._value))
 

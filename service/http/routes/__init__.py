@@ -2,8 +2,20 @@
 
 from fastapi import APIRouter
 
-from service.http.routes import health, home, localizations, localize, map_files, maps, metrics, new_scans
+from service.http.routes import (
+    batches,
+    health,
+    home,
+    localizations,
+    localize,
+    map_files,
+    maps,
+    metrics,
+    new_batches,
+    new_scans,
+)
 
 ROUTERS: tuple[APIRouter, ...] = tuple(
-    module.router for module in (maps, new_scans, map_files, localize, localizations, health, metrics, home)
+    module.router
+    for module in (maps, new_scans, map_files, localize, localizations, new_batches, batches, health, metrics, home)
 )

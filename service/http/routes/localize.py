@@ -130,10 +130,11 @@ async def _query(request: Request, settings: Settings, held: HeldBytes) -> Local
     with limited_by("PANOLOC_MAX_PIXELS"):
         check_images(images, IMAGE, settings.max_pixels)
         check_images(masks, MASK, settings.max_pixels)
-    return LocalizeRequest(query, maps, _checked(options, settings), request.state.request_id)
+    return LocalizeRequest(query, maps, checked_options(options, settings), request.state.request_id)
 
 
-def _checked(given: LocalizeOptions, settings: Settings) -> QueryOptions:
+def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
+    """Return options as the pool takes them. Raises InvalidOptionsError for more time than the operator allows."""
     options = given.to_options(settings.timeout_s_of(given.method))
     if options.timeout_s > settings.max_timeout_s:
         message = (

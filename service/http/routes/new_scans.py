@@ -16,7 +16,7 @@ from service.http.openapi import accepted_headers, binary_part, json_part, multi
 from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
-from service.http.spool import PartRule, SpooledScan, disk_error
+from service.http.spool import PartRule, SpooledFile, disk_error
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
@@ -132,7 +132,7 @@ async def _read(request: Request, services: Services) -> Form:
     return await read_form(request.stream(), request.headers, rules, folder)
 
 
-async def _checked_scan(form: Form, services: Services) -> SpooledScan:
+async def _checked_scan(form: Form, services: Services) -> SpooledFile:
     if form.scan is None:
         message = "expected the scan in a part of this name, got none; send -F file=@scan.ply"
         raise InvalidOptionsError(f"file: {message}", [{"field": "file", "message": message}])
@@ -143,7 +143,7 @@ async def _checked_scan(form: Form, services: Services) -> SpooledScan:
     return form.scan
 
 
-async def _store(services: Services, ref: MapRef, scan: SpooledScan, options: RegisterOptions) -> Revision:
+async def _store(services: Services, ref: MapRef, scan: SpooledFile, options: RegisterOptions) -> Revision:
     try:
         key = await services.registry.adopt_scan(ref, f"scan{extension_of(scan.name)}", scan.path, scan.sha256)
     except OSError as error:

@@ -3,6 +3,7 @@
 Requests are validated with them; answers come from the worker as they are, and tests hold them against the models.
 """
 
+from service.http.schemas.batches import Batch, BatchOptions
 from service.http.schemas.geometry import Box, Model, Vector
 from service.http.schemas.health import Health, Liveness
 from service.http.schemas.localization import Hints, Localization, LocalizeOptions, PendingLocalization
@@ -11,6 +12,8 @@ from service.http.schemas.maps import Map, MapPage, MapStarts
 from service.http.schemas.problem import ProblemDocument
 
 __all__ = [
+    "Batch",
+    "BatchOptions",
     "Box",
     "Georeference",
     "Health",

@@ -1,0 +1,63 @@
+"""`python -m core.exports TOUR.json FORMAT TARGET`: writes an export in a process of its own, into a folder, or a zip by its ending.
+
+What cannot be written in a format is said on standard error in one line, with exit code 3.
+"""
+
+import shutil
+import sys
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from core.errors import CoreError
+from core.exports.formats import EXPORTERS, export
+from core.exports.tour import ExportedFile
+from core.exports.tour_file import read_tour
+
+REFUSED = 3
+_EARLIEST = (1980, 1, 1, 0, 0, 0)  # of zip files: the same photos make the same bytes
+
+
+def main(arguments: list[str]) -> int:
+    """Write one export and return the exit code."""
+    tour, name, target = Path(arguments[0]), arguments[1], Path(arguments[2])
+    if name not in EXPORTERS:
+        print(f"expected one of {', '.join(EXPORTERS)}, got {name}", file=sys.stderr)
+        return REFUSED
+    try:
+        files = export(name, read_tour(tour))
+        (write_zip if target.suffix == ".zip" else write_folder)(files, target)
+    except CoreError as error:
+        print(error, file=sys.stderr)
+        return REFUSED
+    return 0
+
+
+def write_folder(files: Iterable[ExportedFile], folder: Path) -> None:
+    """Write files below a folder, over those of an earlier export."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in files:
+        target = folder / file.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(file.content, bytes):
+            target.write_bytes(file.content)
+        else:
+            shutil.copyfile(file.content, target)
+
+
+def write_zip(files: Iterable[ExportedFile], path: Path) -> None:
+    """Write files into a zip; photos and clouds as they are, text compressed."""
+    with zipfile.ZipFile(path, "w", allowZip64=True) as archive:
+        for file in files:
+            entry = zipfile.ZipInfo(file.path, _EARLIEST)
+            entry.external_attr = 0o644 << 16
+            if isinstance(file.content, bytes):
+                archive.writestr(entry, file.content, zipfile.ZIP_DEFLATED)
+                continue
+            entry.file_size = file.content.stat().st_size
+            with file.content.open("rb") as source, archive.open(entry, "w") as sink:
+                shutil.copyfileobj(source, sink, 2**20)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

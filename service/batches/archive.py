@@ -1,0 +1,113 @@
+"""Images out of a zip: each into a file of its own, within limits that hold while it inflates, whatever the archive says of itself."""
+
+import hashlib
+import stat
+import uuid
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from service.errors import ArchiveError, UploadTooLargeError
+
+IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp"})
+_BLOCK_BYTES = 2**20
+_MAX_ENTRIES = 20_000
+_ENCRYPTED = 0x1
+
+
+@dataclass(frozen=True)
+class UnpackedImage:
+    """name: in the archive. path: where it is now. sha256: hexadecimal."""
+
+    name: str
+    path: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class UnpackLimits:
+    """max_images: in an archive. max_image_bytes: of one, max_total_bytes: of all, both unpacked."""
+
+    max_images: int
+    max_image_bytes: int
+    max_total_bytes: int
+
+
+def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[list[UnpackedImage], list[str]]:
+    """Return the images of a zip in its order, and the names of files that are no images by their endings, which stay packed.
+
+    Raises ArchiveError for what is no zip, is damaged, encrypted, or names files outside of itself, and UploadTooLargeError; nothing stays
+    in the folder then.
+    """
+    unpacked: list[UnpackedImage] = []
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            images, ignored = _sorted_entries(opened, limits.max_images)
+            left = limits.max_total_bytes
+            for entry in images:
+                target = folder / uuid.uuid4().hex
+                unpacked.append(UnpackedImage(entry.filename, target, ""))
+                digest, num_bytes = _unpack(opened, entry, target, min(left, limits.max_image_bytes))
+                unpacked[-1] = UnpackedImage(entry.filename, target, digest)
+                left -= num_bytes
+        return unpacked, ignored
+    except BaseException as error:
+        for image in unpacked:
+            image.path.unlink(missing_ok=True)
+        if isinstance(error, zipfile.BadZipFile | zlib.error | EOFError | NotImplementedError | ValueError):
+            raise ArchiveError(f"archive: expected a zip, but {error}; pack it again") from error
+        raise
+
+
+def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipfile.ZipInfo], list[str]]:
+    entries = [entry for entry in opened.infolist() if not entry.is_dir()]
+    if len(entries) > _MAX_ENTRIES:
+        raise UploadTooLargeError(
+            f"archive: expected at most {_MAX_ENTRIES:,} files, got {len(entries):,}; pack the images alone"
+        )
+    for entry in entries:
+        _check(entry)
+    images = [entry for entry in entries if _is_image(entry.filename)]
+    if len(images) > max_images:
+        raise UploadTooLargeError(
+            f"archive: expected at most {max_images:,} images (PANOLOC_MAX_BATCH_IMAGES), got {len(images):,}; send several batches"
+        )
+    return images, [entry.filename for entry in entries if not _is_image(entry.filename)]
+
+
+def _check(entry: zipfile.ZipInfo) -> None:
+    path = PurePosixPath(entry.filename.replace("\\", "/"))
+    if path.is_absolute() or ".." in path.parts or ":" in path.parts[0]:
+        raise ArchiveError(
+            f"archive: expected names inside of it, got {entry.filename[:80]!r}, which leads out of it; pack it again"
+        )
+    if stat.S_ISLNK(entry.external_attr >> 16):
+        raise ArchiveError(f"archive: expected files, got a link, {entry.filename[:80]!r}; pack the images themselves")
+    if entry.flag_bits & _ENCRYPTED:
+        raise ArchiveError(
+            f"archive: expected files that can be read, got {entry.filename[:80]!r} encrypted; pack it without"
+        )
+
+
+def _is_image(name: str) -> bool:
+    """Tell by its name whether a file is an image; those that systems put beside them, hidden, are none."""
+    path = PurePosixPath(name)
+    hidden = any(part.startswith(".") or part == "__MACOSX" for part in path.parts)
+    return path.suffix.lower() in IMAGE_ENDINGS and not hidden
+
+
+def _unpack(opened: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path, max_bytes: int) -> tuple[str, int]:
+    """Write one file; the bytes that come are counted, not those that are announced."""
+    digest, num_bytes = hashlib.sha256(), 0
+    with opened.open(entry) as source, target.open("wb") as sink:
+        while block := source.read(_BLOCK_BYTES):
+            num_bytes += len(block)
+            if num_bytes > max_bytes:
+                raise UploadTooLargeError(
+                    f"archive: expected {entry.filename[:80]!r} to unpack to at most {max_bytes:,} bytes, got more; send smaller "
+                    "images, or fewer in one batch"
+                )
+            digest.update(block)
+            sink.write(block)
+    return digest.hexdigest(), num_bytes

@@ -1,0 +1,28 @@
+"""Names of images as they are kept: paths with `/`, printable, inside of their folder, each once."""
+
+import re
+from collections.abc import Iterable
+from pathlib import PurePosixPath
+
+_LONGEST_NAME = 200
+
+
+def unique_names(given: Iterable[str]) -> list[str]:
+    """Return a name for each file in its order; what was called nothing becomes `image`, the second of a name `name-2`."""
+    taken: set[str] = set()
+    found = []
+    for name in map(_clean, given):
+        path, number, free = PurePosixPath(name), 1, name
+        while free in taken:
+            number += 1
+            free = str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
+        taken.add(free)
+        found.append(free)
+    return found
+
+
+def _clean(name: str) -> str:
+    printable = re.sub(r"[\x00-\x1f\x7f]", "", name).replace("\\", "/")
+    parts = [part.strip() for part in printable.split("/")]
+    kept = "/".join(part for part in parts if part not in ("", ".", ".."))
+    return kept[-_LONGEST_NAME:].lstrip("/") or "image"

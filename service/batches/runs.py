@@ -1,0 +1,130 @@
+"""Brings every image of every batch to a result: after an upload, and again after a restart.
+
+Images are handed to the pool one per free worker and only while no query waits, so that a batch of a thousand images delays a single query
+by no more than the image that is under way. Batches take turns.
+"""
+
+import asyncio
+from typing import Any
+
+import structlog
+
+from core.panorama.image_header import IMAGE, check_image
+from service.batches.record import BatchRecord, Result
+from service.batches.store import BatchStore
+from service.errors import EXPECTED_ERRORS, TryAgainError
+from service.jobs import QueryImage, WorkerPool
+from service.localizations import Localizations, LocalizeRequest
+from service.maps.selection import MapChoice
+from service.problems import problem_document
+
+_log = structlog.get_logger(__name__)
+
+_POLL_S = 0.02
+_LONGEST_PAUSE_S = 10.0
+
+
+class BatchRuns:
+    """Used from one event loop."""
+
+    def __init__(self, store: BatchStore, localizations: Localizations, pool: WorkerPool, max_pixels: int) -> None:
+        self._store = store
+        self._localizations = localizations
+        self._pool = pool
+        self._max_pixels = max_pixels
+        self._turn = asyncio.Lock()
+        self._num_under_way = 0
+        self._running: dict[str, asyncio.Task[None]] = {}
+
+    def resume(self) -> None:
+        """Begin again with every batch that has not come to its end."""
+        for record in self._store.unfinished():
+            self.begin(record)
+
+    def begin(self, record: BatchRecord) -> None:
+        """Work on a batch that is stored."""
+        task = asyncio.create_task(self._run(record), name=f"batch {record.id}")
+        self._running[record.id] = task
+        task.add_done_callback(lambda ended: self._note_end(record.id, ended))
+
+    def is_running(self, batch_id: str) -> bool:
+        """Tell whether a batch is worked on."""
+        return batch_id in self._running
+
+    async def cancel(self, batch_id: str) -> None:
+        """End the work on a batch and wait until it has ended."""
+        task = self._running.get(batch_id)
+        if task is not None:
+            task.cancel()
+            await asyncio.wait({task})
+
+    async def stop(self) -> None:
+        """End all work; what is not done is taken up again at the next start."""
+        for batch_id in list(self._running):
+            await self.cancel(batch_id)
+
+    def _note_end(self, batch_id: str, task: asyncio.Task[None]) -> None:
+        del self._running[batch_id]
+        if not task.cancelled() and task.exception() is not None:
+            _log.error("a batch met an unexpected fault", batch_id=batch_id, exc_info=task.exception())
+
+    async def _run(self, record: BatchRecord) -> None:
+        structlog.contextvars.bind_contextvars(batch_id=record.id)
+        done = await self._store.done(record.id)
+        async with asyncio.TaskGroup() as images:
+            for number in range(len(record.names)):
+                if number not in done:
+                    await self._wait_for_place()
+                    image = images.create_task(self._localize(record, number))
+                    # Also of one that is cancelled before it begins.
+                    image.add_done_callback(self._release)
+        _log.info("a batch is done", num_images=len(record.names))
+
+    async def _wait_for_place(self) -> None:
+        """Wait until a worker is free and no query waits, and hold a place; batches get theirs in turn."""
+        async with self._turn:
+            while not self._has_place():
+                await asyncio.sleep(_POLL_S)
+            self._num_under_way += 1
+
+    def _release(self, _: object) -> None:
+        self._num_under_way -= 1
+
+    def _has_place(self) -> bool:
+        state = self._pool.state()
+        return state.ready and state.queue_depth == 0 and self._num_under_way < max(1, state.num_workers)
+
+    async def _localize(self, record: BatchRecord, number: int) -> None:
+        result = await self._result(record, number)
+        pause_s = 1.0
+        while True:
+            try:
+                await self._store.put_result(record.id, number, result)
+                return
+            except OSError as error:
+                _log.error("a result cannot be stored, it is tried again", number=number, error=str(error))
+                await asyncio.sleep(pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+
+    async def _result(self, record: BatchRecord, number: int) -> Result:
+        request_id = f"{record.id}-{number:05}"
+        try:
+            answer = await self._answer(record, number, request_id)
+            return {"status": answer["status"], "answer": answer}
+        except Exception as error:
+            if not isinstance(error, EXPECTED_ERRORS):
+                _log.exception("an image of a batch met an unexpected fault", number=number)
+            return {"status": "failed", "error": problem_document(error, request_id)}
+
+    async def _answer(self, record: BatchRecord, number: int, request_id: str) -> dict[str, Any]:
+        """Return the answer of one query; what is only a matter of time is tried again until it is over."""
+        data = await self._store.image(record.id, number)
+        check_image(data, IMAGE, self._max_pixels)
+        image = QueryImage(data, camera=record.camera)
+        query = LocalizeRequest((image,), MapChoice(record.map_ids, record.tag), record.options, request_id)
+        while True:
+            try:
+                return await self._localizations.answer(query)
+            except TryAgainError as error:
+                _log.warning("an image of a batch is tried again", number=number, error=str(error))
+                await asyncio.sleep(min(max(error.retry_after_s, _POLL_S), _LONGEST_PAUSE_S))

@@ -1,0 +1,149 @@
+"""All batches: what was asked in memory, images and results in storage. The only writer of either."""
+
+import asyncio
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import structlog
+
+from service.batches.record import (
+    BatchRecord,
+    Result,
+    folder_of,
+    image_key,
+    record_key,
+    result_key,
+    results_prefix,
+)
+from service.errors import BatchLimitError, BatchNotFoundError, StorageError
+from service.storage import Storage
+
+_log = structlog.get_logger(__name__)
+
+
+class BatchStore:
+    """Used from one event loop."""
+
+    def __init__(self, storage: Storage, max_batches: int) -> None:
+        self._storage = storage
+        self._max_batches = max_batches
+        self._records: dict[str, BatchRecord] = {}
+        self._statuses: dict[str, dict[int, str]] = {}
+        self._all_known: set[str] = set()
+        self._num_done: dict[str, int] = {}
+        self._reading = asyncio.Lock()
+
+    async def load(self) -> None:
+        """Read all records; uploads that never became a batch are removed, a record that cannot be read is logged and left alone."""
+        for batch_id in await asyncio.to_thread(self._storage.names, "batches"):
+            try:
+                record = await asyncio.to_thread(self._read, batch_id)
+            except StorageError as error:
+                _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
+                continue
+            if record is None:
+                await asyncio.to_thread(self._storage.delete_all, folder_of(batch_id))
+                continue
+            self._records[batch_id] = record
+            self._num_done[batch_id] = len(await self.done(batch_id))
+
+    def get(self, batch_id: str) -> BatchRecord:
+        """Return a batch. Raises BatchNotFoundError."""
+        record = self._records.get(batch_id)
+        if record is None:
+            raise BatchNotFoundError(
+                f"expected the id of a batch, got {batch_id[:80]!r}, which is unknown or deleted; send the images again"
+            )
+        return record
+
+    def unfinished(self) -> list[BatchRecord]:
+        """Return the batches with images that have no result yet, oldest first."""
+        waiting = [each for each in self._records.values() if self._num_done[each.id] < len(each.names)]
+        return sorted(waiting, key=lambda record: (record.created_at, record.id))
+
+    def check_room(self) -> None:
+        """Raise BatchLimitError when there are as many batches as allowed."""
+        if len(self._records) >= self._max_batches:
+            raise BatchLimitError(
+                f"expected fewer than {self._max_batches} batches (PANOLOC_MAX_BATCHES), got as many; delete one you do not need"
+            )
+
+    async def add(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
+        """Take over the images, each with its SHA-256, and store the batch durably. Raises OSError, and leaves nothing behind then."""
+        try:
+            await _to_the_end(self._adopt, record, images)
+        except BaseException:
+            await _to_the_end(self._storage.delete_all, folder_of(record.id))
+            raise
+        self._records[record.id] = record
+        self._num_done[record.id] = 0
+
+    async def done(self, batch_id: str) -> set[int]:
+        """Return the numbers of the images that have a result."""
+        names = await asyncio.to_thread(self._storage.names, results_prefix(batch_id))
+        return {int(name.removesuffix(".json")) for name in names}
+
+    async def counts(self, batch_id: str) -> Counter[str]:
+        """Return how many images ended with each status."""
+        async with self._reading:
+            known = self._statuses.setdefault(batch_id, {})
+            if batch_id not in self._all_known:
+                # What is done meanwhile is noted by `put_result`.
+                missing = await self.done(batch_id) - known.keys()
+                for number, result in (await self.results(batch_id, missing)).items():
+                    known[number] = result["status"]
+                self._all_known.add(batch_id)
+            return Counter(known.values())
+
+    async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
+        """Return the results of those images that have one."""
+        return await asyncio.to_thread(self._read_results, batch_id, list(numbers))
+
+    async def put_result(self, batch_id: str, number: int, result: Result) -> None:
+        """Store what became of an image; to its end, so that nothing is written after a batch is deleted."""
+        data = json.dumps(result, allow_nan=False).encode()
+        await _to_the_end(self._storage.replace, result_key(batch_id, number), data)
+        self._statuses.setdefault(batch_id, {})[number] = result["status"]
+        self._num_done[batch_id] += 1
+
+    async def image(self, batch_id: str, number: int) -> bytes:
+        """Return an image as it was uploaded. Raises StorageError."""
+        return await asyncio.to_thread(self._storage.read, image_key(batch_id, number))
+
+    async def remove(self, batch_id: str) -> None:
+        """Delete a batch with its images and results. Raises BatchNotFoundError."""
+        self.get(batch_id)
+        del self._records[batch_id]
+        self._statuses.pop(batch_id, None)
+        self._all_known.discard(batch_id)
+        await _to_the_end(self._storage.delete_all, folder_of(batch_id))
+
+    def _adopt(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
+        for number, (path, digest) in enumerate(images):
+            self._storage.adopt(image_key(record.id, number), path, digest)
+        self._storage.replace(record_key(record.id), record.to_json())
+
+    def _read(self, batch_id: str) -> BatchRecord | None:
+        if "batch.json" not in self._storage.names(folder_of(batch_id)):
+            return None
+        return BatchRecord.from_json(self._storage.read(record_key(batch_id)), record_key(batch_id))
+
+    def _read_results(self, batch_id: str, numbers: list[int]) -> dict[int, Result]:
+        present = set(self._storage.names(results_prefix(batch_id)))
+        return {
+            number: json.loads(self._storage.read(result_key(batch_id, number)))
+            for number in numbers
+            if f"{number:05}.json" in present
+        }
+
+
+async def _to_the_end(work: Callable[..., None], *arguments: object) -> None:
+    """Run blocking work in a thread; a cancellation takes effect after it."""
+    task = asyncio.create_task(asyncio.to_thread(work, *arguments))
+    try:
+        await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait({task})
+        raise

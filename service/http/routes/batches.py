@@ -1,0 +1,151 @@
+"""Watch a batch, fetch what came of it, delete it."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Iterable
+from typing import Annotated, Any, BinaryIO, Literal
+
+from fastapi import APIRouter, Depends, Query, Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+
+from core.options import ExportFormat
+from service.batches.export import ExportRequest, map_of, open_export
+from service.batches.record import BatchRecord, Result
+from service.errors import InvalidOptionsError
+from service.http.access import require
+from service.http.schemas.batches import BATCH_EXAMPLE, Batch
+from service.problems import error_responses
+from service.services import Services, services_of
+
+router = APIRouter(tags=["batches"])
+
+_MAX_IGNORED = 100
+_BLOCK_BYTES = 2**20
+_STATUSES = ("localized", "ambiguous", "not_localized", "failed")
+_ZIP_RESPONSE: dict[str, Any] = {
+    "description": "A zip of the files of the format, with `unplaced.txt` and `export.json`.",
+    "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
+}
+
+
+@router.get(
+    "/batches/{batch_id}",
+    summary="Show a batch and what became of its images",
+    dependencies=[Depends(require("read"))],
+    response_model=None,
+    responses={
+        200: {"model": Batch, "content": {"application/json": {"example": BATCH_EXAMPLE}}},
+        **error_responses(401, 403, 404, 422),
+    },
+)
+async def get_batch(
+    request: Request,
+    batch_id: str,
+    limit: Annotated[int, Query(ge=0, le=200, description="Images on a page; 0 for the counts alone.")] = 50,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=20)] = None,
+) -> Response:
+    """Return counts and progress, and the images page by page."""
+    services = services_of(request)
+    record = services.batches.get(batch_id)
+    first = _first_of(cursor)
+    numbers = range(first, min(first + limit, len(record.names)))
+    document = await batch_document(services, record, numbers)
+    waiting = document["status"] != "done"
+    return JSONResponse(document, headers={"Retry-After": "1"} if waiting else None)
+
+
+@router.get(
+    "/batches/{batch_id}/export",
+    summary="Fetch the placed photos in the format of another system",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses={200: _ZIP_RESPONSE, **error_responses(401, 403, 404, 422)},
+)
+async def get_export(
+    request: Request,
+    batch_id: str,
+    format: Annotated[ExportFormat, Query(description="See docs/exports.md.")],
+    include: Annotated[
+        Literal["ambiguous"] | None, Query(description="Write photos that fit several places, too, at the likeliest.")
+    ] = None,
+    map_id: Annotated[
+        str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)
+    ] = None,
+) -> Response:
+    """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
+    services = services_of(request)
+    record = services.batches.get(batch_id)
+    results = await services.batches.results(batch_id, range(len(record.names)))
+    request_of = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
+    place = services.registry.has(request_of.map_id) and services.registry.get(request_of.map_id)
+    file = await open_export(services.storage, request_of, place or None)
+    headers = {
+        "Content-Disposition": f'attachment; filename="{batch_id}-{format}.zip"',
+        "Content-Length": str(os.fstat(file.fileno()).st_size),
+    }
+    return StreamingResponse(_blocks(file), media_type="application/zip", headers=headers)
+
+
+@router.delete(
+    "/batches/{batch_id}",
+    summary="Delete a batch with its images; one under way is cancelled",
+    dependencies=[Depends(require("read"))],
+    status_code=204,
+    response_model=None,
+    responses={204: {"description": "Nothing of it is left."}, **error_responses(401, 403, 404)},
+)
+async def delete_batch(request: Request, batch_id: str) -> Response:
+    """Cancel what is under way and delete images and results. There is no way back."""
+    services = services_of(request)
+    services.batches.get(batch_id)
+    await services.batch_runs.cancel(batch_id)
+    await services.batches.remove(batch_id)
+    return Response(status_code=204)
+
+
+async def batch_document(services: Services, record: BatchRecord, numbers: Iterable[int]) -> dict[str, Any]:
+    """Return a batch as JSON with a page of its images; numbers: theirs, in order."""
+    page = list(numbers)
+    counts = await services.batches.counts(record.id)
+    results = await services.batches.results(record.id, page)
+    num_images, num_done = len(record.names), counts.total()
+    more = bool(page) and page[-1] + 1 < num_images
+    return {
+        "id": record.id,
+        "status": "done" if num_done == num_images else "running" if num_done else "queued",
+        "created_at": record.created_at,
+        "map_ids": list(record.map_ids),
+        "tag": record.tag,
+        "num_images": num_images,
+        "progress": round(num_done / num_images, 4),
+        "counts": {"waiting": num_images - num_done, **{status: counts[status] for status in _STATUSES}},
+        "ignored": list(record.ignored[:_MAX_IGNORED]),
+        "items": [_item(record, number, results.get(number)) for number in page],
+        "next_cursor": str(page[-1] + 1) if more else None,
+    }
+
+
+def _item(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:
+    found = result or {"status": "waiting"}
+    return {
+        "number": number,
+        "name": record.names[number],
+        "status": found["status"],
+        "answer": found.get("answer"),
+        "error": found.get("error"),
+    }
+
+
+def _first_of(cursor: str | None) -> int:
+    if cursor is None:
+        return 0
+    if cursor.isascii() and cursor.isdigit():
+        return int(cursor)
+    message = f"expected the next_cursor of an earlier page, got {cursor!r}; begin again without a cursor"
+    raise InvalidOptionsError(f"cursor: {message}", [{"field": "cursor", "message": message}])
+
+
+async def _blocks(file: BinaryIO) -> AsyncIterator[bytes]:
+    with file:
+        while block := await asyncio.to_thread(file.read, _BLOCK_BYTES):
+            yield block

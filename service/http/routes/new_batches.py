@@ -1,0 +1,162 @@
+"""Upload many images to be localized one by one."""
+
+import asyncio
+from typing import Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from core.panorama.image_header import KNOWN_FORMATS
+from service.batches.archive import UnpackedImage, UnpackLimits, unpack_images
+from service.batches.names import unique_names
+from service.batches.record import BatchRecord
+from service.errors import ArchiveError, InvalidOptionsError
+from service.http.access import require
+from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
+from service.http.routes.batches import batch_document
+from service.http.routes.localize import checked_options
+from service.http.schemas.batches import QUEUED_BATCH_EXAMPLE, Batch, BatchOptions
+from service.http.spool import PartRule, disk_error
+from service.http.uploads import MAX_PARTS, Form, read_form
+from service.http.validation import parse_json
+from service.jobs import new_id, now
+from service.maps.selection import MapChoice
+from service.problems import error_responses
+from service.services import Services, services_of
+from service.settings import Settings
+
+router = APIRouter(tags=["batches"])
+
+_RETRY_AFTER_S = 1
+# So many images of a batch may be as large as one may be; photos are mostly a tenth of that.
+_MAX_FULL_IMAGES = 256
+_ZIP_HEADS = (b"PK\x03\x04", b"PK\x05\x06")
+_ACCEPTED: dict[int | str, dict[str, Any]] = {
+    202: {
+        "model": Batch,
+        "description": "The images are stored; poll the batch until it is done.",
+        "headers": accepted_headers("batch"),
+        "content": {"application/json": {"example": QUEUED_BATCH_EXAMPLE}},
+    }
+}
+
+
+@router.post(
+    "/batches",
+    summary="Localize many images, one by one",
+    dependencies=[Depends(require("read"))],
+    status_code=202,
+    response_model=None,
+    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 503)},
+    openapi_extra=multipart(
+        {
+            "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}. Repeat the part.", 2000),
+            "archive": binary_part("Instead of `image`: a zip of images, with folders if you like."),
+            "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
+            "tag": {"type": "string", "description": "Instead of `map_id`: all maps that bear this tag."},
+            "options": json_part(BatchOptions),
+        },
+        [],
+        {"two photos": {"value": {"image": ["(the bytes)", "(the bytes)"], "map_id": ["map_2xk7q0v9m3d1c8fa"]}}},
+        allOf=[
+            {"oneOf": [{"required": ["image"]}, {"required": ["archive"]}]},
+            {"oneOf": [{"required": ["map_id"]}, {"required": ["tag"]}]},
+        ],
+    ),
+)
+async def post_batch(request: Request) -> Response:
+    """Store the images durably, then localize them in the background, without holding up other queries."""
+    services = services_of(request)
+    services.batches.check_room()
+    folder = await asyncio.to_thread(services.storage.spool_folder)
+    with await read_form(
+        request.stream(), request.headers, _rules(services.settings), folder, max_parts=_max_parts(services.settings)
+    ) as form:
+        options = parse_json(BatchOptions, form.single("options"), "options")
+        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
+        maps.resolve(services.registry)
+        images, ignored = await _images(form, services)
+        try:
+            record = BatchRecord(
+                id=new_id("batch"),
+                created_at=now(),
+                map_ids=maps.map_ids,
+                tag=maps.tag,
+                options=checked_options(options, services.settings),
+                camera=options.cameras[0].to_options() if options.cameras else None,
+                names=tuple(unique_names(image.name for image in images)),
+                ignored=tuple(ignored),
+            )
+            await _store(services, record, images)
+        finally:
+            for image in images:
+                image.path.unlink(missing_ok=True)
+    services.batch_runs.begin(record)
+    headers = {"Location": f"/batches/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
+    return JSONResponse(await batch_document(services, record, []), 202, headers)
+
+
+def _max_parts(settings: Settings) -> int:
+    return settings.max_batch_images + MAX_PARTS
+
+
+def _rules(settings: Settings) -> dict[str, PartRule]:
+    max_bytes, setting = settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
+    return {
+        "image": PartRule(
+            max_bytes,
+            setting,
+            spooled=True,
+            check_head=_any_head,
+            max_parts=settings.max_batch_images,
+            max_full_parts=_MAX_FULL_IMAGES,
+        ),
+        "archive": PartRule(
+            max_bytes * _MAX_FULL_IMAGES, f"{_MAX_FULL_IMAGES} times {setting}", spooled=True, check_head=_check_zip
+        ),
+        "map_id": PartRule(max_parts=MAX_PARTS),
+        "tag": PartRule(),
+        "options": PartRule(),
+    }
+
+
+def _any_head(head: bytes, name: str) -> None:
+    """Take everything: what is no image is told of that image alone."""
+
+
+def _check_zip(head: bytes, name: str) -> None:
+    if not head.startswith(_ZIP_HEADS):
+        raise ArchiveError(f"archive: expected a zip, got {name[:80]!r}, which is none; send images as parts `image`")
+
+
+async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], list[str]]:
+    """Return the images that were sent, one way or the other. Raises InvalidOptionsError, ArchiveError and UploadTooLargeError."""
+    archives = form.files_of("archive")
+    images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files_of("image")]
+    if bool(images) == bool(archives):
+        got = "both" if images else "neither"
+        message = (
+            f"expected either images in parts of this name or a zip as archive, got {got}; send -F image=@photo.jpg"
+        )
+        raise InvalidOptionsError(f"image: {message}", [{"field": "image", "message": message}])
+    if not archives:
+        return images, []
+    settings = services.settings
+    limits = UnpackLimits(
+        settings.max_batch_images, settings.max_image_bytes, settings.max_image_bytes * _MAX_FULL_IMAGES
+    )
+    folder = await asyncio.to_thread(services.storage.spool_folder)
+    try:
+        images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
+    except OSError as error:
+        raise disk_error(error) from error
+    if not images:
+        raise ArchiveError("archive: expected images, got a zip without any; their names end in .jpg, .png or .webp")
+    return images, ignored
+
+
+async def _store(services: Services, record: BatchRecord, images: list[UnpackedImage]) -> None:
+    try:
+        await services.batches.add(record, [(image.path, image.sha256) for image in images])
+    except OSError as error:
+        raise disk_error(error) from error

@@ -1,0 +1,94 @@
+"""Batches and what became of their images."""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from service.http.schemas.cameras import Camera
+from service.http.schemas.geometry import Answer
+from service.http.schemas.localization import Localization, LocalizeOptions
+from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
+from service.http.schemas.problem import ProblemDocument
+
+BatchStatus = Literal["queued", "running", "done"]
+ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "failed"]
+
+
+class BatchOptions(LocalizeOptions):
+    """The part `options` of `POST /batches`: that of `POST /localize` for every image; without pictures and without poses of a session."""
+
+    cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
+        None, description="What took the images, one entry for all. Left out: each image says so itself."
+    )
+    session: None = Field(
+        None, description="Each image is a query of its own; frames with poses go to `POST /localize`."
+    )
+    artifacts: list[Any] = Field(
+        default_factory=list, max_length=0, description="None: pictures of a batch are not kept."
+    )
+
+
+class BatchCounts(Answer):
+    """How many images ended with each status."""
+
+    waiting: int
+    localized: int
+    ambiguous: int
+    not_localized: int
+    failed: int
+
+
+class BatchItem(Answer):
+    """One image."""
+
+    number: int = Field(ge=0, description="Its place in the upload.")
+    name: str
+    status: ItemStatus
+    answer: Localization | None = Field(description="As `POST /localize` gives it; null while it waits, or failed.")
+    error: ProblemDocument | None
+
+
+class Batch(Answer):
+    """Images that are localized one by one; a restart of the service loses nothing of it."""
+
+    id: str
+    status: BatchStatus
+    created_at: datetime
+    map_ids: list[str]
+    tag: str | None
+    num_images: int
+    progress: float = Field(ge=0, le=1)
+    counts: BatchCounts
+    ignored: list[str] = Field(
+        description="Files of the archive that are no images by their names; at most 100 are listed."
+    )
+    items: list[BatchItem] = Field(
+        description="A page of the images, in their order; empty in the answer to `POST /batches`."
+    )
+    next_cursor: str | None = Field(description="Send it as `cursor` for the next page; null on the last one.")
+
+
+QUEUED_BATCH_EXAMPLE: dict[str, Any] = {
+    "id": "batch_7c1d9e2f4a6b8035",
+    "status": "queued",
+    "created_at": "2026-11-21T12:00:00.000000Z",
+    "map_ids": ["map_2xk7q0v9m3d1c8fa"],
+    "tag": None,
+    "num_images": 2,
+    "progress": 0.0,
+    "counts": {"waiting": 2, "localized": 0, "ambiguous": 0, "not_localized": 0, "failed": 0},
+    "ignored": ["notes.txt"],
+    "items": [],
+    "next_cursor": None,
+}
+BATCH_EXAMPLE: dict[str, Any] = {
+    **QUEUED_BATCH_EXAMPLE,
+    "status": "running",
+    "progress": 0.5,
+    "counts": {"waiting": 1, "localized": 1, "ambiguous": 0, "not_localized": 0, "failed": 0},
+    "items": [
+        {"number": 0, "name": "hall.jpg", "status": "localized", "answer": LOCALIZATION_EXAMPLE, "error": None},
+        {"number": 1, "name": "stairs.jpg", "status": "waiting", "answer": None, "error": None},
+    ],
+}

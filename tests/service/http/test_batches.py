@@ -1,0 +1,283 @@
+"""Batches over HTTP: uploads, progress, results, restarts, exports, deletion, and what is refused."""
+
+import asyncio
+import io
+import json
+import zipfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from core.errors import PanoramaShapeError
+from service.errors import QueueFullError
+from service.host.embedded_redis import EmbeddedRedis
+from service.http.schemas import Batch
+from service.jobs import PoolState
+from tests.service.http.fake_pool import no_worker
+from tests.service.http.running_service import RunningService, png_of, running_service
+
+pytestmark = pytest.mark.anyio
+
+PNG = png_of(8, 4)
+
+
+async def post(running: RunningService, map_id: str, names: list[str], **data: Any) -> httpx.Response:
+    files = [("image", (name, PNG)) for name in names]
+    return await running.client.post("/batches", files=files, data={"map_id": map_id, **data})
+
+
+async def done(running: RunningService, batch_id: str) -> dict[str, Any]:
+    return await running.eventually(f"/batches/{batch_id}", lambda body: body["status"] == "done")
+
+
+def zipped(**entries: bytes) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        for name, data in entries.items():
+            archive.writestr(name.replace("__", "/").replace("_", "."), data)
+    return out.getvalue()
+
+
+async def export(running: RunningService, batch_id: str, name: str, **query: str) -> zipfile.ZipFile:
+    reply = await running.client.get(f"/batches/{batch_id}/export", params={"format": name, **query})
+    assert reply.status_code == 200, reply.text
+    assert reply.headers["content-type"] == "application/zip"
+    assert int(reply.headers["content-length"]) == len(reply.content)
+    return zipfile.ZipFile(io.BytesIO(reply.content))
+
+
+async def test_every_image_of_a_batch_is_localized_once_and_its_answer_is_that_of_a_query(
+    running: RunningService,
+) -> None:
+    map_id = await running.ready_map()
+    reply = await post(
+        running, map_id, ["a.png", "b.png", "a.png"], options='{"frame": "webxr", "hints": {"upright": true}}'
+    )
+    assert reply.status_code == 202, reply.text
+    body = reply.json()
+    Batch.model_validate(body)
+    assert reply.headers["location"] == f"/batches/{body['id']}"
+    assert (body["status"], body["num_images"], body["counts"]["waiting"]) == ("queued", 3, 3)
+    body = await done(running, body["id"])
+    Batch.model_validate(body)
+    assert [item["name"] for item in body["items"]] == ["a.png", "b.png", "a-2.png"]
+    assert [item["status"] for item in body["items"]] == ["localized"] * 3
+    assert body["progress"] == 1
+    assert {item["answer"]["pose"]["frame"] for item in body["items"]} == {"webxr"}
+    assert len(running.pool.jobs) == 3
+    for job in running.pool.jobs:
+        assert job.images[0].data == PNG
+        assert job.options.hints is not None
+        assert job.options.hints.upright
+
+
+async def test_a_zip_is_unpacked_and_what_is_no_image_is_named(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    archive = zipped(hall__1_png=PNG, notes_txt=b"hello")
+    reply = await running.client.post("/batches", files={"archive": ("photos.zip", archive)}, data={"map_id": map_id})
+    assert reply.status_code == 202, reply.text
+    body = await done(running, reply.json()["id"])
+    assert ([item["name"] for item in body["items"]], body["ignored"]) == (["hall/1.png"], ["notes.txt"])
+    assert list((running.data_dir / "uploads").iterdir()) == []
+
+
+async def test_images_come_page_by_page(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    batch_id = (await post(running, map_id, [f"{number}.png" for number in range(5)])).json()["id"]
+    await done(running, batch_id)
+    names, cursor = [], None
+    while True:
+        query: dict[str, Any] = {"limit": 2} | ({"cursor": cursor} if cursor else {})
+        page = (await running.client.get(f"/batches/{batch_id}", params=query)).json()
+        names += [item["name"] for item in page["items"]]
+        cursor = page["next_cursor"]
+        if cursor is None:
+            break
+    assert names == [f"{number}.png" for number in range(5)]
+    counts = (await running.client.get(f"/batches/{batch_id}", params={"limit": 0})).json()
+    assert (counts["items"], counts["counts"]["localized"]) == ([], 5)
+    wrong = await running.client.get(f"/batches/{batch_id}", params={"cursor": "x"})
+    assert (wrong.status_code, wrong.json()["fields"][0]["field"]) == (422, "cursor")
+
+
+async def test_an_image_that_cannot_be_localized_fails_alone(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    files = [("image", ("a.png", PNG)), ("image", ("text.png", b"no image at all")), ("image", ("b.png", PNG))]
+    running.pool.fail_localize = [PanoramaShapeError("image: expected 2:1, got 3:2")]
+    reply = await running.client.post("/batches", files=files, data={"map_id": map_id})
+    body = await done(running, reply.json()["id"])
+    assert Counter(item["status"] for item in body["items"]) == {"failed": 2, "localized": 1}
+    (text,) = [item for item in body["items"] if item["name"] == "text.png"]
+    assert text["error"]["status"] == 415
+    assert body["counts"] == {"waiting": 0, "localized": 1, "ambiguous": 0, "not_localized": 0, "failed": 2}
+
+
+async def test_what_is_only_a_matter_of_time_is_tried_again(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.fail_localize = [no_worker(), QueueFullError("full", 0)]
+    body = await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+    assert body["counts"]["localized"] == 1
+    assert len(running.pool.jobs) == 3
+
+
+async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
+    map_id = await running.ready_map()
+    busy = PoolState(ready=True, waiting_for=None, num_workers=2, queue_depth=1)
+    monkeypatch.setattr(running.pool, "state", lambda: busy)
+    batch_id = (await post(running, map_id, ["a.png", "b.png", "c.png"])).json()["id"]
+    await asyncio.sleep(0.2)
+    assert running.pool.jobs == []
+    running.pool.localize_gate.clear()
+    monkeypatch.setattr(running.pool, "state", lambda: PoolState(ready=True, waiting_for=None, num_workers=2))
+    await asyncio.sleep(0.2)
+    assert len(running.pool.jobs) == 2  # one per worker
+    running.pool.localize_gate.set()
+    await done(running, batch_id)
+
+
+async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+) -> None:
+    async with running_service(tmp_path, redis_server.url) as first:
+        map_id = await first.ready_map()
+        batch_id = (await post(first, map_id, ["a.png"])).json()["id"]
+        await done(first, batch_id)
+        first.pool.localize_gate.clear()
+        second_id = (await post(first, map_id, ["b.png", "c.png"])).json()["id"]
+        await asyncio.sleep(0.1)
+        first_answer = (await first.client.get(f"/batches/{batch_id}")).json()
+    # An upload that was cut off by a crash: images without a record.
+    (tmp_path / "batches" / "batch_cut" / "images").mkdir(parents=True)
+    async with running_service(tmp_path, redis_server.url) as again:
+        assert (await again.client.get(f"/batches/{batch_id}")).json() == first_answer
+        body = await done(again, second_id)
+        assert body["counts"]["localized"] == 2
+        assert len(again.pool.jobs) == 2
+        assert not (tmp_path / "batches" / "batch_cut").exists()
+
+
+async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+) -> None:
+    async with running_service(tmp_path, redis_server.url) as first:
+        map_id = await first.ready_map()
+        batch_id = (await post(first, map_id, [f"{number}.png" for number in range(4)])).json()["id"]
+        await done(first, batch_id)
+    # As a kill leaves it: two results were there, a third was being written.
+    results = tmp_path / "batches" / batch_id / "results"
+    for name in ("00002.json", "00003.json"):
+        (results / name).unlink()
+    (results / ".00002.json.0123.tmp").write_bytes(b'{"sta')
+    async with running_service(tmp_path, redis_server.url) as again:
+        body = await done(again, batch_id)
+        assert body["counts"]["localized"] == 4
+        assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00002", f"{batch_id}-00003"]
+
+
+async def test_deleting_a_batch_cancels_it_and_leaves_nothing(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
+    await asyncio.sleep(0.1)
+    assert (await running.client.delete(f"/batches/{batch_id}")).status_code == 204
+    assert running.pool.ended == ["localize"]
+    assert not (running.data_dir / "batches" / batch_id).exists()
+    for call in ("get", "delete"):
+        assert (await getattr(running.client, call)(f"/batches/{batch_id}")).status_code == 404
+    # The place of what was cancelled is free again.
+    running.pool.localize_gate.set()
+    await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+
+
+async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    running.pool.fail_localize = [PanoramaShapeError("image: expected 2:1, got 3:2")]
+    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
+    items = (await done(running, batch_id))["items"]
+    failed = next(item["name"] for item in items if item["status"] == "failed")
+    (placed,) = {"a.png", "b.png"} - {failed}
+    archive = await export(running, batch_id, "potree")
+    assert archive.testzip() is None
+    lines = archive.read("coordinates.txt").decode().splitlines()
+    assert [line.split("\t")[0] for line in lines[1:]] == [placed]
+    assert lines[1].split("\t")[2:] == ["1.2", "0.3", "1.5", "90", "0", "0"]
+    assert archive.read("unplaced.txt").decode() == f"{failed}\tfailed: image: expected 2:1, got 3:2\n"
+    model = await export(running, batch_id, "colmap")
+    assert b"EQUIRECTANGULAR 8 4 8 4" in model.read("cameras.txt")
+    assert len(model.read("points3D.txt").splitlines()) == 11  # of the map: ten points and a comment
+    assert list((running.data_dir / "uploads").iterdir()) == []
+
+
+async def test_a_format_of_places_on_earth_needs_a_georeference(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
+    await done(running, batch_id)
+    reply = await running.client.get(f"/batches/{batch_id}/export", params={"format": "geojson"})
+    assert (reply.status_code, reply.json()["type"]) == (422, "/problems/export-refused")
+    assert "georeference" in reply.json()["detail"]
+    place = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3}}
+    assert (await running.client.patch(f"/maps/{map_id}", json=place)).status_code == 200
+    found = json.loads((await export(running, batch_id, "geojson")).read("photos.geojson"))
+    longitude, latitude, _ = found["features"][0]["geometry"]["coordinates"]
+    assert (longitude, latitude) == (pytest.approx(-122.3, abs=1e-4), pytest.approx(47.7, abs=1e-4))
+    assert (await running.client.get(f"/batches/{batch_id}/export", params={"format": "kml"})).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("request_of", "status", "problem"),
+    [
+        ({"files": {"image": ("a.png", PNG)}}, 422, "map_id"),
+        ({"data": {"map_id": "MAP"}}, 400, "boundary"),
+        (
+            {"files": {"image": ("a.png", PNG), "archive": ("a.zip", zipped(a_png=PNG))}, "data": {"map_id": "MAP"}},
+            422,
+            "both",
+        ),
+        ({"files": {"archive": ("a.zip", PNG)}, "data": {"map_id": "MAP"}}, 422, "expected a zip"),
+        ({"files": {"archive": ("a.zip", zipped(notes_txt=b"x"))}, "data": {"map_id": "MAP"}}, 422, "without any"),
+        ({"files": {"image": ("a.png", PNG)}, "data": {"map_id": "map_none"}}, 404, "map_none"),
+        (
+            {"files": {"image": ("a.png", PNG)}, "data": {"map_id": "MAP", "options": '{"artifacts": ["overlay"]}'}},
+            422,
+            "artifacts",
+        ),
+        (
+            {"files": {"image": ("a.png", PNG)}, "data": {"map_id": "MAP", "options": '{"timeout_s": 9999}'}},
+            422,
+            "timeout_s",
+        ),
+        ({"files": {"scan": ("a.png", PNG)}, "data": {"map_id": "MAP"}}, 422, "scan"),
+    ],
+)
+async def test_what_is_no_batch_is_refused_and_leaves_nothing(
+    running: RunningService, request_of: dict[str, Any], status: int, problem: str
+) -> None:
+    map_id = await running.ready_map()
+    data = {name: map_id if value == "MAP" else value for name, value in request_of.get("data", {}).items()}
+    reply = await running.client.post("/batches", files=request_of.get("files"), data=data)
+    assert (reply.status_code, problem in reply.json()["detail"]) == (status, True), reply.text
+    assert not list((running.data_dir).glob("batches/*"))
+    assert not list((running.data_dir).glob("uploads/*"))
+
+
+async def test_limits_of_batches_and_of_their_images_are_named(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+) -> None:
+    limits = {"max_batches": 1, "max_batch_images": 2, "max_image_bytes": 1000}
+    async with running_service(tmp_path, redis_server.url, **limits) as running:
+        map_id = await running.ready_map()
+        reply = await post(running, map_id, ["a.png", "b.png", "c.png"])
+        assert (reply.status_code, "at most 2 parts" in reply.text) == (422, True)
+        large = [("image", ("a.png", PNG)), ("image", ("b.png", PNG + b"x" * 1000))]
+        reply = await running.client.post("/batches", files=large, data={"map_id": map_id})
+        assert (reply.status_code, "PANOLOC_MAX_IMAGE_BYTES" in reply.text) == (413, True)
+        assert not list(tmp_path.glob("uploads/*"))
+        archive = zipped(a_png=PNG, b_png=PNG, c_png=PNG)
+        reply = await running.client.post("/batches", files={"archive": ("a.zip", archive)}, data={"map_id": map_id})
+        assert (reply.status_code, "PANOLOC_MAX_BATCH_IMAGES" in reply.text) == (413, True)
+        assert (await post(running, map_id, ["a.png"])).status_code == 202
+        reply = await post(running, map_id, ["a.png"])
+        assert (reply.status_code, "PANOLOC_MAX_BATCHES" in reply.text) == (409, True)
