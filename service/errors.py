@@ -23,7 +23,8 @@
     │   ├── BytesInFlightError        as many bytes of uploads lie in memory as may
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
-    │   └── StorageFullError          the disk is full
+    │   ├── StorageFullError          the disk is full
+    │   └── StorageReadOnlyError      the data folder cannot be written
     ├── StorageError                  what was stored cannot be read back
     │   ├── StoredFileMissingError    nothing under this key
     │   └── StoredFileDamagedError    the bytes do not match their digest
@@ -150,6 +151,10 @@ class CacheDownError(TryAgainError):
 
 class StorageFullError(TryAgainError):
     """There is no space left for uploads."""
+
+
+class StorageReadOnlyError(TryAgainError):
+    """The data folder cannot be written."""
 
 
 class StorageError(ServiceError):

@@ -120,6 +120,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.StorageFullError: Problem(
         "storage-full", "There is no space left", 503, "Ask the operator for space; try again."
     ),
+    service.StorageReadOnlyError: Problem(
+        "storage-read-only", "The data folder cannot be written", 503, "Ask the operator; try again."
+    ),
     service.StorageError: _STORAGE,
     service.StoredFileMissingError: _STORAGE,
     service.StoredFileDamagedError: _STORAGE,

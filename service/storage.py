@@ -5,6 +5,7 @@ rename, fsync of the folder): after a crash at any moment a key holds either the
 file written with `put` or `adopt` lies its digest, which is checked when the file is read.
 """
 
+import contextlib
 import hashlib
 import os
 import shutil
@@ -15,12 +16,17 @@ from pathlib import Path
 from typing import Protocol
 
 from service.errors import StoredFileDamagedError, StoredFileMissingError
+from service.storage_lacks import lacks_said
 
 _DIGEST_SUFFIX = ".sha256"
+_PROBE_BYTES = 4096
 
 
 class Storage(Protocol):
-    """Keeps files by key. Blocking; safe for several threads and processes as long as one of them writes a key."""
+    """Keeps files by key. Blocking; safe for several threads and processes as long as one of them writes a key.
+
+    What writes or deletes raises StorageFullError and StorageReadOnlyError.
+    """
 
     def put(self, key: str, data: bytes) -> None:
         """Store bytes and their digest."""
@@ -48,6 +54,9 @@ class Storage(Protocol):
 
     def spool_folder(self) -> Path:
         """Return a folder for uploads under way, from which `adopt` takes files without copying them."""
+
+    def check_writable(self) -> None:
+        """Raise StorageFullError or StorageReadOnlyError when nothing can be stored now."""
 
     def tidy(self) -> None:
         """Remove what a crash has left behind; call it once, before anything is written."""
@@ -80,14 +89,19 @@ class FolderStorage:
         """Take over a file from the spool folder, or from anywhere on the same file system."""
         self._write_digest(key, digest)
         target = self._path(key)
-        with file.open("rb") as stream:
-            os.fsync(stream.fileno())
-        file.replace(target)
-        _sync_folder(target.parent)
+        with lacks_said():
+            with file.open("rb") as stream:
+                os.fsync(stream.fileno())
+            file.replace(target)
+            _sync_folder(target.parent)
 
     def replace(self, key: str, data: bytes) -> None:
         """Store bytes over older ones in one step."""
         target = self._path(key)
+        with lacks_said():
+            self._write(target, data)
+
+    def _write(self, target: Path, data: bytes) -> None:
         _make_folder(target.parent)
         temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
         try:
@@ -97,7 +111,8 @@ class FolderStorage:
                 os.fsync(stream.fileno())
             temporary.replace(target)
         except BaseException:
-            temporary.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
             raise
         _sync_folder(target.parent)
 
@@ -134,26 +149,43 @@ class FolderStorage:
     def delete_all(self, prefix: str) -> None:
         """Move the folder away in one step, then delete its files."""
         folder = self._path(prefix)
-        self._trash.mkdir(parents=True, exist_ok=True)
-        condemned = self._trash / uuid.uuid4().hex
+        # In the data folder itself where the disk has no room for another folder: deleting makes room.
+        condemned = (self._trash if self._has_trash() else self._folder) / f"deleted-{uuid.uuid4().hex}"
         try:
-            folder.rename(condemned)
+            with lacks_said():
+                folder.rename(condemned)
+                _sync_folder(folder.parent)
         except FileNotFoundError:
             return
-        _sync_folder(folder.parent)
         shutil.rmtree(condemned, ignore_errors=True)
 
     def spool_folder(self) -> Path:
         """Return the folder for uploads under way."""
-        self._spool.mkdir(parents=True, exist_ok=True)
+        with lacks_said():
+            self._spool.mkdir(parents=True, exist_ok=True)
         return self._spool
+
+    def check_writable(self) -> None:
+        """Write a few bytes into the spool folder, and remove them."""
+        probe = self.spool_folder() / f"probe-{uuid.uuid4().hex}"
+        try:
+            with lacks_said():
+                probe.write_bytes(bytes(_PROBE_BYTES))
+        finally:
+            with contextlib.suppress(OSError):
+                probe.unlink(missing_ok=True)
 
     def tidy(self) -> None:
         """Remove unfinished uploads, deletions and writes."""
-        for leftover in (self._spool, self._trash):
+        for leftover in (self._spool, self._trash, *self._folder.glob("deleted-*")):
             shutil.rmtree(leftover, ignore_errors=True)
         for unfinished in (self._folder / "maps").rglob(".*.tmp"):
             unfinished.unlink(missing_ok=True)
+
+    def _has_trash(self) -> bool:
+        with contextlib.suppress(OSError):
+            self._trash.mkdir(parents=True, exist_ok=True)
+        return self._trash.is_dir()
 
     def _write_digest(self, key: str, digest: str) -> None:
         # Before the file itself: a file without a digest would be read unchecked.

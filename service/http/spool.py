@@ -1,6 +1,6 @@
 """Files on their way into the storage: a file in the spool folder, hashed and looked at while it is written."""
 
-import errno
+import contextlib
 import hashlib
 import uuid
 from collections.abc import Callable
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from core.scan.format_detection import HEAD_BYTES, extension_of, format_of
-from service.errors import StorageFullError, UploadTooLargeError
+from service.errors import UploadTooLargeError
+from service.storage_lacks import lacks_said
 
 MAX_FIELD_BYTES = 64 * 1024
 
@@ -57,7 +58,8 @@ class Spool:
     def __init__(self, folder: Path, name: str, rule: PartRule, part: str) -> None:
         self._name, self._rule, self._part = name, rule, part
         self._path = folder / uuid.uuid4().hex
-        self._file: BinaryIO = self._path.open("wb")
+        with lacks_said():
+            self._file: BinaryIO = self._path.open("wb")
         self._digest = hashlib.sha256()
         self._waiting = bytearray()
         self._num_bytes = 0
@@ -78,37 +80,32 @@ class Spool:
             self._check_head()
 
     def write_out(self) -> None:
-        """Write and hash what waits. Raises StorageFullError."""
-        try:
-            self._digest.update(self._waiting)
+        """Write and hash what waits. Raises StorageFullError and StorageReadOnlyError."""
+        self._digest.update(self._waiting)
+        with lacks_said():
             self._file.write(self._waiting)
-            self._waiting.clear()
-        except OSError as error:
-            raise disk_error(error) from error
+        self._waiting.clear()
 
     def finish(self) -> SpooledFile:
-        """Close the file and say what is in it."""
+        """Close the file and say what is in it. Raises as `write_out` does."""
         if not self._head_checked:
             self._check_head()
         self.write_out()
-        self._file.close()
+        with lacks_said():
+            # The last bytes leave the buffer only now.
+            self._file.close()
         return SpooledFile(self._name, self._path, self._num_bytes, self._digest.hexdigest())
 
     def discard(self) -> None:
         """Remove the file."""
-        self._file.close()
-        self._path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # of a full disk, once more
+            self._file.close()
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
 
     def _check_head(self) -> None:
         self._rule.check_head(bytes(self._waiting[:HEAD_BYTES]), self._name)
         self._head_checked = True
-
-
-def disk_error(error: OSError) -> Exception:
-    """Return StorageFullError for a full disk, the error itself otherwise."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return StorageFullError("expected room for the upload, but the disk is full; ask the operator for space", 60)
-    return error
 
 
 def too_large(name: str, rule: PartRule, got: str = "more") -> UploadTooLargeError:

@@ -19,6 +19,8 @@ from service.errors import (
     MapNotFoundError,
     NoWorkerError,
     RegistrationLimitError,
+    StorageFullError,
+    StorageReadOnlyError,
     TryAgainError,
 )
 from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
@@ -31,11 +33,12 @@ from service.problems import problem_document
 _log = structlog.get_logger(__name__)
 
 _POLL_S = 0.1
+_ROOM_PAUSE_S = 2.0
 _LONGEST_PAUSE_S = 30.0
 
 
 class Registrations:
-    """Used from one event loop."""
+    """Used from one event loop. waiting_for_room: revisions that are done but cannot be stored."""
 
     def __init__(
         self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics, limits: RegistrationLimits
@@ -46,6 +49,8 @@ class Registrations:
         self._metrics = metrics
         self._limits = limits
         self._stopping = False
+        self._room_pause_s = _ROOM_PAUSE_S
+        self.waiting_for_room: set[MapRef] = set()
         self._running: dict[MapRef, asyncio.Task[None]] = {}
 
     def resume(self) -> None:
@@ -104,15 +109,32 @@ class Registrations:
         """Return "ready" or "failed", whichever the map is now. Raises MapNotFoundError when nobody wants it any more."""
         try:
             outcome = await self._outcome_of(ref, request_id)
-            await _to_the_end(self._finish(ref, outcome))
+            await self._once_there_is_room(ref, lambda: self._finish(ref, outcome))
             return "ready"
         except MapNotFoundError:
             raise
         except Exception as error:
             if not isinstance(error, EXPECTED_ERRORS):
                 _log.exception("a registration met an unexpected fault")
-            await self._fail(ref, problem_document(error, request_id))
+            failure = problem_document(error, request_id)
+            await self._once_there_is_room(ref, lambda: self._fail(ref, failure))
             return "failed"
+
+    async def _once_there_is_room(self, ref: MapRef, store: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Store what became of a registration; wait for as long as the storage takes nothing."""
+        attempt = 1
+        try:
+            while True:
+                try:
+                    await _to_the_end(store())
+                    return
+                except (StorageFullError, StorageReadOnlyError) as error:
+                    self.waiting_for_room.add(ref)
+                    _log.warning("a map cannot be stored, trying again", map_id=ref.id, error=str(error))
+                await asyncio.sleep(min(self._room_pause_s * attempt, _LONGEST_PAUSE_S))
+                attempt += 1
+        finally:
+            self.waiting_for_room.discard(ref)
 
     async def _outcome_of(self, ref: MapRef, request_id: str) -> RegisterOutcome:
         """Let a worker do it; what is only a matter of time is tried again, a few times."""

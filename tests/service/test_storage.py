@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import StoredFileDamagedError, StoredFileMissingError
+from service.errors import StorageFullError, StorageReadOnlyError, StoredFileDamagedError, StoredFileMissingError
 from service.storage import FolderStorage, open_storage
 
 
@@ -180,7 +180,7 @@ def test_a_write_that_fails_leaves_nothing_behind(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(StorageFullError, match="the disk is full"):
         storage.replace("map.json", b"data")
     assert list(tmp_path.iterdir()) == []
 
@@ -193,6 +193,37 @@ def test_a_write_that_cannot_begin_says_why(storage: FolderStorage, tmp_path: Pa
     with pytest.raises(IsADirectoryError):
         storage.replace("map.json", b"data")
     assert [entry.name for entry in tmp_path.iterdir()] == ["map.json"]
+
+
+@pytest.mark.parametrize(
+    ("number", "said"), [(28, StorageFullError), (30, StorageReadOnlyError), (13, StorageReadOnlyError)]
+)
+def test_a_storage_that_takes_nothing_says_so_when_it_is_asked(
+    storage: FolderStorage, monkeypatch: pytest.MonkeyPatch, number: int, said: type[Exception]
+) -> None:
+    storage.check_writable()
+
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(said):
+        storage.check_writable()
+    assert list(storage.spool_folder().iterdir()) == []
+
+
+def test_a_map_can_be_deleted_from_a_disk_without_room_for_a_folder(
+    storage: FolderStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    storage.put("maps/m/map.json", b"record")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "mkdir", full)
+    storage.delete_all("maps/m")
+    assert storage.names("maps") == []
+    assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]
 
 
 def test_uploads_share_a_folder(storage: FolderStorage, tmp_path: Path) -> None:

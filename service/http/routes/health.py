@@ -1,12 +1,13 @@
 """Whether the process lives, whether it serves, and details for people."""
 
+import asyncio
 import time
 from importlib.metadata import PackageNotFoundError, version
 
 from fastapi import APIRouter, Request
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError
+from service.errors import CacheDownError, StorageFullError, StorageReadOnlyError
 from service.http.schemas import Health, Liveness
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -42,7 +43,7 @@ async def live() -> Response:
     },
 )
 async def ready(request: Request) -> Response:
-    """Answer 200 when Redis answers and takes values, a worker is up and start-up is over."""
+    """Answer 200 when Redis answers and takes values, the data folder can be written, a worker is up and start-up is over."""
     details = await _details(services_of(request))
     if details["status"] == "ready":
         return JSONResponse(details)
@@ -65,6 +66,8 @@ async def _details(services: Services) -> dict[str, object]:
     redis_is_up = await _redis_is_up(services)
     waiting_for = [] if services.started else ["the end of the start-up"]
     waiting_for += [] if redis_is_up else ["Redis"]
+    lack = await _lack_of_storage(services)
+    waiting_for += [] if lack is None else [lack]
     waiting_for += [] if pool.ready else [pool.waiting_for or "workers"]
     return {
         "status": "not_ready" if waiting_for else "ready",
@@ -72,6 +75,7 @@ async def _details(services: Services) -> dict[str, object]:
         "version": service_version(),
         "uptime_s": round(time.monotonic() - services.began, 1),
         "redis": "up" if redis_is_up else "down",
+        "storage": "writable" if lack is None else "not_writable",
         "workers": {
             "ready": pool.ready,
             "waiting_for": pool.waiting_for,
@@ -89,6 +93,16 @@ def service_version() -> str:
         return version("panoloc")
     except PackageNotFoundError:
         return "unknown"
+
+
+async def _lack_of_storage(services: Services) -> str | None:
+    try:
+        await asyncio.to_thread(services.storage.check_writable)
+    except StorageFullError:
+        return "room on the disk"
+    except (StorageReadOnlyError, OSError):
+        return "a data folder that can be written"
+    return None
 
 
 async def _redis_is_up(services: Services) -> bool:

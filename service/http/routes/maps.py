@@ -23,6 +23,7 @@ from service.services import Services, services_of
 
 router = APIRouter(tags=["maps"])
 _log = structlog.get_logger(__name__)
+_WAITING_FOR_ROOM = {"status": "indexing", "stage": "waiting for room on the disk", "progress": 0.99}
 
 
 @router.get(
@@ -73,7 +74,7 @@ async def get_map(request: Request, map_id: str) -> Response:
     response_model=None,
     responses={
         200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
-        **error_responses(400, 401, 403, 404, 408, 413, 422),
+        **error_responses(400, 401, 403, 404, 408, 413, 422, 503),
     },
     openapi_extra=json_body(MapPatch, {"name": "4th floor", "tags": ["building 7"]}),
 )
@@ -116,4 +117,5 @@ async def documents(services: Services, records: Sequence[MapRecord]) -> list[di
         _log.warning("progress is not known", error=str(error))
         unknown = {"status": "queued", "stage": "unknown while Redis does not answer", "progress": 0.0}
         progress = dict.fromkeys(waiting, unknown)
+    progress |= dict.fromkeys(services.registrations.waiting_for_room, _WAITING_FOR_ROOM)
     return [map_document(record, progress.get(record.newest_ref)) for record in records]

@@ -16,7 +16,7 @@ from service.http.openapi import accepted_headers, binary_part, files_part, json
 from service.http.routes.batches import batch_document
 from service.http.routes.localize import checked_options
 from service.http.schemas.batches import QUEUED_BATCH_EXAMPLE, Batch, BatchOptions
-from service.http.spool import PartRule, disk_error
+from service.http.spool import PartRule
 from service.http.uploads import MAX_PARTS, Form, read_form
 from service.http.validation import parse_json
 from service.jobs import new_id, now
@@ -24,6 +24,7 @@ from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import Services, services_of
 from service.settings import Settings
+from service.storage_lacks import lacks_said
 
 router = APIRouter(tags=["batches"])
 
@@ -146,17 +147,12 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
         settings.max_batch_images, settings.max_image_bytes, settings.max_image_bytes * _MAX_FULL_IMAGES
     )
     folder = await asyncio.to_thread(services.storage.spool_folder)
-    try:
+    with lacks_said():
         images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
-    except OSError as error:
-        raise disk_error(error) from error
     if not images:
         raise ArchiveError("archive: expected images, got a zip without any; their names end in .jpg, .png or .webp")
     return images, ignored
 
 
 async def _store(services: Services, record: BatchRecord, images: list[UnpackedImage]) -> None:
-    try:
-        await services.batches.add(record, [(image.path, image.sha256) for image in images])
-    except OSError as error:
-        raise disk_error(error) from error
+    await services.batches.add(record, [(image.path, image.sha256) for image in images])

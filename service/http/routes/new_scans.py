@@ -16,7 +16,7 @@ from service.http.openapi import accepted_headers, binary_part, json_part, multi
 from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
-from service.http.spool import PartRule, SpooledFile, disk_error
+from service.http.spool import PartRule, SpooledFile
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
@@ -144,10 +144,7 @@ async def _checked_scan(form: Form, services: Services) -> SpooledFile:
 
 
 async def _store(services: Services, ref: MapRef, scan: SpooledFile, options: RegisterOptions) -> Revision:
-    try:
-        key = await services.registry.adopt_scan(ref, f"scan{extension_of(scan.name)}", scan.path, scan.sha256)
-    except OSError as error:
-        raise disk_error(error) from error
+    key = await services.registry.adopt_scan(ref, f"scan{extension_of(scan.name)}", scan.path, scan.sha256)
     services.metrics.note_upload(scan.num_bytes)
     return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options)
 

@@ -31,5 +31,6 @@ class Health(Answer):
     version: str
     uptime_s: float
     redis: Literal["up", "down"]
+    storage: Literal["writable", "not_writable"]
     workers: PoolHealth
     maps: dict[str, int] = Field(description="Maps by status.", examples=[{"ready": 3, "queued": 1}])
