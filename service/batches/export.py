@@ -14,12 +14,14 @@ from typing import Any, BinaryIO
 from core.errors import ExportRefusedError
 from core.options import ExportFormat
 from service.batches.record import BatchRecord, Result, image_key
+from service.batches.tour import TourDocument, maps_of
 from service.errors import ExportFailedError, StoredFileMissingError
 from service.jobs import new_id
 from service.maps.record import MapRecord, key_of
 from service.storage import Storage
 
-_REFUSED = 3  # exit code of core.exports
+REFUSED = 3
+"""Exit code of `core.exports` for what cannot be written in a format."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class ExportRequest:
 
 def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | None) -> str:
     """Return the map whose photos are exported: the one that is wanted, or the only one. Raises ExportRefusedError for several."""
-    found = sorted({result["answer"]["map_id"] for result in results.values() if _has_pose(result)})
+    found = maps_of(results.values())
     if wanted is not None:
         return wanted
     if len(found) > 1:
@@ -65,47 +67,28 @@ async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord 
 def _tour_document(
     storage: Storage, wanted: ExportRequest, place: MapRecord | None, stack: ExitStack
 ) -> dict[str, Any]:
-    """Return what `core.exports.tour_file` reads; stack: keeps the files of photos and points where they are."""
-    photos, left_out = [], []
+    """Return the tour; stack: keeps the files of photos and points where they are."""
+    tour = TourDocument(wanted.map_id, wanted.include_ambiguous)
     for number, name in enumerate(wanted.record.names):
-        reason = why_not(wanted.results.get(number), wanted.map_id, wanted.include_ambiguous)
-        if reason is None:
-            image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
-            photos.append(_photo(name, image, wanted.results[number]["answer"]))
-        else:
-            left_out.append({"name": name, "reason": reason})
-    return {
-        "name": wanted.map_id,
-        "created_unix_s": datetime.fromisoformat(wanted.record.created_at).timestamp(),
-        "georeference": None if place is None else place.georeference,
-        "scan": _points(storage, place, stack),
-        "photos": photos,
-        "left_out": left_out,
-    }
+        result = wanted.results.get(number)
+        reason = tour.why_not(result)
+        if result is None or reason is not None:
+            tour.leave_out(name, reason or "waiting")
+            continue
+        image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
+        tour.add(name, image, result["answer"])
+    created_unix_s = datetime.fromisoformat(wanted.record.created_at).timestamp()
+    return tour.document(created_unix_s, None if place is None else place.georeference, _points(storage, place, stack))
 
 
-def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> str | None:
+def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
     ref = None if place is None else place.serving_ref
     if ref is None:
         return None
     try:
-        return str(stack.enter_context(storage.local_copy(key_of(ref, "points.ply"))))
+        return stack.enter_context(storage.local_copy(key_of(ref, "points.ply")))
     except StoredFileMissingError:  # a newer scan has just taken its place
         return None
-
-
-def why_not(result: Result | None, map_id: str, include_ambiguous: bool) -> str | None:
-    """Return why a photo is not exported, None when it is."""
-    if result is None:
-        return "waiting"
-    if result["status"] == "failed":
-        return f"failed: {result['error']['detail']}"
-    if not _has_pose(result):
-        return str(result["status"])
-    if result["status"] == "ambiguous" and not include_ambiguous:
-        return "ambiguous"
-    placed_in = result["answer"]["map_id"]
-    return None if placed_in == map_id else f"placed in another map, {placed_in}"
 
 
 async def _run(module: str, *arguments: str) -> None:
@@ -120,26 +103,7 @@ async def _run(module: str, *arguments: str) -> None:
         await process.wait()
         raise
     last = (said.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
-    if process.returncode == _REFUSED:
+    if process.returncode == REFUSED:
         raise ExportRefusedError(last)
     if process.returncode != 0:
         raise ExportFailedError(f"the process that writes exports ended with {process.returncode}: {last}")
-
-
-def _has_pose(result: Result) -> bool:
-    return result.get("answer") is not None and result["answer"]["pose"] is not None
-
-
-def _photo(name: str, image: Path, answer: Mapping[str, Any]) -> dict[str, Any]:
-    pose, accuracy = answer["pose"]["map_from_camera"], answer["accuracy"] or {}
-    return {
-        "name": name,
-        "image": str(image),
-        "frame": answer["pose"]["frame"],
-        "position_m": [pose["position_m"][axis] for axis in "xyz"],
-        "quaternion_xyzw": [pose["quaternion"][axis] for axis in "xyzw"],
-        "camera_model": answer["images"][0]["camera"]["model"] if answer["images"] else "equirectangular",
-        "confidence": answer["confidence"],
-        "position_radius_m": accuracy.get("position_m"),
-        "orientation_radius_deg": accuracy.get("orientation_deg"),
-    }

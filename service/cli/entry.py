@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from service.cli import localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
+from service.cli.placing import export, place
 from service.cli.session import Session
 from service.client import ApiProblemError, ClientError, MapFailedError, UnreachableError
 
@@ -48,6 +49,8 @@ def _program(
 app.command()(serve.serve)
 app.command()(register.register)
 app.command()(localize.localize)
+app.command()(place.place)
+app.command()(export.export)
 app.add_typer(maps.app, name="maps")
 # Commands of other packages, as the lab's: each entry point adds its own.
 for package in importlib.metadata.entry_points(group="panoloc.commands"):

@@ -1,16 +1,18 @@
 """Progress bars of uploads and registrations, on standard error and only where a person can see them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     DownloadColumn,
+    MofNCompleteColumn,
     Progress,
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
+    TimeRemainingColumn,
     TransferSpeedColumn,
 )
 
@@ -47,6 +49,27 @@ def show_registration(console: Console) -> Iterator[Callable[[JsonObject], None]
             bar.update(
                 task, completed=place.get("progress") or 0.0, status=place["status"], stage=place.get("stage") or ""
             )
+
+        yield update
+
+
+@contextmanager
+def show_counts(console: Console, text: str, total: int) -> Iterator[Callable[[Mapping[str, int]], None]]:
+    """Show how many of `total` have ended, and how; yields the function to report the counts by status to."""
+    columns = (
+        TextColumn("[bold]{task.description}[/]"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[counts]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(text, total=total, counts="")
+
+        def update(counts: Mapping[str, int]) -> None:
+            told = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in sorted(counts.items()))
+            bar.update(task, completed=sum(counts.values()), counts=told)
 
         yield update
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn, Self
+from typing import Any, BinaryIO, NoReturn, Self
 from urllib.parse import urlsplit
 
 import httpx
@@ -175,6 +175,18 @@ class PanolocClient:
     def fetch(self, path: str) -> bytes:
         """Return the body behind a path of the service, such as the link of a score map."""
         return _checked(self._send("GET", path)).content
+
+    def download(self, path: str, query: Mapping[str, str], file: BinaryIO) -> None:
+        """Write the body behind a path into an open file, block by block."""
+        try:
+            with self._http.stream("GET", self.link(path), params=query, timeout=UPLOAD_READ_TIMEOUT_S) as reply:
+                if not reply.is_success:
+                    reply.read()
+                    _raise_problem(reply)
+                for block in reply.iter_bytes():
+                    file.write(block)
+        except httpx.HTTPError as error:
+            raise UnreachableError(self.url, _reason(error)) from error
 
     def link(self, path: str) -> str:
         """Return the full address of a path that the service named."""

@@ -1,5 +1,7 @@
 """A fake service behind httpx.MockTransport: it keeps what was sent and answers as the HTTP contract says."""
 
+import io
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from email.message import Message
@@ -20,6 +22,21 @@ READY_MAP: dict[str, Any] = {
     "stats": {"num_points": 1_234_567, "num_points_used": 250_000, "num_starts": 412, "index_bytes": 1_830_000},
     "diagnostics": [{"code": "large_coordinates", "severity": "warning", "message": "An offset was subtracted."}],
 }
+
+
+POINTS = b"""ply
+format ascii 1.0
+element vertex 2
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+end_header
+0 0 0 10 20 30
+4 5 2 40 50 60
+"""
 
 
 def answer_with(status: str) -> dict[str, Any]:
@@ -59,6 +76,7 @@ def answer_with(status: str) -> dict[str, Any]:
 class FakeService:
     """Answers requests from a table; `fail_with` makes it answer everything with a problem.
 
+    busy: so many queries are refused with 429. answers: to images with these words in them.
     requests: (method, path) in order. parts: the multipart fields of the last upload, by name, in order.
     """
 
@@ -67,6 +85,8 @@ class FakeService:
     places: list[dict[str, Any]] = field(default_factory=lambda: [READY_MAP])
     fail_with: httpx.Response | None = None
     refuse_file: str | None = None
+    busy: int = 0
+    answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     down: bool = False
     requests: list[tuple[str, str]] = field(default_factory=list)
     parts: dict[str, list[bytes]] = field(default_factory=dict)
@@ -92,19 +112,34 @@ class FakeService:
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
             ("POST", "/localize"): self._localize,
+            ("GET", "/batches/batch_1/export"): self._export,
             ("GET", "/localizations/loc_1/score-map-2d.png"): lambda _: httpx.Response(200, content=b"a picture"),
         }
 
     def _get_maps(self, request: httpx.Request) -> httpx.Response:
+        if request.url.path.endswith("/points"):
+            return httpx.Response(200, content=POINTS)
         if request.url.path != "/maps":
             return httpx.Response(200, json=self.polls.pop(0) if self.polls else READY_MAP)
         first = int(request.url.params.get("cursor", 0))
         following = str(first + 1) if first + 1 < len(self.places) else None
         return httpx.Response(200, json={"items": self.places[first : first + 1], "next_cursor": following})
 
+    def _export(self, request: httpx.Request) -> httpx.Response:
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w") as archive:
+            archive.writestr("query.txt", str(request.url.query, "ascii"))
+        return httpx.Response(200, content=out.getvalue())
+
     def _localize(self, request: httpx.Request) -> httpx.Response:
         if self.refuse_file and self.refuse_file.encode() in b"".join(self.parts["image"]):
             return problem(422, "Not a panorama", "expected 2:1, got 3000 x 2000; crop it.")
+        if self.busy > 0:
+            self.busy -= 1
+            return problem(429, "Too many requests wait", "try again", **{"Retry-After": "0"})
+        for name, answer in self.answers.items():
+            if name.encode() in b"".join(self.parts["image"]):
+                return httpx.Response(200, json=answer)
         return httpx.Response(200, json=self.answer or answer_with(self.status))
 
 

@@ -1,0 +1,73 @@
+"""Results of images as the tour that `core.exports.tour_file` reads; for batches, and for folders that the command line has placed."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from service.batches.record import Result
+
+
+@dataclass
+class TourDocument:
+    """Photos of one map, gathered one after the other. map_id: theirs. include_ambiguous: write those that fit several places, too."""
+
+    map_id: str
+    include_ambiguous: bool
+    photos: list[dict[str, Any]] = field(default_factory=list)
+    left_out: list[dict[str, str]] = field(default_factory=list)
+
+    def why_not(self, result: Result | None) -> str | None:
+        """Return why a photo is left out, None when it is not. result: None while there is none."""
+        if result is None:
+            return "waiting"
+        if result["status"] == "failed":
+            return f"failed: {result['error'].get('detail') or result['error'].get('title')}"
+        if not _has_pose(result):
+            return str(result["status"])
+        if result["status"] == "ambiguous" and not self.include_ambiguous:
+            return "ambiguous"
+        placed_in = result["answer"]["map_id"]
+        return None if placed_in == self.map_id else f"placed in another map, {placed_in}"
+
+    def add(self, name: str, image: Path, answer: Mapping[str, Any]) -> None:
+        """Add a photo that is not left out."""
+        pose, accuracy = answer["pose"]["map_from_camera"], answer["accuracy"] or {}
+        images = answer.get("images") or [{"camera": {"model": "equirectangular"}}]
+        self.photos.append(
+            {
+                "name": name,
+                "image": str(image),
+                "frame": answer["pose"]["frame"],
+                "position_m": [pose["position_m"][axis] for axis in "xyz"],
+                "quaternion_xyzw": [pose["quaternion"][axis] for axis in "xyzw"],
+                "camera_model": images[0]["camera"]["model"],
+                "confidence": answer["confidence"],
+                "position_radius_m": accuracy.get("position_m"),
+                "orientation_radius_deg": accuracy.get("orientation_deg"),
+            }
+        )
+
+    def leave_out(self, name: str, reason: str) -> None:
+        """Name a photo that is not written, and why."""
+        self.left_out.append({"name": name, "reason": " ".join(reason.split())})
+
+    def document(self, created_unix_s: float, georeference: object, scan: Path | None) -> dict[str, Any]:
+        """Return the tour. georeference: as a map has it. scan: a file with the points of the map."""
+        return {
+            "name": self.map_id,
+            "created_unix_s": created_unix_s,
+            "georeference": georeference,
+            "scan": None if scan is None else str(scan),
+            "photos": self.photos,
+            "left_out": self.left_out,
+        }
+
+
+def maps_of(results: Iterable[Result]) -> list[str]:
+    """Return the maps in which photos were placed, each once, sorted."""
+    return sorted({result["answer"]["map_id"] for result in results if _has_pose(result)})
+
+
+def _has_pose(result: Result) -> bool:
+    return result.get("answer") is not None and result["answer"]["pose"] is not None

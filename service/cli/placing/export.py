@@ -1,0 +1,77 @@
+"""`panoloc export`: placed photos in the formats of other systems, of a folder that `panoloc place` has made, or of a batch."""
+
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from core.options import ExportFormat
+from service.cli.exit_codes import ExitCode
+from service.cli.placing.export_folder import ExportError, formats_of, write_exports
+from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError
+from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from service.client import PanolocClient
+
+
+def export(
+    ctx: typer.Context,
+    source: Annotated[str, typer.Argument(help="The --out of `panoloc place`, or the id of a batch.")],
+    formats: Annotated[
+        str,
+        typer.Option(
+            "--export", metavar="FORMATS", help="Formats with commas, such as potree,colmap; see docs/exports.md."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(file_okay=False, help="Folder, with one below it per format; SOURCE when left out.")
+    ] = None,
+    map_id: Annotated[str | None, typer.Option("--map", help="Of a batch in several maps: photos in this one.")] = None,
+    include_ambiguous: Annotated[
+        bool, typer.Option("--include-ambiguous", help="Photos that fit several places, too, at the likeliest.")
+    ] = False,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> int:
+    """Write placed photos in the formats of other systems, with a list of those that have no pose."""
+    session: Session = ctx.obj
+    session.json_output = json
+    wanted = formats_of(formats)
+    if not wanted:
+        raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
+    folder = Path(source)
+    try:
+        if folder.is_dir():
+            written = write_exports(PlaceFolder.open(folder), wanted, include_ambiguous, out or folder)
+        elif source.startswith("batch_"):
+            with session.client(url) as client:
+                written = [
+                    _fetch(client, source, name, (out or folder) / name, map_id, include_ambiguous) for name in wanted
+                ]
+        else:
+            raise PlaceFolderError(f"expected a folder or the id of a batch, got {source!r}")
+    except PlaceFolderError as error:
+        raise typer.BadParameter(str(error), param_hint="SOURCE") from error
+    except ExportError as error:
+        session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
+        return ExitCode.ERROR
+    for target in written:
+        if json:
+            session.print_json({"folder": str(target)})
+        else:
+            session.results.print(f"wrote {target}", markup=False)
+    return ExitCode.OK
+
+
+def _fetch(
+    client: PanolocClient, batch_id: str, name: ExportFormat, target: Path, map_id: str | None, include_ambiguous: bool
+) -> Path:
+    query = {"format": name} | ({"map_id": map_id} if map_id else {})
+    query |= {"include": "ambiguous"} if include_ambiguous else {}
+    with tempfile.TemporaryFile(prefix="panoloc-") as file:
+        client.download(f"/batches/{batch_id}/export", query, file)
+        with zipfile.ZipFile(file) as archive:
+            archive.extractall(target)
+    return target

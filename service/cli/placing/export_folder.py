@@ -1,0 +1,54 @@
+"""Exports of a placed folder, written by `python -m core.exports`, because that needs numpy, which commands do not load."""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import get_args
+
+import typer
+
+from core.options import ExportFormat
+from service.cli.placing.place_folder import PlaceFolder
+
+FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
+
+
+class ExportError(ValueError):
+    """A format cannot hold the photos; the message says why and what to do."""
+
+
+def formats_of(given: str | None) -> list[ExportFormat]:
+    """Return the formats of a list with commas, each once. Raises typer.BadParameter."""
+    wanted = [name.strip() for name in (given or "").split(",") if name.strip()]
+    unknown = [name for name in wanted if name not in FORMATS]
+    if unknown:
+        raise typer.BadParameter(f"expected some of {', '.join(FORMATS)}, got {unknown[0]!r}", param_hint="--export")
+    return [name for name in FORMATS if name in wanted]
+
+
+def write_exports(placed: PlaceFolder, formats: list[ExportFormat], include_ambiguous: bool, out: Path) -> list[Path]:
+    """Write each format into a folder of its own below `out`, and below that of its map where there are several; return the folders.
+
+    Raises ExportError and PlaceFolderError.
+    """
+    written = []
+    maps = placed.maps()
+    for map_id in maps:
+        tour = placed.tour(map_id, include_ambiguous)
+        for name in formats:
+            target = out / name if len(maps) == 1 else out / map_id / name
+            _export(tour, name, target)
+            written.append(target)
+    return written
+
+
+def _export(tour: dict[str, object], name: ExportFormat, target: Path) -> None:
+    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
+        document = Path(folder) / "tour.json"
+        document.write_text(json.dumps(tour), encoding="utf-8")
+        command = [sys.executable, "-m", "core.exports", str(document), name, str(target)]
+        process = subprocess.run(command, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True, check=False)
+    if process.returncode != 0:
+        raise ExportError((process.stderr.strip().splitlines() or [f"{name}: the export failed without a word"])[-1])

@@ -1,0 +1,157 @@
+"""The folder that `panoloc place` works in: what was asked, and the result of each photo as soon as it is there.
+
+place.json              what was asked; another question needs another folder
+results/a.jpg.json      the result of FOLDER/a.jpg
+maps/map_x.json, .ply   the maps with photos in them, and their points, so that exports need no service
+unplaced.txt            the photos without a pose, with the reason
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from service.batches.archive import IMAGE_ENDINGS
+from service.batches.record import Result
+from service.batches.tour import TourDocument, maps_of
+from service.client import JsonObject
+
+_QUESTION = "place.json"
+
+
+class PlaceFolderError(ValueError):
+    """The folder is of another question, or of none; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What was asked. photos: the folder of the photos, absolute. options: those of `POST /localize`."""
+
+    photos: str
+    map_ids: list[str]
+    tag: str | None
+    options: JsonObject
+
+
+class PlaceFolder:
+    """Reads and writes the folder; every file is replaced in one step, so that a kill leaves the old one or the new one."""
+
+    def __init__(self, folder: Path, question: Question) -> None:
+        self.folder = folder
+        self.question = question
+
+    @classmethod
+    def begin(cls, folder: Path, question: Question) -> "PlaceFolder":
+        """Make a folder, or go on with one in which the same was asked. Raises PlaceFolderError."""
+        found = _read(folder / _QUESTION)
+        if found is not None and found != asdict(question):
+            raise PlaceFolderError(
+                f"expected a new folder, or one with the same question, but {folder} has another; choose another --out"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(folder / _QUESTION, asdict(question))
+        return cls(folder, question)
+
+    @classmethod
+    def open(cls, folder: Path) -> "PlaceFolder":
+        """Open a folder that `panoloc place` has made. Raises PlaceFolderError."""
+        found = _read(folder / _QUESTION)
+        if found is None:
+            raise PlaceFolderError(f"expected the --out of a `panoloc place`, but {folder} has no {_QUESTION}")
+        return cls(folder, Question(**found))
+
+    def names(self) -> list[str]:
+        """Return the photos below their folder, sorted, without hidden files and without what lies in this one."""
+        photos = Path(self.question.photos)
+        return sorted(path.relative_to(photos).as_posix() for path in self._images(photos))
+
+    def photo(self, name: str) -> Path:
+        """Return the file of a photo."""
+        return Path(self.question.photos) / name
+
+    def result(self, name: str) -> Result | None:
+        """Return the result of a photo, None when there is none, or the file has changed since."""
+        found = _read(self._result_file(name))
+        return found["result"] if found is not None and found["file"] == _fingerprint(self.photo(name)) else None
+
+    def put_result(self, name: str, result: Result) -> None:
+        """Keep the result of a photo."""
+        _write(self._result_file(name), {"name": name, "file": _fingerprint(self.photo(name)), "result": result})
+
+    def put_map(self, place: JsonObject, points: bytes) -> None:
+        """Keep what exports need of a map."""
+        _write(self.folder / "maps" / f"{place['id']}.json", place)
+        _replace(self.folder / "maps" / f"{place['id']}.ply", points)
+
+    def maps(self) -> list[str]:
+        """Return the maps in which photos were placed."""
+        return maps_of(result for name in self.names() if (result := self.result(name)) is not None)
+
+    def tour(self, map_id: str, include_ambiguous: bool) -> dict[str, Any]:
+        """Return the photos of a map as `core.exports` reads them. Raises PlaceFolderError where the map was not kept."""
+        place = _read(self.folder / "maps" / f"{map_id}.json")
+        if place is None:
+            raise PlaceFolderError(
+                f"expected what is known of {map_id} in {self.folder / 'maps'}; run `panoloc place` to its end"
+            )
+        tour = TourDocument(map_id, include_ambiguous)
+        for name in self.names():
+            result = self.result(name)
+            reason = tour.why_not(result)
+            if result is None or reason is not None:
+                tour.leave_out(name, reason or "waiting")
+            else:
+                tour.add(name, self.photo(name), result["answer"])
+        created_unix_s = (self.folder / _QUESTION).stat().st_mtime
+        return tour.document(created_unix_s, place.get("georeference"), self.folder / "maps" / f"{map_id}.ply")
+
+    def write_unplaced(self) -> Path:
+        """Write the list of photos without a pose that can be relied on."""
+        lines = []
+        for name in self.names():
+            result = self.result(name)
+            map_id = ((result or {}).get("answer") or {}).get("map_id") or ""
+            reason = TourDocument(map_id, include_ambiguous=False).why_not(result)
+            if reason is not None:
+                lines.append(f"{name}\t{' '.join(reason.split())}\n")
+        target = self.folder / "unplaced.txt"
+        _replace(target, "".join(lines).encode())
+        return target
+
+    def _images(self, photos: Path) -> Iterator[Path]:
+        own = self.folder.resolve()
+        for folder, folders, files in os.walk(photos):
+            here = Path(folder)
+            folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != own]
+            for name in files:
+                if Path(name).suffix.lower() in IMAGE_ENDINGS and not name.startswith("."):
+                    yield here / name
+
+    def _result_file(self, name: str) -> Path:
+        return self.folder / "results" / f"{name}.json"
+
+
+def _fingerprint(photo: Path) -> list[int]:
+    found = photo.stat()
+    return [found.st_size, found.st_mtime_ns]
+
+
+def _read(file: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _write(file: Path, document: JsonObject) -> None:
+    _replace(file, (json.dumps(document, ensure_ascii=False) + "\n").encode())
+
+
+def _replace(file: Path, data: bytes) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    temporary = file.with_name(f".{file.name}.tmp")
+    temporary.write_bytes(data)
+    temporary.replace(file)

@@ -1,0 +1,161 @@
+"""A folder of photos: placed, taken up again, and written for other systems."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.service.cli.commands import Panoloc
+from tests.service.cli.fake_service import FakeService, answer_with, problem
+
+EXIT_ERROR, EXIT_USAGE, EXIT_NOT_LOCALIZED, EXIT_AMBIGUOUS = 1, 2, 3, 4
+
+
+def num_queries(fake: FakeService) -> int:
+    return fake.requests.count(("POST", "/localize"))
+
+
+def rows(file: Path) -> list[list[str]]:
+    return [line.split("\t") for line in file.read_text().splitlines()]
+
+
+def test_every_photo_is_placed_and_written_in_the_formats_asked_for(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    outcome = panoloc(
+        "place", photos, "--map", "map_1", "--export", "potree,colmap", "--out", tmp_path / "out", "--upright"
+    )
+    assert outcome.code == 0, outcome.err
+    assert "3 photos: 3 localized" in outcome.out
+    assert json.loads(fake.parts["options"][0])["hints"] == {"upright": True}
+    table = rows(tmp_path / "out" / "potree" / "coordinates.txt")[1:]
+    assert [row[0] for row in table] == ["hall.jpg", "rooms/a.jpg", "rooms/b.png"]
+    assert table[0][2:] == ["1.25", "0.5", "1.5", "90", "0", "0"]  # of the quaternion, not of the angles beside it
+    assert (tmp_path / "out" / "unplaced.txt").read_text() == ""
+    model = tmp_path / "out" / "colmap"
+    assert "1 EQUIRECTANGULAR 64 32 64 32" in (model / "cameras.txt").read_text()
+    assert len((model / "points3D.txt").read_text().splitlines()) == 3
+
+
+def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    fake.refuse_file = "is rooms/b.png"
+    fake.answers = {"is hall.jpg": answer_with("ambiguous"), "is rooms/a.jpg": answer_with("not_localized")}
+    out = tmp_path / "out"
+    outcome = panoloc("place", photos, "--map", "map_1", "--export", "potree", "--out", out)
+    assert outcome.code == EXIT_ERROR
+    expected = [
+        ["hall.jpg", "ambiguous"],
+        ["rooms/a.jpg", "not_localized"],
+        ["rooms/b.png", "failed: expected 2:1, got 3000 x 2000; crop it."],
+    ]
+    assert rows(out / "unplaced.txt") == expected
+    assert rows(out / "potree" / "unplaced.txt") == expected
+    assert len(rows(out / "potree" / "coordinates.txt")) == 1
+    assert panoloc("export", out, "--export", "potree,tum", "--include-ambiguous", "--out", tmp_path / "more").code == 0
+    assert [row[0] for row in rows(tmp_path / "more" / "potree" / "coordinates.txt")[1:]] == ["hall.jpg"]
+    assert rows(tmp_path / "more" / "tum" / "unplaced.txt") == expected[1:]
+
+
+def test_a_run_that_was_ended_goes_on_where_it_was_and_does_nothing_twice(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    command = ("place", photos, "--map", "map_1", "--out", out, "--parallel", "1")
+    fake.answers = {"is rooms/b.png": {}}  # no answer of panoloc: the run ends here
+    with pytest.raises(KeyError):
+        panoloc(*command)
+    assert num_queries(fake) == 3
+    assert sorted(path.name for path in (out / "results").rglob("*.json")) == ["a.jpg.json", "hall.jpg.json"]
+    # As a kill leaves it, while a result is written.
+    (out / "results" / "rooms" / ".b.png.json.tmp").write_text('{"na')
+    fake.answers, fake.requests = {}, []
+    outcome = panoloc(*command)
+    assert (outcome.code, num_queries(fake)) == (0, 1)
+    assert "2 of 3 photos are done already" in outcome.err
+    outcome = panoloc(*command)
+    assert (outcome.code, num_queries(fake)) == (0, 1)
+
+
+def test_a_photo_that_has_changed_is_placed_again(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    command = ("place", photos, "--map", "map_1", "--out", tmp_path / "out")
+    assert panoloc(*command).code == 0
+    with (photos / "hall.jpg").open("ab") as file:
+        file.write(b" and more")
+    assert panoloc(*command).code == 0
+    assert num_queries(fake) == 4
+
+
+def test_photos_in_the_folder_of_results_are_not_placed(panoloc: Panoloc, fake: FakeService, photos: Path) -> None:
+    command = ("place", photos, "--map", "map_1", "--out", photos / "out", "--export", "navvis")
+    assert panoloc(*command).code == 0
+    assert (photos / "out" / "navvis" / "00000-pano.jpg").exists()
+    assert panoloc(*command).code == 0
+    assert num_queries(fake) == 3
+
+
+def test_a_busy_service_is_waited_for(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
+    fake.busy = 2
+    assert panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out").code == 0
+    assert num_queries(fake) == 5
+
+
+def test_what_says_nothing_of_the_photo_ends_the_run(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    fake.fail_with = problem(404, "There is no such map", "expected the id of a map, got map_9")
+    outcome = panoloc("place", photos, "--map", "map_9", "--out", tmp_path / "out")
+    assert outcome.code == EXIT_ERROR
+    assert "map_9" in outcome.err
+    assert not list((tmp_path / "out").rglob("results/*"))
+
+
+def test_photos_in_several_maps_are_written_map_by_map(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    fake.answers = {"is hall.jpg": {**answer_with("localized"), "map_id": "map_2"}}
+    out = tmp_path / "out"
+    fake.polls = [{"id": "map_1"}, {"id": "map_2"}]
+    assert panoloc("place", photos, "--tag", "house", "--out", out, "--export", "potree").code == 0
+    assert [row[0] for row in rows(out / "map_2" / "potree" / "coordinates.txt")[1:]] == ["hall.jpg"]
+    assert rows(out / "map_1" / "potree" / "unplaced.txt") == [["hall.jpg", "placed in another map, map_2"]]
+
+
+def test_json_has_a_line_per_photo_and_one_of_all(panoloc: Panoloc, photos: Path, tmp_path: Path) -> None:
+    outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out", "--json")
+    *each, last = outcome.documents
+    assert sorted(document["photo"] for document in each) == ["hall.jpg", "rooms/a.jpg", "rooms/b.png"]
+    assert {document["status"] for document in each} == {"localized"}
+    assert (last["num_photos"], last["counts"]) == (3, {"localized": 3})
+
+
+def test_wrong_usage_is_told(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert panoloc("place", photos, "--out", out).code == EXIT_USAGE
+    assert panoloc("place", photos, "--map", "map_1", "--out", out, "--export", "kml").code == EXIT_USAGE
+    assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
+    outcome = panoloc("place", photos, "--map", "map_2", "--out", out)
+    assert outcome.code == EXIT_USAGE
+    assert "another --out" in outcome.err
+    assert panoloc("export", photos, "--export", "potree").code == EXIT_USAGE
+    assert panoloc("export", "nowhere", "--export", "potree").code == EXIT_USAGE
+    assert panoloc("export", out, "--export", ",").code == EXIT_USAGE
+    outcome = panoloc("export", out, "--export", "geojson")
+    assert outcome.code == EXIT_ERROR
+    assert "georeference" in outcome.err
+    assert num_queries(fake) == 3
+
+
+def test_a_batch_is_fetched_from_the_service(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
+    outcome = panoloc(
+        "export", "batch_1", "--export", "potree,tum", "--map", "map_1", "--include-ambiguous", "--out", tmp_path
+    )
+    assert outcome.code == 0, outcome.err
+    for name in ("potree", "tum"):
+        query = (tmp_path / name / "query.txt").read_text()
+        assert query == f"format={name}&map_id=map_1&include=ambiguous"
+    fake.fail_with = problem(404, "There is no such batch", "unknown")
+    assert panoloc("export", "batch_1", "--export", "potree", "--out", tmp_path).code == EXIT_ERROR
