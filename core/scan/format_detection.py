@@ -6,7 +6,7 @@ from pathlib import Path, PurePosixPath
 from core.errors import ScanDamagedError, ScanFormatError
 
 HEAD_BYTES = 4096
-_SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las", b"glTF": "gltf"}
+_SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las", b"glTF": "gltf", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip"}
 _GLTF_KEYS = (b'"asset"', b'"accessors"', b'"buffers"', b'"bufferViews"', b'"scenes"', b'"meshes"', b'"extensionsUsed"')
 _OBJ_WORDS = {b"v", b"vt", b"vn", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl"}
 _PTX_HEADER = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]  # words on its lines
@@ -20,6 +20,7 @@ _EXTENSION_FORMATS = {
     "glb": "gltf",
     "gltf": "gltf",
     "obj": "obj",
+    "zip": "zip",
     **dict.fromkeys(("xyz", "txt", "csv", "pts", "asc", "xyzrgb", "neu"), "text"),
 }
 _OTHER_MAGIC = {
@@ -27,7 +28,6 @@ _OTHER_MAGIC = {
     b"\xff\xd8\xff": "a JPEG image",
     b"RIFF": "a RIFF file (WebP image, sound or video)",
     b"GIF8": "a GIF image",
-    b"PK\x03\x04": "a ZIP archive: unpack it first and upload what was unpacked",
     b"\x1f\x8b": "a gzip archive: unpack it first and upload what was unpacked",
     b"7z\xbc\xaf": "a 7z archive: unpack it first and upload what was unpacked",
     b"%PDF": "a PDF document",
@@ -35,7 +35,7 @@ _OTHER_MAGIC = {
     b"MZ": "a program",
     b"\x7fELF": "a program",
 }
-KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, GLB, glTF, OBJ, XYZ, TXT, CSV or PTS"
+KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, GLB, glTF, OBJ, XYZ, TXT, CSV or PTS, or a zip of them"
 
 
 def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
@@ -46,7 +46,7 @@ def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
 
 
 def format_of(head: bytes, extension: str) -> tuple[str, str | None]:
-    """Return the format ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj" or "text") and a remark when the name says something else.
+    """Return the format ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj", "zip" or "text") and a remark when the name says something else.
 
     head: the first HEAD_BYTES of the file. extension: with or without its dot, or empty.
 
@@ -71,6 +71,14 @@ def extension_of(name: str) -> str:
     """Return the extension of a file's name in lower case with its dot, empty when it has none of the usual form."""
     suffix = PurePosixPath(name.replace("\\", "/")).suffix.lower()
     return suffix if re.fullmatch(r"\.[a-z0-9]{1,10}", suffix) else ""
+
+
+def is_named_like_a_scan(name: str) -> bool:
+    """Tell whether a file's extension is that of a scan format, of which nobody writes anything else."""
+    return _EXTENSION_FORMATS.get(extension_of(name).lstrip("."), "text") != "text" or extension_of(name) in (
+        ".xyz",
+        ".pts",
+    )
 
 
 def _format_by_magic(head: bytes) -> str | None:

@@ -27,6 +27,7 @@ class PointCloud:
     origin_offset: (3,) float64, metres; add it to a position to get the scan's own coordinates.
     num_points_read: points in the file before dropping and thinning.
     diagnostics: what was converted, dropped or looks suspicious.
+    coordinate_system: of positions with their offset, as "EPSG:25832" or WKT, where the file says so.
     """
 
     positions: NDArray[np.float32]
@@ -34,6 +35,7 @@ class PointCloud:
     origin_offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     num_points_read: int = 0
     diagnostics: tuple[Diagnostic, ...] = ()
+    coordinate_system: str | None = None
 
     def __len__(self) -> int:
         return len(self.positions)

@@ -29,4 +29,6 @@ BOXED = frozenset({"gltf", "obj"})
 
 def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:
     """Yield the raw points of a scan of the format `name`."""
-    return read_in_box(name, context) if name in BOXED else READERS[name](context)
+    # A PLY that came with other files may have textures.
+    is_apart = name in BOXED or (name == "ply" and context.folder is not None)
+    return read_in_box(name, context) if is_apart else READERS[name](context)

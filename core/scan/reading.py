@@ -1,27 +1,13 @@
-"""Read a scan file of any known format into a bounded, coloured point cloud in metres, z up."""
+"""Read a scan of any known format into a bounded, coloured point cloud in metres, z up."""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from core.errors import ScanContentError
-from core.options import FARTHEST_M, METRES_PER_UNIT, ScanOptions
-from core.scan.color_range import ColorRange
+from core.options import ScanOptions
+from core.scan.archive.reading import read_archive
 from core.scan.format_detection import detect_format
 from core.scan.point_cloud import PointCloud
-from core.scan.readers import iter_chunks
-from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.voxel_grouping import column_bounds
-from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
-
-# float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
-_LARGE_COORDINATE_M = 1000.0
-_SMALLEST_PLAUSIBLE_M = 0.2
-_LARGEST_PLAUSIBLE_M = 2000.0
-_SHARE_OF_READING = 0.95
+from core.scan.single_file import read_file
 
 
 def read_scan(
@@ -37,149 +23,5 @@ def read_scan(
     path = Path(path)
     report = progress or (lambda fraction: None)
     report(0.0)
-    name, remark = detect_format(path, options.format)
-    context = ReadingContext(path, options, path.stat().st_size)
-    if remark:
-        context.note("extension_mismatch", remark, "warning")
-    collector = _Collector(context)
-    for chunk in iter_chunks(name, context):
-        collector.add(chunk)
-        report(_SHARE_OF_READING * min(max(chunk.fraction, 0.0), 1.0))
-    cloud = collector.finish()
-    report(1.0)
-    return cloud
-
-
-class _Collector:
-    """Cleans, converts, thins and measures the chunks of one scan."""
-
-    def __init__(self, context: ReadingContext):
-        self._context = context
-        self._thinner = VoxelThinner(context.options.max_points_used, context.options.color_kind)
-        self._colors = ColorRange()
-        self._num_read = 0
-        self._num_dropped = 0
-        self._lowest = np.full(3, np.inf)
-        self._highest = np.full(3, -np.inf)
-
-    def add(self, chunk: RawChunk) -> None:
-        """Take the usable points of `chunk`."""
-        self._num_read += len(chunk.positions)
-        self._context.options.check_num_points(self._num_read)
-        positions = self._to_map_frame(chunk.positions)
-        # The comparison is false for NaN as well.
-        usable = _all_true(np.abs(positions) <= FARTHEST_M)
-        if chunk.colors.dtype.kind == "f":
-            usable &= _all_true(np.isfinite(chunk.colors))
-        num_usable = int(np.count_nonzero(usable))
-        self._num_dropped += len(positions) - num_usable
-        colors: NDArray[Any] = chunk.colors
-        if num_usable < len(positions):
-            positions, colors = positions[usable], colors[usable]
-        if not num_usable:
-            return
-        lowest, highest = column_bounds(positions)
-        self._lowest = np.minimum(self._lowest, lowest)
-        self._highest = np.maximum(self._highest, highest)
-        self._colors.observe(colors)
-        self._thinner.add(positions, colors)
-
-    def finish(self) -> PointCloud:
-        """Check the whole scan and return it."""
-        self._check_content()
-        thinned = self._thinner.finish()
-        self._note_conversions()
-        self._note_thinning(thinned)
-        offset = self._origin_offset()
-        return PointCloud(
-            positions=(thinned.positions - offset).astype(np.float32),
-            colors=self._colors.to_bytes(thinned.colors),
-            origin_offset=offset,
-            num_points_read=self._num_read,
-            diagnostics=(*self._context.diagnostics, *self._colors.diagnostics()),
-        )
-
-    def _to_map_frame(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        metres = METRES_PER_UNIT[self._context.options.unit]
-        with np.errstate(over="ignore", invalid="ignore"):
-            if metres != 1.0:
-                positions = positions * metres
-            if self._context.options.up_axis == "y":
-                positions = np.stack([positions[:, 0], -positions[:, 2], positions[:, 1]], axis=1)
-        return positions
-
-    def _check_content(self) -> None:
-        if not self._num_read:
-            raise ScanContentError("The file holds no points. Export the scan again.")
-        num_usable = self._num_read - self._num_dropped
-        if not num_usable:
-            raise ScanContentError(
-                f"None of the {self._num_read:,} points has finite coordinates and colours (NaN, infinite or absurdly "
-                "far away). Export the scan without invalid points."
-            )
-        if num_usable == 1:
-            raise ScanContentError("The scan has a single usable point; a map needs many. Export the whole scan.")
-        if not np.any(self._highest > self._lowest):
-            raise ScanContentError(
-                f"All {num_usable:,} usable points lie at the same position ({self._position_text()}): the scan has "
-                "no extent. Check the coordinate columns and export the scan again."
-            )
-        self._colors.check()
-
-    def _position_text(self) -> str:
-        return ", ".join(f"{value:g}" for value in self._lowest)
-
-    def _note_conversions(self) -> None:
-        note, options = self._context.note, self._context.options
-        if self._num_dropped:
-            note(
-                "non_finite_points",
-                f"{self._num_dropped:,} of {self._num_read:,} points were dropped: their coordinates or colours are "
-                f"not finite or lie beyond {_metres(FARTHEST_M)}.",
-                "warning",
-            )
-        if options.unit != "m":
-            note("unit_converted", f"Coordinates were converted from {options.unit} to metres.")
-        if options.up_axis == "y":
-            note("axes_converted", "The scan is y-up; (x, y, z) became (x, −z, y), so that z is up.")
-        extent = (self._highest - self._lowest).max()
-        if not _SMALLEST_PLAUSIBLE_M <= extent <= _LARGEST_PLAUSIBLE_M:
-            note(
-                "suspicious_extent",
-                f"The scan measures {_metres(extent)} if its unit is {options.unit!r}; is that the right unit? "
-                "Set unit to m, cm, mm or ft.",
-                "warning",
-            )
-
-    def _note_thinning(self, thinned: ThinnedPoints) -> None:
-        if thinned.voxel_size is None:
-            return
-        kept = "the mean" if self._context.options.color_kind == "rgb" else "the first point"
-        self._context.note(
-            "thinned",
-            f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
-            f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
-        )
-
-    def _origin_offset(self) -> NDArray[np.float64]:
-        if max(np.abs(self._lowest).max(), np.abs(self._highest).max()) <= _LARGE_COORDINATE_M:
-            return np.zeros(3)
-        offset = np.rint((self._lowest + self._highest) / 2)
-        self._context.note(
-            "large_coordinates",
-            f"Coordinates reach {np.abs([self._lowest, self._highest]).max():,.0f} m; the offset "
-            f"({', '.join(f'{value:.0f}' for value in offset + 0.0)}) is subtracted before they become float32 and added "
-            "back to every position that leaves.",
-            "warning",
-        )
-        return np.asarray(offset, np.float64)
-
-
-def _metres(length: float) -> str:
-    """Return a length as people write it, whatever its size."""
-    return f"{length:,.0f} m" if length >= 100 else f"{length:.3g} m"
-
-
-def _all_true(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell which rows of (n, 3) flags are all true, several times as fast as all(axis=1)."""
-    return flags[:, 0] & flags[:, 1] & flags[:, 2]
+    name, _ = detect_format(path, options.format)
+    return (read_archive if name == "zip" else read_file)(path, options, report)

@@ -37,7 +37,7 @@ class _Mesh:
 def has_mesh(header: PlyHeader) -> bool:
     """Tell whether the faces of the file may be needed besides its vertices."""
     vertices, faces = header.element("vertex"), header.element("face")
-    if vertices is None or faces is None or _index_name(faces) is None:
+    if vertices is None or faces is None or index_name(faces) is None:
         return False
     return vertices.count <= MAX_VERTICES and 0 < faces.count <= MAX_FACES
 
@@ -101,13 +101,13 @@ def _load_vertices(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.float
 
 
 def _load_faces(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.int64], NDArray[Any] | None]:
-    index_name, names = _index_name(element), color_names(element)
-    assert index_name is not None
+    corners_name, names = index_name(element), color_names(element)
+    assert corners_name is not None
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
     colors: list[NDArray[Any]] = []
     for batches in body.iter_list_rows(element):
         for batch in batches:
-            corners = batch.records[index_name]
+            corners = batch.records[corners_name]
             if corners.dtype.kind == "f":
                 corners = np.nan_to_num(corners, nan=-1.0).clip(-1, MAX_VERTICES)
             corners = corners.astype(np.int64)
@@ -151,6 +151,7 @@ def _sample_colors(
     return colors
 
 
-def _index_name(faces: PlyElement) -> str | None:
+def index_name(faces: PlyElement) -> str | None:
+    """Return the property of faces that holds the numbers of their vertices, None without one."""
     lists = {prop.name for prop in faces.properties if prop.count_type is not None}
     return next((name for name in _INDEX_NAMES if name in lists), None)

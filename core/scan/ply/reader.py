@@ -1,4 +1,4 @@
-"""Read PLY scans: points with colour, or meshes whose faces are sampled."""
+"""Read PLY scans: points with colour, meshes whose faces are sampled, or Gaussian splats."""
 
 from collections.abc import Iterator
 
@@ -9,6 +9,8 @@ from core.scan.ply.body import PlyBody
 from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
 from core.scan.ply.header import PlyElement, PlyHeader, check_file_size, read_ply_header
 from core.scan.ply.mesh import has_face_colors, has_mesh, read_mesh
+from core.scan.ply.splats import has_splats, iter_splats
+from core.scan.ply.textured import has_texture, read_textured, texture_names
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error, stack_columns
 
 
@@ -25,7 +27,11 @@ def read_ply(context: ReadingContext) -> Iterator[RawChunk]:
         if surplus is not None:
             context.note("surplus_bytes", surplus, "warning")
         body = PlyBody(stream, header)
-        if has_mesh(header):
+        if has_splats(header):
+            yield from iter_splats(context, header, vertices, body)
+        elif _is_textured(context, header):
+            yield from read_textured(context, header, body)
+        elif has_mesh(header):
             yield from read_mesh(context, header, body)
         else:
             yield from _iter_vertices(header, vertices, body)
@@ -45,18 +51,24 @@ def _iter_vertices(header: PlyHeader, vertices: PlyElement, body: PlyBody) -> It
         yield RawChunk(positions, convert_colors(rows, vertices, names), num_done / vertices.count)
 
 
+def _is_textured(context: ReadingContext, header: PlyHeader) -> bool:
+    """Textures can only be read where they came with the file; colours of vertices stand in for them elsewhere."""
+    return context.folder is not None and has_texture(header)
+
+
 def _checked_vertices(context: ReadingContext, header: PlyHeader) -> PlyElement:
     vertices = header.element("vertex")
     if vertices is None:
         raise ScanContentError("The PLY file holds no points: there is no 'vertex' element. Export the scan again.")
     context.check_point_count(vertices.count)
+    is_splats = has_splats(header)
     scalars = [prop.name for prop in vertices.properties if prop.count_type is None]
     if not set(POSITION_NAMES) <= set(scalars):
         raise ScanContentError(
             f"The PLY vertices have no x, y and z; they have {', '.join(scalars)[:200] or 'nothing'}."
         )
-    if color_names(vertices) is None and not has_face_colors(header):
-        textured = any(comment.lower().startswith("texturefile") for comment in header.comments)
-        hint = " and a texture image beside it: bake the texture into vertex colours" if textured else ""
+    is_colored = is_splats or _is_textured(context, header)
+    if not is_colored and color_names(vertices) is None and not has_face_colors(header):
+        hint = " and a texture image beside it: upload both in one zip" if texture_names(header) else ""
         raise no_color_error(f"{', '.join(scalars)[:200]}{hint}")
     return vertices

@@ -9,11 +9,14 @@ import pytest
 from core.geometry.pose import Pose
 from core.index.map_builder import build_map_index
 from core.localizer import Localizer
+from core.scan.ply.writer import encode_ply
+from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.scan.mesh_files import glb_of
+from tests.core.scan.mesh_files import glb_of, obj_files, zip_of
 from tests.core.scan.ptx_files import station_text
+from tests.core.scan.splat_files import splat_ply
 
 BOX = PaintedBox(seed=3)
 
@@ -28,7 +31,27 @@ def ptx_of(box: PaintedBox) -> bytes:
     return "".join(station_text(points, colors, *pose) for points, colors, pose in halves).encode()
 
 
-KINDS: dict[str, Callable[[PaintedBox], bytes]] = {"room.ptx": ptx_of, "room.glb": glb_of}
+def splats_of(box: PaintedBox) -> bytes:
+    cloud = box.scan(40_000)
+    haze = np.random.default_rng(1).uniform(0, 1, len(cloud)) < 0.2
+    return splat_ply(cloud, np.where(haze, 0.1, 0.97))
+
+
+def two_scans_of(box: PaintedBox) -> bytes:
+    """Return the scans of two halves of the box."""
+    cloud = box.scan(24_000)
+    is_near = cloud.positions[:, 0] < 2.5
+    halves = (PointCloud(cloud.positions[chosen], cloud.colors[chosen]) for chosen in (is_near, ~is_near))
+    return zip_of({f"half {number}.ply": encode_ply(half) for number, half in enumerate(halves)})
+
+
+KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
+    "room.ptx": ptx_of,
+    "room.glb": glb_of,
+    "room.obj.zip": lambda box: zip_of(obj_files(box)),
+    "splats.ply": splats_of,
+    "scans.zip": two_scans_of,
+}
 
 
 @pytest.mark.slow

@@ -216,9 +216,9 @@ def test_a_list_longer_than_the_file_is_damaged(scan_file: ScanFile) -> None:
             read_scan(scan_file("scan.ply", data))
 
 
-def test_a_textured_mesh_is_told_to_bake_its_texture(scan_file: ScanFile) -> None:
+def test_a_textured_mesh_is_told_to_come_with_its_texture(scan_file: ScanFile) -> None:
     start = header("ascii", "comment TextureFile room.png\n", "element vertex 1\n", XYZ)
-    with pytest.raises(ScanContentError, match=r"no colour.*bake the texture"):
+    with pytest.raises(ScanContentError, match=r"no colour.*upload both in one zip"):
         read_scan(scan_file("scan.ply", start + b"1 2 3\n"))
 
 

@@ -1,0 +1,95 @@
+"""What a zip archive announces, checked before a byte of it is unpacked."""
+
+import re
+import stat
+import zipfile
+from collections.abc import Sequence
+from pathlib import PurePosixPath
+
+from core.errors import ScanContentError, ScanDamagedError
+
+MAX_MEMBERS = 10_000
+MAX_UNPACKED_BYTES = 64 << 30
+MAX_RATIO = 200
+"""Of unpacked to packed bytes, all files together: tables of numbers are packed to a tenth, empty ones to a thousandth."""
+_UNSUSPICIOUS_BYTES = 256 << 20
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_ENCRYPTED = 0x1
+_LOCAL_HEADER_BYTES = 30
+_CLUTTER = ("__macosx", "thumbs.db", "desktop.ini")
+
+
+def checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zipfile.ZipInfo, PurePosixPath]]:
+    """Return the files of an archive with where they belong, without what systems leave in archives.
+
+    size_bytes: of the archive. Raises ScanContentError and ScanDamagedError for what cannot or must not be unpacked.
+    """
+    infos = [info for info in archive.infolist() if not info.is_dir()]
+    if len(infos) > MAX_MEMBERS:
+        raise ScanContentError(
+            f"The zip holds {len(infos):,} files; expected at most {MAX_MEMBERS:,}. Leave out what is no scan."
+        )
+    members = [(info, _place(info)) for info in infos]
+    for info in infos:
+        _check_kind(info)
+    _check_sizes(infos, size_bytes)
+    _check_overlap(infos)
+    names = [str(place).casefold() for _, place in members]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ScanDamagedError(f"The zip holds the file {twice[:100]!r} twice. Pack it again.")
+    return [(info, place) for info, place in members if not _is_clutter(place)]
+
+
+def _place(info: zipfile.ZipInfo) -> PurePosixPath:
+    name = info.orig_filename.replace("\\", "/")
+    place = PurePosixPath(name)
+    if not name or "\x00" in name or place.is_absolute() or re.match(r"[A-Za-z]:", name):
+        raise ScanDamagedError(
+            f"The zip holds a file with the absolute name {name[:100]!r}; expected names below the archive. Pack it again."
+        )
+    if ".." in place.parts:
+        raise ScanDamagedError(
+            f"The zip holds a file whose name leads out of the archive: {name[:100]!r}. Pack the scan again."
+        )
+    return place
+
+
+def _check_kind(info: zipfile.ZipInfo) -> None:
+    name = info.filename[:100]
+    if info.flag_bits & _ENCRYPTED:
+        raise ScanContentError(f"{name!r} in the zip is encrypted. Pack it without a password.")
+    if stat.S_ISLNK(info.external_attr >> 16):
+        raise ScanDamagedError(f"{name!r} in the zip is a link to another file. Pack the file itself.")
+    if info.compress_type not in _METHODS:
+        raise ScanContentError(
+            f"{name!r} in the zip is packed by method {info.compress_type}. Pack it with the method Deflate."
+        )
+
+
+def _check_sizes(infos: Sequence[zipfile.ZipInfo], size_bytes: int) -> None:
+    unpacked, packed = sum(info.file_size for info in infos), sum(info.compress_size for info in infos)
+    if packed > size_bytes:
+        raise ScanDamagedError(
+            f"The zip announces {packed:,} packed bytes, but the file has {size_bytes:,}. Pack the scan again and upload it again."
+        )
+    if unpacked > MAX_UNPACKED_BYTES or unpacked > max(MAX_RATIO * packed, _UNSUSPICIOUS_BYTES):
+        raise ScanContentError(
+            f"The zip of {size_bytes:,} bytes would take {unpacked:,} bytes unpacked; at most {MAX_UNPACKED_BYTES:,} are, and no more "
+            f"than {MAX_RATIO} times the packed ones. Upload the scans one by one."
+        )
+
+
+def _check_overlap(infos: Sequence[zipfile.ZipInfo]) -> None:
+    """A bomb lets many files share the same packed bytes."""
+    end = 0
+    for info in sorted(infos, key=lambda each: each.header_offset):
+        if info.header_offset < end:
+            raise ScanDamagedError(
+                f"{info.filename[:100]!r} in the zip shares its bytes with another file. Pack the scan again."
+            )
+        end = info.header_offset + _LOCAL_HEADER_BYTES + info.compress_size
+
+
+def _is_clutter(place: PurePosixPath) -> bool:
+    return any(part.startswith(".") or part.casefold() in _CLUTTER for part in place.parts)
