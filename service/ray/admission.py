@@ -1,6 +1,7 @@
-"""How many requests may wait, and how long the next one would."""
+"""How many requests may wait, how long the next one would, and whether that is too long for it."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,51 +11,80 @@ from service.errors import QueueFullError
 class Admission:
     """Counts what is under way. Used from one event loop, so it needs no lock."""
 
-    # Weight of the newest duration in the running mean; before the first one a second is assumed.
+    # Weight of the newest duration in the running mean; before the first one of its kind a second is assumed.
     _NEWEST = 0.2
+    _FIRST_S = 1.0
     _LONGEST_RETRY_AFTER_S = 60
+    # Durations vary: a request is admitted when it would be done in time were all of them so much longer than their mean.
+    _CAUTION = 1.25
 
     def __init__(self, queue_limit: int) -> None:
         self._queue_limit = queue_limit
         self._num_workers = 1
-        self._mean_duration_s = 1.0
-        self._num_admitted = 0
+        self._mean_duration_s: dict[str, float] = {}
+        self._admitted: Counter[str] = Counter()
 
     @property
     def num_admitted(self) -> int:
         """Return how many requests wait or run."""
-        return self._num_admitted
+        return self._admitted.total()
 
     @property
     def queue_depth(self) -> int:
         """Return how many requests wait, one running per worker."""
-        return max(0, self._num_admitted - self._num_workers)
+        return max(0, self.num_admitted - self._num_workers)
 
     @property
     def retry_after_s(self) -> int:
         """Return in how many seconds a place should be free, at least 1."""
-        expected = self._mean_duration_s * self._num_admitted / self._num_workers
-        return min(self._LONGEST_RETRY_AFTER_S, max(1, math.ceil(expected)))
+        return self._within_reason(self._work_ahead_s())
 
     def set_num_workers(self, num_workers: int) -> None:
         """Tell how many requests run at the same time."""
         self._num_workers = max(1, num_workers)
 
-    def note_duration(self, duration_s: float) -> None:
-        """Tell how long a worker took for a request."""
-        self._mean_duration_s += self._NEWEST * (duration_s - self._mean_duration_s)
+    def note_duration(self, duration_s: float, kind: str = "") -> None:
+        """Tell how long a worker took for a request. kind: of requests that take about as long as each other."""
+        mean_s = self._mean_s(kind)
+        self._mean_duration_s[kind] = mean_s + self._NEWEST * (duration_s - mean_s)
 
     @contextmanager
-    def admit(self) -> Iterator[None]:
-        """Hold a place for the duration of the block. Raises QueueFullError when there is none."""
-        if self._num_admitted - self._num_workers >= self._queue_limit:
+    def admit(self, kind: str = "", remaining_s: float = math.inf) -> Iterator[None]:
+        """Hold a place for the duration of the block.
+
+        remaining_s: until nobody waits for the answer any more. Raises QueueFullError when there is no place, and when those before
+        this request are expected to take so long that it would not be done by then; one that nobody is before is always tried.
+        """
+        if self.num_admitted - self._num_workers >= self._queue_limit:
             raise QueueFullError(
                 f"{self.queue_depth} requests are waiting, which is as many as may; try again in"
                 f" {self.retry_after_s} s or raise PANOLOC_QUEUE_LIMIT",
                 self.retry_after_s,
             )
-        self._num_admitted += 1
+        self._refuse_what_comes_too_late(kind, remaining_s)
+        self._admitted[kind] += 1
         try:
             yield
         finally:
-            self._num_admitted -= 1
+            self._admitted[kind] -= 1
+
+    def _refuse_what_comes_too_late(self, kind: str, remaining_s: float) -> None:
+        if self.num_admitted < self._num_workers:
+            return
+        needed_s = self._CAUTION * (self._work_ahead_s() + self._mean_s(kind))
+        if needed_s > remaining_s:
+            retry_after_s = self._within_reason(needed_s - remaining_s)
+            raise QueueFullError(
+                f"expected an answer within the {remaining_s:.0f} s of timeout_s, but {self.num_admitted} requests are before this one "
+                f"and it would take about {needed_s:.0f} s; try again in {retry_after_s} s, or allow more time",
+                retry_after_s,
+            )
+
+    def _work_ahead_s(self) -> float:
+        return sum(count * self._mean_s(kind) for kind, count in self._admitted.items()) / self._num_workers
+
+    def _mean_s(self, kind: str) -> float:
+        return self._mean_duration_s.get(kind, self._FIRST_S)
+
+    def _within_reason(self, seconds: float) -> int:
+        return min(self._LONGEST_RETRY_AFTER_S, max(1, math.ceil(seconds)))

@@ -113,7 +113,7 @@ class RayPool:
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
         self._require_workers()
-        with self._admission.admit():
+        with self._admission.admit(job.options.method, job.deadline_unix_s - time.time()):
             for _ in range(_MAX_REBUILDS + 1):
                 reply = await self._on_some_worker(job)
                 if not reply.missing:
@@ -154,7 +154,7 @@ class RayPool:
                 with contextlib.suppress(Exception):
                     response.cancel()
                 raise
-            self._note(reply)
+            self._note(reply, job)
             return reply
         raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while they computed this answer")
 
@@ -174,11 +174,12 @@ class RayPool:
         assert reply.outcome is not None
         return reply.outcome
 
-    def _note(self, reply: WorkerReply[Any]) -> None:
+    def _note(self, reply: WorkerReply[Any], job: LocalizeJob) -> None:
         self._workers[reply.worker] = reply
         for source, count in reply.index_loads.items():
             self._index_loads[source] = self._index_loads.get(source, 0) + count
-        self._admission.note_duration(reply.duration_s)
+        if not reply.missing:
+            self._admission.note_duration(reply.duration_s, job.options.method)
 
     async def _keep_up(self) -> None:
         """Bring Ray and the workers up, look after them, and begin again when the cluster is lost."""

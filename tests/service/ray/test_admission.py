@@ -69,6 +69,41 @@ def test_before_anything_was_measured_a_request_is_taken_to_last_a_second() -> N
         assert admission.retry_after_s == 3
 
 
+def test_what_would_not_be_done_in_time_is_refused_at_once_and_told_when_to_come_back() -> None:
+    admission = Admission(queue_limit=64)
+    for _ in range(100):
+        admission.note_duration(2.0, "fast")
+    with ExitStack() as held:
+        for _ in range(24):
+            held.enter_context(admission.admit("fast", remaining_s=60))
+        # 24 of 2 s, each a quarter longer than the mean at worst, take the whole minute.
+        with pytest.raises(QueueFullError, match="allow more time") as refused, admission.admit("fast", remaining_s=60):
+            pass
+        assert 1 <= refused.value.retry_after_s <= 5
+        held.enter_context(admission.admit("fast", remaining_s=600))
+
+
+def test_kinds_of_requests_are_measured_apart_and_wait_for_each_other() -> None:
+    admission = Admission(queue_limit=64)
+    for _ in range(100):
+        admission.note_duration(1.0, "fast")
+        admission.note_duration(100.0, "paper")
+    with admission.admit("fast", 60):
+        with admission.admit("fast", 60), pytest.raises(QueueFullError), admission.admit("paper", 60):
+            pass
+        with admission.admit("paper", 600), pytest.raises(QueueFullError) as refused, admission.admit("fast", 60):
+            pass
+        assert refused.value.retry_after_s == 60
+
+
+def test_a_request_that_nobody_is_before_is_tried_however_long_the_last_ones_took() -> None:
+    admission = Admission(queue_limit=64)
+    for _ in range(100):
+        admission.note_duration(1000.0)
+    with admission.admit(remaining_s=1):
+        assert admission.num_admitted == 1
+
+
 def test_the_newest_duration_counts_a_fifth() -> None:
     admission = Admission(queue_limit=9)
     admission.note_duration(11.0)

@@ -14,7 +14,15 @@ from ray.serve.exceptions import RayServeException
 
 from core.errors import DeadlineExceededError
 from service.errors import NoWorkerError, QueueFullError, WorkerError
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOptions, RegisterOutcome
+from service.jobs import (
+    LocalizeJob,
+    LocalizeOutcome,
+    MapRef,
+    QueryOptions,
+    RegisterJob,
+    RegisterOptions,
+    RegisterOutcome,
+)
 from service.ray import pool as pool_module
 from service.ray.admission import Admission
 from service.ray.pool import RayPool
@@ -37,7 +45,7 @@ def missing(*maps: MapRef) -> WorkerReply[Any]:
 
 
 def job(timeout_s: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
-    return LocalizeJob("loc_1", "req_1", (), maps, cast(Any, None), time.time() + timeout_s)
+    return LocalizeJob("loc_1", "req_1", (), maps, QueryOptions(timeout_s), time.time() + timeout_s)
 
 
 def registration() -> RegisterJob:
