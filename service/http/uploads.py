@@ -135,7 +135,7 @@ class _FormReader:
         self._value = bytearray()
         self._spool: Spool | None = None
         self._ended = False
-        self._parser = MultipartParser(boundary, self._callbacks())
+        self._parser = self._parser_of(boundary)
 
     async def feed(self, chunk: bytes) -> None:
         """Take the next bytes of the body. Raises as `read_form` does."""
@@ -159,6 +159,14 @@ class _FormReader:
         if self._spool is not None:
             self._spool.discard()
         self._form.discard()
+
+    def _parser_of(self, boundary: bytes) -> MultipartParser:
+        try:
+            return MultipartParser(boundary, self._callbacks())
+        except FormParserError as error:
+            raise MalformedRequestError(
+                f"expected a boundary as clients make it, but {error}; send a shorter one"
+            ) from error
 
     def _callbacks(self) -> "MultipartCallbacks":
         return {

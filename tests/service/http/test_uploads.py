@@ -75,6 +75,11 @@ def test_too_many_parts_are_refused(tmp_path: Path) -> None:
         read([request.read()], {"content-type": request.headers["content-type"]}, tmp_path)
 
 
+def test_a_boundary_that_is_far_too_long_is_malformed(tmp_path: Path) -> None:
+    with pytest.raises(MalformedRequestError, match="Boundary length 5000"):
+        read([b""], {"content-type": f"multipart/form-data; boundary={'a' * 5000}"}, tmp_path)
+
+
 def test_a_field_is_not_a_way_to_fill_the_memory(tmp_path: Path) -> None:
     request = httpx.Request("POST", "http://panoloc", files=[("tag", (None, "x" * 70_000))])
     with pytest.raises(UploadTooLargeError, match="tag: expected at most 65,536 bytes"):
