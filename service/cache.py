@@ -99,6 +99,7 @@ class Cache:
         """Raise CacheDownError unless Redis takes a value: one that is full or read-only answers, but keeps nothing."""
         async with _down_is_said_async():
             await self._redis.set("probe", b"", ex=_PROBE_S)
+            await self._redis.unlink("probe")
 
     async def get_progress(self, refs: Iterable[MapRef]) -> dict[MapRef, dict[str, Any]]:
         """Return what the registrations of `refs` are at; those that have not begun are left out."""

@@ -10,6 +10,7 @@ import httpx
 import typer
 from rich.console import Console
 
+from service.cli.safe_console import SafeConsole
 from service.cli.tables import alternatives_table, answer_summary, images_table, picture_links
 from service.client import JsonObject, PanolocClient
 
@@ -68,7 +69,9 @@ class Session:
 
 def _console(*, stderr: bool) -> Console:
     """Return a console that breaks lines for a terminal, and never in a file or a pipe, where links must stay whole."""
-    console = Console(stderr=stderr, highlight=False)
+    console = SafeConsole(stderr=stderr, highlight=False)
     return (
-        console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_PIPE_WIDTH, soft_wrap=True)
+        console
+        if console.is_terminal
+        else SafeConsole(stderr=stderr, highlight=False, width=_PIPE_WIDTH, soft_wrap=True)
     )

@@ -12,7 +12,9 @@ from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 from service.maps.record import options_from_json, options_to_json
 
 # No control characters: names and tags end up in logs, terminals and URLs.
-_PRINTABLE = r"^[^\x00-\x1f\x7f]*$"
+# Those of Latin-1 begin sequences too, and those of Unicode turn lines around.
+_CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
+_PRINTABLE = rf"^[^{_CONTROL}]*$"
 
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
@@ -23,7 +25,7 @@ Tags = Annotated[list[Tag], Field(max_length=32), AfterValidator(lambda tags: li
 
 def name_of_file(file_name: str) -> str:
     """Return a file's name as `Name` takes it: without control characters, and cut; may be empty."""
-    return re.sub(r"[\x00-\x1f\x7f]", "", file_name).strip()[:LONGEST_NAME].strip()
+    return re.sub(rf"[{_CONTROL}]", "", file_name).strip()[:LONGEST_NAME].strip()
 
 
 class StartsOptions(Model):

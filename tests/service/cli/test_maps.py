@@ -14,6 +14,17 @@ def test_maps_of_all_pages_are_listed(panoloc: Panoloc, fake: FakeService) -> No
     assert "indexing 40%" in out
 
 
+STEERING = "\x1b]0;owned\x07 \x9b31m \x08\x7f\u202e"
+
+
+def test_names_and_messages_do_not_steer_the_terminal(panoloc: Panoloc, fake: FakeService) -> None:
+    error = {"detail": f"scan: got {STEERING}"}
+    fake.places = [{**READY_MAP, "name": f"a{STEERING}b", "tags": [STEERING], "status": "failed", "error": error}]
+    done = panoloc("maps")
+    assert "owned" in done.out
+    assert not set(STEERING) & set(done.out) - set(" ]0;owned31m")
+
+
 def test_json_output_is_one_map_per_line(panoloc: Panoloc, fake: FakeService) -> None:
     fake.places = [READY_MAP, {**READY_MAP, "id": "map_2"}]
     assert [place["id"] for place in panoloc("maps", "--json").documents] == ["map_1", "map_2"]
