@@ -4,9 +4,11 @@ import contextlib
 import logging
 import os
 import threading
+from collections.abc import MutableMapping
 
 from service.app import create_app
 from service.cache import Cache
+from service.host.address import is_loopback
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
@@ -26,6 +28,8 @@ _log = logging.getLogger(__name__)
 
 # A thread that hangs inside Ray would keep the process; everything that could be lost is stored by then.
 _LEAVE_S = 10.0
+# Settings are read by now, and the workers get theirs with the plan.
+_SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
 
 
 def run_service(settings: Settings) -> int:
@@ -34,6 +38,9 @@ def run_service(settings: Settings) -> int:
     When it loses the workers of its own cluster, this process ends with exit code 1, so that a supervisor starts another.
     """
     configure_logging(settings.log_level, settings.log_format)
+    take_secrets_out(os.environ)
+    if exposure := why_exposed(settings):
+        _log.warning(exposure)
     with contextlib.ExitStack() as stack:
         try:
             folder = RunFolder(settings.data_dir)
@@ -51,6 +58,22 @@ def run_service(settings: Settings) -> int:
         os._exit(1)
     _leave_even_if_a_thread_hangs()
     return 0
+
+
+def why_exposed(settings: Settings) -> str | None:
+    """Return what to warn of when others than this machine reach the service without a key, None when all is well."""
+    if settings.keys.required or is_loopback(settings.host):
+        return None
+    return (
+        f"anybody who reaches {settings.host or 'any address of this machine'} port {settings.port} may read, change and delete every "
+        "map: set PANOLOC_API_KEYS, or publish the port of a container for this machine only"
+    )
+
+
+def take_secrets_out(environment: MutableMapping[str, str]) -> None:
+    """Remove the keys of callers from what child processes inherit: some of them read files of strangers."""
+    for name in _SECRETS:
+        environment.pop(name, None)
 
 
 def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:

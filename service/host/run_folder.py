@@ -28,6 +28,8 @@ class RunFolder:
         data_dir = data_dir.resolve()
         (data_dir / "run").mkdir(parents=True, exist_ok=True)
         self._own = data_dir / "run"
+        # What Ray makes in it is open to everybody; its sockets run code.
+        self._own.chmod(0o700)
         self._lock = _locked(self._own / "lock")
         try:
             self.path = _short_folder(data_dir)

@@ -1,4 +1,5 @@
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -96,3 +97,14 @@ def test_links_left_in_the_folder_are_removed_and_not_followed(tmp_path: Path) -
         folder.close()
         assert [entry.name for entry in link.parent.iterdir()] == ["lock"]
     assert (tmp_path / "precious").exists()
+
+
+def test_nobody_else_enters_the_folder_of_a_short_path_either() -> None:
+    with tempfile.TemporaryDirectory(dir="/tmp", prefix="p") as short:
+        (Path(short) / "run").mkdir(mode=0o777)
+        folder = RunFolder(Path(short))
+        try:
+            assert folder.path == Path(short).resolve() / "run"
+            assert stat.S_IMODE(folder.path.stat().st_mode) == 0o700
+        finally:
+            folder.close()
