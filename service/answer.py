@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from core.georeference import coordinate_system
 from core.options import Frame
 from service.jobs import ARTIFACTS, FoundImage, FoundPose, LocalizeOutcome, RigidMotion
 
@@ -83,18 +84,34 @@ def _pose(found: FoundPose, frame: Frame, georeference: Document | None) -> Docu
 
     georeference: of the map; it turns the heading from the map's y axis to true north.
     """
-    north_deg = 0.0 if georeference is None else georeference["heading_deg"]
+    north_deg = _north_deg(found, frame, georeference)
     return {
         "frame": frame,
         "map_from_camera": _motion(found),
         "yaw_deg": found.yaw_deg,
         "pitch_deg": found.pitch_deg,
         "roll_deg": found.roll_deg,
-        "heading_deg": round((90.0 - found.yaw_deg + north_deg) % 360.0, 9) % 360.0,
+        "heading_deg": round((90.0 - found.yaw_deg + (north_deg or 0.0)) % 360.0, 9) % 360.0,
         "elevation_deg": 0.0 - found.pitch_deg,
         "camera_roll_deg": found.roll_deg,
-        "north": "map" if georeference is None else "true",
+        "north": "map" if north_deg is None else "true",
     }
+
+
+def _north_deg(found: FoundPose, frame: Frame, georeference: Document | None) -> float | None:
+    """Return the compass heading of the map's y axis at a pose, clockwise from true north; None where that is not known."""
+    if georeference is None:
+        return None
+    if "coordinate_system" not in georeference:
+        return float(georeference["heading_deg"])
+    place = coordinate_system(georeference["coordinate_system"]).place(_in_map_axes(found.position_m, frame))
+    return None if place is None else place.convergence_deg
+
+
+def _in_map_axes(position_m: list[float], frame: Frame) -> tuple[float, float, float]:
+    """Return a position with z up; webxr has (x, z, −y) of the map, unity (x, z, y)."""
+    first, second, third = position_m
+    return {"webxr": (first, -third, second), "unity": (first, third, second)}.get(frame, (first, second, third))
 
 
 def _motion(found: FoundPose | RigidMotion) -> Document:

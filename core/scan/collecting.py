@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError
+from core.errors import OptionsError, ScanContentError
+from core.georeference import coordinate_system
 from core.options import FARTHEST_M, METRES_PER_UNIT
 from core.scan.color_range import ColorRange
 from core.scan.point_cloud import PointCloud
@@ -17,6 +18,8 @@ from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 _LARGE_COORDINATE_M = 1000.0
 _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
+# US survey feet are 2 millionths longer than international ones.
+_UNIT_TOLERANCE = 1e-5
 
 
 class ScanCollector:
@@ -60,14 +63,43 @@ class ScanCollector:
         self._note_conversions()
         self._note_thinning(thinned)
         offset = self._origin_offset()
+        definition = self._coordinate_system()
         return PointCloud(
             positions=(thinned.positions - offset).astype(np.float32),
             colors=self._colors.to_bytes(thinned.colors),
             origin_offset=offset,
             num_points_read=self._num_read,
             diagnostics=(*self._context.diagnostics, *self._colors.diagnostics()),
-            coordinate_system=self._context.coordinate_system,
+            coordinate_system=definition,
         )
+
+    def _coordinate_system(self) -> str | None:
+        """Return the definition of the system that the file names, None where it names none or its coordinates cannot be in it."""
+        context, metres = self._context, METRES_PER_UNIT[self._context.options.unit]
+        if context.coordinate_system is None:
+            return None
+        try:
+            if context.options.up_axis != "z":
+                raise OptionsError("it has z up, but the scan was said to be y-up")
+            system = coordinate_system(context.coordinate_system)
+            if abs(system.metres_per_unit / metres - 1) > _UNIT_TOLERANCE:
+                raise OptionsError(
+                    f"its unit is {system.metres_per_unit:.7g} m, but the scan was said to be in {context.options.unit}"
+                )
+            east, north, height = ((self._lowest + self._highest) / 2).tolist()
+            place = system.place((east, north, height))
+            if place is None:
+                raise OptionsError(f"the scan, at {east:,.0f} east and {north:,.0f} north, lies outside of it")
+        except OptionsError as error:
+            message = f"The coordinate system that the file names is not used: {error}."
+            context.note("coordinate_system_unused", message, "warning")
+            return None
+        context.note(
+            "coordinate_system",
+            f"Coordinates are in {system.name}, as the file says; at the middle of the scan, {place.latitude_deg:.5f}, "
+            f"{place.longitude_deg:.5f}, the north of the grid is {place.convergence_deg:+.3f} degrees clockwise of true north.",
+        )
+        return system.definition
 
     def _to_map_frame(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         metres = METRES_PER_UNIT[self._context.options.unit]

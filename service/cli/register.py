@@ -25,6 +25,12 @@ def register(
     color_kind: Annotated[
         ColorKind, typer.Option(help="Photographic colours, or colour codes of semantic labels.")
     ] = ScanOptions.color_kind,
+    coordinate_system: Annotated[
+        str | None,
+        typer.Option(
+            help="Projected system of the scan's coordinates, such as EPSG:25832; read from LAS, LAZ and E57 that name it."
+        ),
+    ] = None,
     wait: Annotated[bool, typer.Option(help="Wait until the map is ready.")] = True,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
@@ -39,6 +45,8 @@ def register(
         "up_axis": up_axis,
         "color_kind": color_kind,
     }
+    if coordinate_system is not None:
+        options["coordinate_system"] = coordinate_system
     with session.client(url) as client:
         place = upload_and_wait(session, client, scan, options, wait=wait)
     if json:

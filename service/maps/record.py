@@ -49,7 +49,7 @@ class MapRecord:
     """One map. Times are RFC 3339 in UTC.
 
     newest: the revision uploaded last. serving: the one that answers queries: `newest` itself once that is ready, an
-    older one until then, None before the first is ready.
+    older one until then, None before the first is ready. coordinate_system: by EPSG code or WKT, where somebody said so.
     """
 
     id: str
@@ -60,6 +60,7 @@ class MapRecord:
     serving: Revision | None = None
     tags: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None
+    coordinate_system: str | None = None
 
     @property
     def newest_ref(self) -> MapRef:
@@ -78,6 +79,8 @@ class MapRecord:
     def to_json(self) -> bytes:
         """Return the record as stored."""
         record = dataclasses.asdict(self)
+        if self.coordinate_system is None:
+            del record["coordinate_system"]  # versions of before it read what does not need it
         for name in ("newest", "serving"):
             revision: Revision | None = getattr(self, name)
             if revision is not None:
@@ -120,7 +123,14 @@ def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str
         "stats": shown.stats,
         "diagnostics": shown.diagnostics,
         "georeference": record.georeference,
+        "coordinate_system": coordinate_system_of(record),
     }
+
+
+def coordinate_system_of(record: MapRecord) -> str | None:
+    """Return the coordinate system of a map's positions: what was said of it, else what the scan that answers queries says."""
+    stats = None if record.serving is None else record.serving.stats
+    return record.coordinate_system or (stats or {}).get("coordinate_system")
 
 
 def _state(status: str, progress: dict[str, Any] | None) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import structlog
 
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StorageError
 from service.jobs import MapRef, now
-from service.maps.record import MapRecord, folder_of, key_of, read_record, write_record
+from service.maps.record import MapRecord, coordinate_system_of, folder_of, key_of, read_record, write_record
 from service.storage import Storage
 
 Result = TypeVar("Result")
@@ -71,9 +71,18 @@ class MapRegistry:
         return map_id in self._records
 
     def georeferences(self, refs: Iterable[MapRef]) -> dict[str, dict[str, Any]]:
-        """Return the georeferences of those of the maps that (still) have one, by map id."""
-        found = {ref.id: self._records[ref.id].georeference for ref in refs if ref.id in self._records}
-        return {map_id: georeference for map_id, georeference in found.items() if georeference is not None}
+        """Return the georeferences of those of the maps that (still) have one, by map id.
+
+        Of a map that has none but lies in a coordinate system: `{"coordinate_system": …}`.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        for record in (self._records[ref.id] for ref in refs if ref.id in self._records):
+            system = coordinate_system_of(record)
+            if record.georeference is not None:
+                found[record.id] = record.georeference
+            elif system is not None:
+                found[record.id] = {"coordinate_system": system}
+        return found
 
     def all(self) -> list[MapRecord]:
         """Return all maps, oldest first."""

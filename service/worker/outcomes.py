@@ -61,6 +61,7 @@ def stats_of(cloud: PointCloud, index: MapIndex, index_bytes: int, seconds: dict
             "num_starts": index.num_starts,
             "index_bytes": index_bytes,
             "seconds": seconds,
+            "coordinate_system": cloud.coordinate_system,
         }
     )
     return stats

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from pyproj import Proj, Transformer
 
 from core.camera.camera import Camera
 from core.geometry.pose import Pose
@@ -196,6 +197,28 @@ def test_a_heading_counts_from_true_north_where_the_map_has_a_georeference() -> 
     assert body["images"][0]["pose"] == body["pose"]
     assert body["alternatives"][0]["map_id"] == "map_b"
     assert body["alternatives"][0]["pose"]["north"] == "map"
+
+
+@pytest.mark.parametrize("frame", get_args(Frame))
+def test_a_heading_in_a_grid_is_turned_by_the_convergence_that_pyproj_gives_at_the_very_place(frame: Frame) -> None:
+    """A camera in UTM zone 32 that looks along the grid's north, at the ends of a map a kilometre long."""
+    convergences = []
+    for east in (640_000.0, 641_000.0):
+        pose = Pose(turned_left(90), np.array([east, 5_320_000.0, 512.0]))
+        both = replace(localization(), best=replace(candidate(), pose=pose))
+        body = body_of(both, frame, georeferences={"map_a": {"coordinate_system": "EPSG:25832"}})["pose"]
+        longitude, latitude = Transformer.from_crs(25832, 4326, always_xy=True).transform(east, 5_320_000.0)
+        convergences.append(Proj(25832).get_factors(longitude, latitude).meridian_convergence)
+        assert body["north"] == "true"
+        assert body["heading_deg"] == pytest.approx(convergences[-1], abs=0.001)
+    assert convergences[1] - convergences[0] > 0.009  # so that one convergence for the whole map would not do
+
+
+def test_a_pose_outside_of_its_coordinate_system_has_the_north_of_its_map() -> None:
+    far = Pose(turned_left(90), np.array([1e12, 1e12, 0.0]))
+    both = replace(localization(), best=replace(candidate(), pose=far))
+    body = body_of(both, georeferences={"map_a": {"coordinate_system": "EPSG:25832"}})["pose"]
+    assert (body["heading_deg"], body["north"]) == (pytest.approx(0.0), "map")
 
 
 def test_a_pose_in_webxr_has_y_up_and_says_so() -> None:

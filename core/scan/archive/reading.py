@@ -23,7 +23,7 @@ _COMPANIONS = {
     *(".pdf", ".html", ".md", ".xml", ".json", ".prj", ".log", ".doc", ".docx"),
 }
 # What the whole map says of itself in place of its parts.
-_OF_THE_WHOLE = {"large_coordinates", "suspicious_extent"}
+_OF_THE_WHOLE = {"large_coordinates", "suspicious_extent", "coordinate_system"}
 
 
 def read_archive(path: Path, options: ScanOptions, report: Callable[[float], None]) -> PointCloud:

@@ -32,6 +32,7 @@ def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
     image_file = None
     try:
         image_file = libe57.ImageFile(str(context.path), "r")
+        context.coordinate_system = _coordinate_system(image_file.root())
         yield from _iter_file(context, libe57, image_file)
     except CoreError:
         raise
@@ -88,6 +89,12 @@ def _iter_file(context: ReadingContext, libe57: Any, image_file: Any) -> Iterato
         for positions, colors in scan.iter_points(image_file):
             num_done += len(positions)
             yield RawChunk(positions, _scale_colors(colors, factor, dtype), num_done / total)
+
+
+def _coordinate_system(root: Any) -> str | None:
+    if not root.isDefined("coordinateMetadata"):
+        return None
+    return str(root["coordinateMetadata"].value()).strip() or None
 
 
 def _colored_scans(context: ReadingContext, libe57: Any, image_file: Any) -> list[E57Scan]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from core.errors import CUT_SHORT, ScanDamagedError
+from core.scan.las.coordinate_system import coordinate_system_of
 from core.scan.las.header import check_las_header
 from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
 
@@ -17,6 +18,7 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
     """
     with context.path.open("rb") as stream:
         layout = check_las_header(stream, context)
+        context.coordinate_system = coordinate_system_of(stream)
     num_done = 0
     chunks = _iter_chunks(context)
     while True:

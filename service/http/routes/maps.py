@@ -69,7 +69,7 @@ async def get_map(request: Request, map_id: str) -> Response:
 
 @router.patch(
     "/maps/{map_id}",
-    summary="Change name, tags or georeference",
+    summary="Change name, tags, georeference or coordinate system",
     dependencies=[Depends(require("write"))],
     response_model=None,
     responses={

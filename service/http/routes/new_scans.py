@@ -69,6 +69,7 @@ async def post_map(request: Request) -> Response:
                 newest=revision,
                 tags=options.tags,
                 georeference=None if options.georeference is None else options.georeference.model_dump(mode="json"),
+                coordinate_system=options.coordinate_system,
             )
             await services.registry.add(record)
         except BaseException:

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, StringConstraints
 
 from core import options
+from core.errors import OptionsError
+from core.georeference import LONGEST_DEFINITION, coordinate_system
 from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
 from service.http.schemas.geometry import Box, Model
 from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
@@ -16,6 +18,10 @@ from service.maps.record import options_from_json, options_to_json
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
 _PRINTABLE = rf"^[^{_CONTROL}]*$"
 
+_COORDINATE_SYSTEM = (
+    "Projected coordinate system of the map's positions, by EPSG code such as `EPSG:25832` or by WKT; "
+    "null: what the scan says."
+)
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
 ]
@@ -71,20 +77,34 @@ class Georeference(Model):
     )
 
 
+def _recognised(text: str) -> str:
+    try:
+        return coordinate_system(text).definition
+    except OptionsError as error:
+        raise ValueError(str(error)) from error
+
+
+CoordinateSystem = Annotated[
+    str, StringConstraints(min_length=1, max_length=LONGEST_DEFINITION), AfterValidator(_recognised)
+]
+
+
 class MapOptions(ScanOptions):
     """The part `options` of `POST /maps`."""
 
     name: Name | None = Field(None, description="For people; the file's name when left out.")
     tags: Tags = Field(default_factory=list, description="A query may name a tag instead of maps.")
     georeference: Georeference | None = None
+    coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
 
 
 class MapPatch(Model):
-    """The body of `PATCH /maps/{id}`: fields left out stay as they are; `georeference: null` removes it."""
+    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes `georeference` and `coordinate_system`."""
 
     name: Name = ""
     tags: Tags = Field(default_factory=list)
     georeference: Georeference | None = None
+    coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
 
     def changes(self) -> dict[str, Any]:
         """Return the fields that were given, JSON-safe."""

@@ -21,6 +21,7 @@ class MapStats(Answer):
     num_starts: int
     index_bytes: int
     seconds: dict[str, float] = Field(description="Duration of each stage.")
+    coordinate_system: str | None = Field(None, description="Of the scan's coordinates, where its file says so.")
 
 
 class Diagnostic(Answer):
@@ -54,6 +55,9 @@ class Map(Answer):
     stats: MapStats | None
     diagnostics: list[Diagnostic]
     georeference: dict[str, Any] | None
+    coordinate_system: str | None = Field(
+        description="Of positions in the map, by EPSG code or WKT: as given, else as its scan says; null: neither."
+    )
 
 
 class MapPage(Answer):
@@ -99,11 +103,13 @@ MAP_EXAMPLE = {
         "num_starts": 412,
         "index_bytes": 1_830_000,
         "seconds": {"read": 0.5, "starts": 0.2, "render": 1.1},
+        "coordinate_system": None,
     },
     "diagnostics": [
         {"code": "thinned", "severity": "info", "message": "1,000,000 points were thinned to 250,000."},
     ],
     "georeference": None,
+    "coordinate_system": None,
 }
 QUEUED_MAP_EXAMPLE = {
     **MAP_EXAMPLE,

@@ -109,12 +109,25 @@ async def test_patch_changes_what_is_given_and_nothing_else(running: RunningServ
     assert body["georeference"] == {**place, "height_m": 0.0, "heading_deg": 0.0}
     body = (await running.client.patch(f"/maps/{map_id}", json={"georeference": None})).json()
     assert body["georeference"] is None
+    body = (await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": "epsg:25832"})).json()
+    assert body["coordinate_system"] == "EPSG:25832"
+    body = (await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": None})).json()
+    assert body["coordinate_system"] is None
     assert body["updated_at"] > body["created_at"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "change", [{"name": None}, {"name": ""}, {"tags": None}, {"nmae": "x"}, {"georeference": {"latitude_deg": 91}}]
+    "change",
+    [
+        {"name": None},
+        {"name": ""},
+        {"tags": None},
+        {"nmae": "x"},
+        {"georeference": {"latitude_deg": 91}},
+        {"coordinate_system": "EPSG:4326"},
+        {"coordinate_system": "PROJCS[x"},
+    ],
 )
 async def test_patch_names_the_field_that_is_wrong(running: RunningService, change: dict[str, object]) -> None:
     map_id = await running.ready_map()

@@ -1,0 +1,102 @@
+"""Where maps in a projected coordinate system lie on Earth: EPSG codes and WKT, by pyproj. Needs no numpy."""
+
+import math
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+from core.errors import OptionsError
+
+HeightReference = Literal["ellipsoid", "geoid", "unknown"]
+
+LONGEST_DEFINITION = 1 << 16
+_EPSG = re.compile(r"(?i)epsg:(\d{1,7})(\+\d{1,7})?")
+# Not everything that pyproj takes: some forms name files.
+_WKT = re.compile(
+    r"(?i)\s*(projcs|projcrs|projectedcrs|compd_cs|compoundcrs|boundcrs|geogcs|geogcrs|geodcrs|geoccs)\s*\["
+)
+_WGS_84 = "EPSG:4326"
+_STEP = 10.0  # units of the grid, to its north
+_EXPECTED = (
+    "expected a projected coordinate system by EPSG code such as EPSG:25832 (with heights EPSG:25832+7837) or by WKT"
+)
+
+
+@dataclass(frozen=True)
+class EarthPlace:
+    """A place on WGS 84. height_m: above what height_reference says.
+
+    convergence_deg: from true north clockwise to the north of the grid, so that true heading = grid heading + convergence.
+    scale: length in the grid over length on the ellipsoid.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    height_reference: HeightReference
+    convergence_deg: float
+    scale: float
+
+
+class CoordinateSystem:
+    """A projected coordinate system.
+
+    definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above. metres_per_unit: of its
+    coordinates.
+    """
+
+    def __init__(self, text: str):
+        """text: EPSG code or WKT. Raises OptionsError for what is none, or is not projected."""
+        from pyproj import CRS, Geod, Transformer
+        from pyproj.exceptions import CRSError
+
+        if len(text) > LONGEST_DEFINITION or not (_EPSG.fullmatch(text.strip()) or _WKT.match(text)):
+            raise OptionsError(f"coordinate_system: {_EXPECTED}, got {text[:60]!r}")
+        try:
+            system: Any = CRS.from_user_input(text.strip())
+        except CRSError as error:
+            raise OptionsError(f"coordinate_system: {_EXPECTED}, got {text[:60]!r} ({str(error)[:120]})") from error
+        if not system.is_projected:
+            raise OptionsError(
+                f"coordinate_system: {_EXPECTED}, got {system.name[:80]!r}, whose coordinates are no lengths on a grid"
+            )
+        horizontal = system.sub_crs_list[0] if system.is_compound else system
+        code = system.to_authority("EPSG")
+        self.definition = f"EPSG:{code[1]}" if code else text.strip()
+        self.name: str = system.name
+        self.heights: HeightReference = "geoid" if system.is_compound else _heights_of(system)
+        self.metres_per_unit = float(system.axis_info[0].unit_conversion_factor)
+        self._to_earth = Transformer.from_crs(horizontal.to_2d(), _WGS_84, always_xy=True)
+        self._ellipsoid = Geod(ellps="WGS84")
+
+    def place(
+        self, position_m: tuple[float, float, float], geoid_undulation_m: float | None = None
+    ) -> EarthPlace | None:
+        """Return where a position lies; None outside of where the system is defined.
+
+        position_m: east, north and height of the grid, in metres whatever its unit. geoid_undulation_m: of the geoid above the
+        ellipsoid, which makes heights above one heights above the other.
+        """
+        east, north = (value / self.metres_per_unit for value in position_m[:2])
+        longitude, latitude = self._to_earth.transform(east, north)
+        ahead = self._to_earth.transform(east, north + _STEP)
+        if not all(math.isfinite(value) for value in (longitude, latitude, *ahead)):
+            return None
+        azimuth, _, length = self._ellipsoid.inv(longitude, latitude, *ahead)
+        height, reference = position_m[2], self.heights
+        if reference != "ellipsoid" and geoid_undulation_m is not None:
+            height, reference = height + geoid_undulation_m, "ellipsoid"
+        scale = _STEP * self.metres_per_unit / length
+        return EarthPlace(latitude, longitude, height, reference, azimuth, scale)
+
+
+@lru_cache(maxsize=64)
+def coordinate_system(text: str) -> CoordinateSystem:
+    """Return the coordinate system by EPSG code or WKT; making one takes a tenth of a second. Raises OptionsError."""
+    return CoordinateSystem(text)
+
+
+def _heights_of(system: Any) -> HeightReference:
+    """A system of three axes that is not compound has heights above its own ellipsoid."""
+    return "ellipsoid" if len(system.axis_info) > 2 else "unknown"
