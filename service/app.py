@@ -7,12 +7,12 @@ from fastapi import FastAPI
 
 from service.cache import Cache
 from service.http.error_handlers import install_error_handlers
+from service.http.guards.slow_bodies import SlowBodies
 from service.http.lingering import LingeringClose
 from service.http.openapi import install_openapi
 from service.http.request_context import RequestContext
 from service.http.routes import ROUTERS
 from service.http.routes.health import service_version
-from service.http.slow_bodies import SlowBodies
 from service.jobs import WorkerPool
 from service.services import Services
 from service.settings import Settings
@@ -47,7 +47,9 @@ def create_app(
         finally:
             await services.stop()
 
-    app = FastAPI(title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan)
+    app = FastAPI(
+        title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan, openapi_url=None
+    )
     app.state.services = services
     app.add_middleware(
         SlowBodies,

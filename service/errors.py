@@ -21,6 +21,7 @@
     ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
     │   ├── QueueFullError            as many requests wait as may
     │   ├── BytesInFlightError        as many bytes of uploads lie in memory as may
+    │   ├── WrongKeysError            many unknown API keys from one address
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
     │   ├── StorageFullError          the disk is full
@@ -139,6 +140,10 @@ class QueueFullError(TryAgainError):
 
 class BytesInFlightError(TryAgainError):
     """As many bytes of uploads lie in memory as may."""
+
+
+class WrongKeysError(TryAgainError):
+    """One address sent many API keys that nobody knows."""
 
 
 class NoWorkerError(TryAgainError):

@@ -111,6 +111,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.BytesInFlightError: Problem(
         "bytes-in-flight", "Too many bytes of uploads are in memory", 503, "Send it again after Retry-After seconds."
     ),
+    service.WrongKeysError: Problem(
+        "wrong-keys", "Too many unknown API keys", 429, "Ask the operator for a key; wait for Retry-After seconds."
+    ),
     service.NoWorkerError: Problem(
         "no-worker", "No worker can take this now", 503, "Send it again after Retry-After seconds."
     ),
@@ -217,7 +220,9 @@ def known_problems() -> dict[str, Problem]:
 
 def error_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the OpenAPI `responses` of a path that may answer these statuses, with the kinds behind each."""
-    return {status: _response(status) for status in (*statuses, 500)}
+    # Whoever asks for a key slows down those who try some.
+    tries_of_keys = {429} if 401 in statuses else set()
+    return {status: _response(status) for status in sorted({*statuses, *tries_of_keys, 500})}
 
 
 def _response(status: int) -> dict[str, Any]:

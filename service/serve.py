@@ -14,7 +14,7 @@ from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
 from service.host.run_folder import DataFolderInUseError, RunFolder
 from service.http.draining_server import DrainingServer
-from service.http.guarded_protocol import guarded_config
+from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster

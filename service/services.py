@@ -13,6 +13,7 @@ from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
 from service.limits.bytes_in_flight import BytesInFlight
 from service.limits.connection_limits import ConnectionCount
+from service.limits.wrong_keys import WrongKeys
 from service.localizations import Localizations
 from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
@@ -40,6 +41,7 @@ class Services:
     batch_runs: BatchRuns
     bytes_in_flight: BytesInFlight
     connections: ConnectionCount
+    wrong_keys: WrongKeys
     started: bool = False
     began: float = field(default_factory=time.monotonic)
     _watch: asyncio.Task[None] | None = None
@@ -64,6 +66,7 @@ class Services:
             BatchRuns(batches, localizations, pool, settings.max_pixels),
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
             ConnectionCount(settings.connection_limits, metrics.note_refusal),
+            WrongKeys(),
         )
 
     async def start(self) -> None:

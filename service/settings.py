@@ -106,6 +106,10 @@ class Settings(BaseSettings):
         description="Keys that callers have to present: `key` for everything, `key:read` for all but changing maps; "
         "separated by commas, each of at least 8 characters. Empty: no key is asked for.",
     )
+    open_pages: bool = Field(
+        False,
+        description="With keys set: answer `/metrics`, `/docs`, `/openapi.json` and the details of `/health` without one.",
+    )
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")

@@ -41,8 +41,28 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
             raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
         scopes = keys.scopes_of(key)
         if scopes is None:
+            await services_of(request).wrong_keys.wait(request.client.host if request.client else "")
             raise KeyMissingError("expected a known API key, got an unknown one; ask the operator for a key")
         if scope not in scopes:
             raise ScopeMissingError(f"expected a key with the scope {scope!r}, got one without it; use another key")
 
     return check
+
+
+async def require_for_details(
+    request: Request,
+    bearer: HTTPAuthorizationCredentials | None = Security(_bearer),  # noqa: B008
+    header: str | None = Security(_header),
+) -> None:
+    """Let through to metrics, documentation and details of health who may read, or everybody where the operator says so."""
+    if not services_of(request).settings.open_pages:
+        await _check_read(request, bearer, header)
+
+
+async def sees_details(request: Request) -> bool:
+    """Tell whether a caller of readiness gets more than a word: probes bring no key."""
+    settings = services_of(request).settings
+    return settings.open_pages or not settings.keys.required or caller_of(request).startswith("key ")
+
+
+_check_read = require("read")

@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from service.http.routes import (
     batches,
+    documentation,
     health,
     home,
     localizations,
@@ -17,5 +18,17 @@ from service.http.routes import (
 
 ROUTERS: tuple[APIRouter, ...] = tuple(
     module.router
-    for module in (maps, new_scans, map_files, localize, localizations, new_batches, batches, health, metrics, home)
+    for module in (
+        maps,
+        new_scans,
+        map_files,
+        localize,
+        localizations,
+        new_batches,
+        batches,
+        health,
+        metrics,
+        documentation,
+        home,
+    )
 )

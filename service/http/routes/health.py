@@ -4,11 +4,12 @@ import asyncio
 import time
 from importlib.metadata import PackageNotFoundError, version
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from service.errors import CacheDownError, StorageFullError, StorageReadOnlyError
-from service.http.schemas import Health, Liveness
+from service.http.access import require_for_details, sees_details
+from service.http.schemas import Health, Liveness, Readiness
 from service.problems import error_responses
 from service.services import Services, services_of
 
@@ -33,9 +34,9 @@ async def live() -> Response:
     summary="Are requests served?",
     response_model=None,
     responses={
-        200: {"model": Health},
+        200: {"model": Health | Readiness},
         503: {
-            "model": Health,
+            "model": Health | Readiness,
             "description": "Not yet; `waiting_for` says what is missing.",
             "headers": {"Retry-After": {"required": True, "schema": {"type": "integer"}}},
         },
@@ -43,9 +44,15 @@ async def live() -> Response:
     },
 )
 async def ready(request: Request) -> Response:
-    """Answer 200 when Redis answers and takes values, the data folder can be written, a worker is up and start-up is over."""
+    """Answer 200 when Redis takes values, the data folder can be written, a worker is up and start-up is over.
+
+    With keys set, a caller without one learns no more than that.
+    """
     details = await _details(services_of(request))
-    if details["status"] == "ready":
+    is_ready = details["status"] == "ready"
+    if not await sees_details(request):
+        details = {"status": details["status"]}
+    if is_ready:
         return JSONResponse(details)
     return JSONResponse(details, 503, {"Retry-After": str(_RETRY_AFTER_S)})
 
@@ -53,8 +60,9 @@ async def ready(request: Request) -> Response:
 @router.get(
     "/health",
     summary="Details for people",
+    dependencies=[Depends(require_for_details)],
     response_model=None,
-    responses={200: {"model": Health}, **error_responses()},
+    responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
     """Return the same details as readiness, always with 200."""

@@ -5,7 +5,7 @@ Requests are validated with them; answers come from the worker as they are, and 
 
 from service.http.schemas.batches import Batch, BatchOptions
 from service.http.schemas.geometry import Box, Model, Vector
-from service.http.schemas.health import Health, Liveness
+from service.http.schemas.health import Health, Liveness, Readiness
 from service.http.schemas.localization import Hints, Localization, LocalizeOptions, PendingLocalization
 from service.http.schemas.map_options import Georeference, MapOptions, MapPatch, ScanOptions, StartsOptions
 from service.http.schemas.maps import Map, MapPage, MapStarts
@@ -29,6 +29,7 @@ __all__ = [
     "Model",
     "PendingLocalization",
     "ProblemDocument",
+    "Readiness",
     "ScanOptions",
     "StartsOptions",
     "Vector",

@@ -23,6 +23,12 @@ class PoolHealth(Answer):
     resident_bytes: int = Field(description="Map indexes in the workers' memory.")
 
 
+class Readiness(Answer):
+    """What a probe without a key is told."""
+
+    status: Literal["ready", "not_ready"]
+
+
 class Health(Answer):
     """The whole service."""
 

@@ -18,7 +18,7 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.cache import Cache, WorkerCache
-from service.http.guarded_protocol import guarded_config
+from service.http.guards.guarded_protocol import guarded_config
 from service.settings import Settings
 from service.storage import FolderStorage, Storage
 from tests.service.http.fake_pool import FakePool, ply_of

@@ -1,11 +1,13 @@
 """Health, metrics, request ids, keys, pages for people; Redis that goes away; the service that starts again."""
 
+import asyncio
 import os
 import re
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -15,6 +17,7 @@ import pytest
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.http.schemas import Health
+from service.limits.wrong_keys import WrongKeys
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
@@ -122,8 +125,49 @@ async def test_keys_are_asked_for_and_scopes_kept(tmp_path: Path, redis_server: 
         running.client.headers["X-API-Key"] = "the-writer"
         assert (await running.upload()).status_code == 202
         running.client.headers.clear()
-        for path in ("/health/live", "/health/ready", "/health", "/metrics", "/openapi.json", "/"):
+        for path in ("/health/live", "/health/ready", "/"):
             assert (await running.client.get(path)).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/health", "/metrics", "/openapi.json", "/docs"])
+async def test_with_keys_set_what_tells_of_the_service_asks_for_one(
+    tmp_path: Path, redis_server: EmbeddedRedis, path: str
+) -> None:
+    key = {"Authorization": "Bearer the-reader"}
+    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
+        assert (await running.client.get(path)).status_code == 401
+        assert (await running.client.get(path, headers=key)).status_code == 200
+    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read", open_pages=True) as running:
+        assert (await running.client.get(path)).status_code == 200
+
+
+async def test_a_probe_without_a_key_learns_one_word(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
+        assert (await running.client.get("/health/ready")).json() == {"status": "ready"}
+        running.pool.is_ready = False
+        reply = await running.client.get("/health/ready")
+        assert (reply.status_code, reply.json()) == (503, {"status": "not_ready"})
+        details = (await running.client.get("/health/ready", headers={"X-API-Key": "the-reader"})).json()
+        assert details["waiting_for"] == ["workers"]
+
+
+async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones_at_once(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
+        running.app.state.services.wrong_keys = WrongKeys(pause_s=0.2, most_waiting=3)
+        began = time.monotonic()
+        guesses = [
+            asyncio.create_task(running.client.get("/maps", headers={"X-API-Key": f"guess-number-{number}"}))
+            for number in range(6)
+        ]
+        await asyncio.sleep(0.05)
+        assert (await running.client.get("/maps", headers={"X-API-Key": "the-reader"})).status_code == 200
+        assert not all(guess.done() for guess in guesses)
+        replies = [await guess for guess in guesses]
+        assert time.monotonic() - began > 0.55
+        assert sorted(reply.status_code for reply in replies) == [401, 401, 401, 429, 429, 429]
+        assert all(reply.headers["retry-after"] for reply in replies if reply.status_code == 429)
 
 
 async def test_people_find_their_maps_and_names_cannot_inject(running: RunningService) -> None:
