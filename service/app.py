@@ -7,6 +7,7 @@ from fastapi import FastAPI
 
 from service.cache import Cache
 from service.http.error_handlers import install_error_handlers
+from service.http.guards.foreign_pages import ForeignPages
 from service.http.guards.slow_bodies import SlowBodies
 from service.http.lingering import LingeringClose
 from service.http.openapi import install_openapi
@@ -58,6 +59,8 @@ def create_app(
         note_refusal=services.metrics.note_refusal,
     )
     app.add_middleware(LingeringClose)
+    if not settings.keys.required:
+        app.add_middleware(ForeignPages, allowed=settings.allowed_host_names)
     app.add_middleware(RequestContext, metrics=services.metrics)
     install_error_handlers(app)
     for router in ROUTERS:

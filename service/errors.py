@@ -6,6 +6,7 @@
     │   ├── SlowBodyError             the body comes too slowly
     │   ├── KeyMissingError           no key, or an unknown one
     │   ├── ScopeMissingError         the key may not do this
+    │   ├── ForeignPageError          a page of somebody else made a browser ask
     │   ├── MapNotFoundError          no map under this id or tag
     │   ├── LocalizationNotFoundError no localization under this id, or its time is over
     │   ├── BatchNotFoundError        no batch under this id
@@ -65,6 +66,10 @@ class KeyMissingError(RequestError):
 
 class ScopeMissingError(RequestError):
     """The API key may not do this."""
+
+
+class ForeignPageError(RequestError):
+    """A page of somebody else made a browser ask."""
 
 
 class MapNotFoundError(RequestError):

@@ -67,6 +67,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.ScopeMissingError: Problem(
         "scope-missing", "The API key may not do this", 403, "Use a key with the scope named."
     ),
+    service.ForeignPageError: Problem(
+        "foreign-page", "The request comes by way of somebody else's page", 403, "Use an address or an allowed name."
+    ),
     service.MapNotFoundError: Problem("map-not-found", "There is no such map", 404, "List the maps with GET /maps."),
     service.LocalizationNotFoundError: Problem(
         "localization-not-found",

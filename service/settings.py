@@ -106,6 +106,11 @@ class Settings(BaseSettings):
         description="Keys that callers have to present: `key` for everything, `key:read` for all but changing maps; "
         "separated by commas, each of at least 8 characters. Empty: no key is asked for.",
     )
+    allowed_hosts: str = Field(
+        "",
+        description="Without keys: names under which the service is reached, besides addresses, `localhost` and the machine's own name, "
+        "separated by commas; `*` for all.",
+    )
     open_pages: bool = Field(
         False,
         description="With keys set: answer `/metrics`, `/docs`, `/openapi.json` and the details of `/health` without one.",
@@ -134,6 +139,11 @@ class Settings(BaseSettings):
         """Return the seconds for a query of this method that names none itself."""
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if method == "paper" else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
+
+    @property
+    def allowed_host_names(self) -> list[str]:
+        """Return the names of `allowed_hosts`."""
+        return [name.strip() for name in self.allowed_hosts.split(",") if name.strip()]
 
     @property
     def connection_limits(self) -> ConnectionLimits:

@@ -81,7 +81,7 @@ async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> Asy
     transport = httpx.ASGITransport(app)
     async with (
         app.router.lifespan_context(app),
-        httpx.AsyncClient(transport=transport, base_url="http://panoloc") as client,
+        httpx.AsyncClient(transport=transport, base_url="http://localhost") as client,
     ):
         yield RunningService(app, client, pool, storage, data_dir)
     pool.worker_cache.close()

@@ -1,0 +1,69 @@
+"""Refuses what pages of others make a browser ask of a service that asks nobody for a key.
+
+A browser sends requests of any page to any address that it reaches, this machine included. Two things give such a request away: the
+name that it thinks it speaks to, which is the other page's where its DNS was pointed here (DNS rebinding), and the `Origin` of the page.
+"""
+
+import ipaddress
+import socket
+from collections.abc import Collection
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service.errors import ForeignPageError
+from service.http.error_handlers import problem_response
+
+_HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+class ForeignPages:
+    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all."""
+
+    def __init__(self, app: ASGIApp, allowed: Collection[str]) -> None:
+        self._app = app
+        self._allowed = {name.lower() for name in allowed} | {"localhost", socket.gethostname().lower()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] == "http" and "*" not in self._allowed:
+            error = self._fault_of(scope["method"], Headers(scope=scope))
+            if error is not None:
+                await problem_response(error, scope["state"]["request_id"])(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+    def _fault_of(self, method: str, headers: Headers) -> ForeignPageError | None:
+        host = headers.get("host", "")
+        if host and not self._is_allowed(_name_of(host)):
+            return ForeignPageError(
+                f"expected a request to an address or to a name of this service, got one to {host[:80]!r}; let the operator add the name "
+                "to PANOLOC_ALLOWED_HOSTS, or set API keys"
+            )
+        origin = headers.get("origin")
+        is_foreign = origin is not None and urlsplit(origin).netloc.lower() != host.lower()
+        if method not in _HARMLESS and (is_foreign or headers.get("sec-fetch-site") in ("cross-site", "same-site")):
+            return ForeignPageError(
+                f"expected a change from a program or from a page of this service, got one from {(origin or 'another page')[:80]!r}; set "
+                "API keys where pages of others may use the service"
+            )
+        return None
+
+    def _is_allowed(self, name: str) -> bool:
+        # An address cannot be pointed elsewhere.
+        return name in self._allowed or name.endswith(".localhost") or _is_address(name)
+
+
+def _name_of(host: str) -> str:
+    """Return the name in a `Host` header, without its port."""
+    name = host.rpartition("]")[0].lstrip("[") if host.startswith("[") else host.partition(":")[0]
+    return name.lower().rstrip(".")
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

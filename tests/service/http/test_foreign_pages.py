@@ -1,0 +1,70 @@
+"""A page of somebody else cannot use a browser to reach a service that asks for no key."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from service.host.embedded_redis import EmbeddedRedis
+from tests.service.http.running_service import SCAN, RunningService, running_service
+
+pytestmark = pytest.mark.anyio
+
+OWN = [
+    "localhost",
+    "localhost:8000",
+    "127.0.0.1:8000",
+    "[::1]:8000",
+    "192.168.1.7",
+    "a.localhost",
+    socket.gethostname(),
+]
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8000", "localhost.evil.example", "127.0.0.1.evil.example"]
+)
+async def test_a_name_that_was_pointed_here_reaches_nothing(running: RunningService, host: str) -> None:
+    for path in ("/maps", "/", "/health"):
+        reply = await running.client.get(path, headers={"Host": host})
+        assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
+    assert "PANOLOC_ALLOWED_HOSTS" in reply.json()["detail"]
+
+
+@pytest.mark.parametrize("host", OWN)
+async def test_addresses_and_names_of_this_machine_are_served(running: RunningService, host: str) -> None:
+    assert (await running.client.get("/maps", headers={"Host": host})).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers", [{"Origin": "https://evil.example"}, {"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}], ids=str
+)
+async def test_a_page_of_others_changes_nothing(running: RunningService, headers: dict[str, str]) -> None:
+    map_id = await running.ready_map()
+    upload = {"file": ("office.ply", SCAN)}
+    for reply in (
+        await running.client.post("/maps", files=upload, headers=headers),
+        await running.client.post("/localize", files={"image": b"a"}, headers=headers),
+        await running.client.delete(f"/maps/{map_id}", headers=headers),
+    ):
+        assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
+    assert (await running.client.get(f"/maps/{map_id}", headers=headers)).status_code == 200
+
+
+async def test_a_page_of_the_service_itself_may_change_maps(running: RunningService) -> None:
+    headers = {"Host": "127.0.0.1:8000", "Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}
+    reply = await running.client.post("/maps", files={"file": ("office.ply", SCAN)}, headers=headers)
+    assert reply.status_code == 202
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"allowed_hosts": "maps.example, other.example"}, {"allowed_hosts": "*"}, {"api_keys": "the-reader:read"}],
+    ids=str,
+)
+async def test_names_that_the_operator_allows_are_served_and_keys_make_names_harmless(
+    tmp_path: Path, redis_server: EmbeddedRedis, changes: dict[str, str]
+) -> None:
+    async with running_service(tmp_path, redis_server.url, **changes) as running:
+        headers = {"Host": "Maps.Example:443", "X-API-Key": "the-reader"}
+        assert (await running.client.get("/maps", headers=headers)).status_code == 200
