@@ -9,6 +9,7 @@ from typing import Any
 
 import structlog
 
+from core.errors import DeadlineExceededError
 from core.panorama.image_header import IMAGE, check_image
 from service.batches.record import BatchRecord, Result
 from service.batches.store import BatchStore
@@ -22,6 +23,7 @@ _log = structlog.get_logger(__name__)
 
 _POLL_S = 0.02
 _LONGEST_PAUSE_S = 10.0
+_MAX_DEADLINES = 3
 
 
 class BatchRuns:
@@ -117,14 +119,22 @@ class BatchRuns:
             return {"status": "failed", "error": problem_document(error, request_id)}
 
     async def _answer(self, record: BatchRecord, number: int, request_id: str) -> dict[str, Any]:
-        """Return the answer of one query; what is only a matter of time is tried again until it is over."""
+        """Return the answer of one query; what is only a matter of time is tried again until it is over.
+
+        A deadline may have passed because the index of the map was built anew, after a restart: that goes on, and a later try finds it.
+        """
         data = await self._store.image(record.id, number)
         check_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
         query = LocalizeRequest((image,), MapChoice(record.map_ids, record.tag), record.options, request_id)
+        num_deadlines = 0
         while True:
             try:
                 return await self._localizations.answer(query)
+            except DeadlineExceededError:
+                num_deadlines += 1
+                if num_deadlines == _MAX_DEADLINES:
+                    raise
             except TryAgainError as error:
                 _log.warning("an image of a batch is tried again", number=number, error=str(error))
                 await asyncio.sleep(min(max(error.retry_after_s, _POLL_S), _LONGEST_PAUSE_S))

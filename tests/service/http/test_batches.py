@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from core.errors import PanoramaShapeError
+from core.errors import DeadlineExceededError, PanoramaShapeError
 from service.errors import QueueFullError
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.schemas import Batch
@@ -120,6 +120,17 @@ async def test_what_is_only_a_matter_of_time_is_tried_again(running: RunningServ
     running.pool.fail_localize = [no_worker(), QueueFullError("full", 0)]
     body = await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
     assert body["counts"]["localized"] == 1
+    assert len(running.pool.jobs) == 3
+
+
+@pytest.mark.parametrize(("num_deadlines", "status"), [(2, "localized"), (3, "failed")])
+async def test_a_deadline_that_passes_while_an_index_is_built_anew_is_not_the_end_of_an_image(
+    running: RunningService, num_deadlines: int, status: str
+) -> None:
+    map_id = await running.ready_map()
+    running.pool.fail_localize = [DeadlineExceededError("no answer within timeout_s")] * num_deadlines
+    body = await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+    assert body["items"][0]["status"] == status
     assert len(running.pool.jobs) == 3
 
 
