@@ -116,6 +116,7 @@ class VoxelThinner:
         """Return a voxel size that leaves at most max_points_used, and nearly as many where the scan allows."""
         too_fine = self._voxel_size or 0.0
         coarse_enough = _extent(cells.positions) * 1.001 or 1.0
+        finest = _finest_size(cells.positions)
         size = max(too_fine, _first_size(cells.positions))
         count = float(len(cells))
         for _ in range(_MAX_SIZE_STEPS):
@@ -126,7 +127,8 @@ class VoxelThinner:
                 guess = max(guess, _MIN_GROWTH * size)
             if not too_fine < guess < coarse_enough:
                 guess = float(np.sqrt(max(too_fine, coarse_enough * 1e-6) * coarse_enough))
-            size = guess
+            # Where few points are distinct, no size is so fine that more than these remain.
+            size = max(guess, finest)
             count = float(len(group_by_voxel(cells.positions, size, self._anchor)))
             if count > self._max_points_used:
                 too_fine = size
@@ -134,7 +136,7 @@ class VoxelThinner:
                 coarse_enough = size
                 if count >= _FILL_GOAL * self._max_points_used:
                     break
-            if coarse_enough <= too_fine * 1.005:
+            if coarse_enough <= max(too_fine * 1.005, finest):
                 break
         return coarse_enough
 
@@ -189,8 +191,12 @@ def _first_size(positions: NDArray[np.float64]) -> float:
     low, high = np.quantile(sample, (0.05, 0.95), axis=0)
     full_extent = _extent(positions)
     bulk_extent = float((high - low).max()) or full_extent or 1.0
-    # The floors keep voxel numbers far from the limits of int64.
-    return max(bulk_extent * _FIRST_SIZE_RATIO, full_extent * 2.0**-40, 1e-9)
+    return max(bulk_extent * _FIRST_SIZE_RATIO, _finest_size(positions))
+
+
+def _finest_size(positions: NDArray[np.float64]) -> float:
+    """Return the voxel size below which voxel numbers would come near the limits of int64."""
+    return max(_extent(positions) * 2.0**-40, 1e-9)
 
 
 def _extent(positions: NDArray[np.float64]) -> float:

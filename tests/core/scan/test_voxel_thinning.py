@@ -87,6 +87,19 @@ def test_walls_are_thinned_to_nearly_as_many_points_as_allowed(max_points: int) 
     assert 0.9 * max_points <= len(thin_cloud(cloud, max_points)) <= max_points
 
 
+def test_many_points_of_which_few_are_distinct_are_thinned_to_these() -> None:
+    rng = np.random.default_rng(3)
+    distinct = rng.uniform(-5, 5, (100, 3))
+    thinner = VoxelThinner(500)
+    positions = np.repeat(distinct, 50, axis=0)
+    thinner.add(positions, np.zeros((len(positions), 3), np.uint8))
+    thinned = thinner.finish()
+    assert len(thinned.positions) == 100
+    np.testing.assert_allclose(sorted(map(tuple, thinned.positions)), sorted(map(tuple, distinct)), atol=1e-6)
+    assert thinned.voxel_size is not None
+    assert thinned.voxel_size > 1e-10
+
+
 def test_a_voxel_keeps_the_mean_of_its_points() -> None:
     positions = np.array([[0, 0, 0], [0.2, 0, 0], [9, 9, 9], [9, 9, 9.1]], np.float32)
     colors = np.array([[10, 0, 0], [20, 0, 255], [7, 8, 9], [7, 8, 9]], np.uint8)
