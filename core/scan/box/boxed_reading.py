@@ -57,7 +57,7 @@ class _Box:
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
             [sys.executable, "-m", "core.scan.box.child", json.dumps(job)],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, **one_thread, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
@@ -103,8 +103,9 @@ class _Box:
         """End the process, whatever it is doing."""
         self._process.kill()
         self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
 
     def _fill(self) -> None:
         if not select.select([self._pipe], [], [], self._limits.silence_s)[0]:

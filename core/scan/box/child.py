@@ -5,6 +5,7 @@ import importlib
 import json
 import os
 import sys
+import threading
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,6 +25,7 @@ def main() -> None:
     stream = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     take_limits(BoxLimits(**job["limits"]))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         _read(job, stream)
     except ScanError as error:
@@ -32,6 +34,13 @@ def main() -> None:
         send(stream, {"kind": "error", "error": type(error).__name__, "message": ""})
     except Exception as error:
         send(stream, {"kind": "error", "error": "Exception", "message": f"{type(error).__name__}: {error}"[:200]})
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of standard input, which comes when the parent is gone, however that went."""
+    while os.read(0, 1):
+        pass
+    os._exit(1)
 
 
 def _read(job: dict[str, Any], stream: BinaryIO) -> None:

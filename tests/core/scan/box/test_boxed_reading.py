@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from core.options import ScanOptions
 from core.scan.box.boxed_reading import read_in_box
 from core.scan.box.limits import BoxLimits
 from core.scan.reading_context import RawChunk, ReadingContext
+
+ROOT = Path(__file__).parents[4]
 
 
 def read(name: str, tmp_path: Path, limits: BoxLimits | None = None) -> tuple[list[RawChunk], ReadingContext]:
@@ -52,11 +55,39 @@ def test_what_goes_wrong_in_a_reader_becomes_the_error_of_its_scan(
         read(name, tmp_path, limits)
 
 
+def running_with(path: Path) -> list[str]:
+    """Return the command lines of boxed readers of a file."""
+    listed = subprocess.run(["ps", "-ww", "-eo", "args"], capture_output=True, text=True, check=True).stdout
+    return [line for line in listed.splitlines() if str(path) in line and "core.scan.box.child" in line]
+
+
 def test_a_reader_ends_when_nobody_listens_any_more(tmp_path: Path) -> None:
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
     chunks = read_in_box("tests.core.scan.box.misbehaving_readers:endless", ReadingContext(path, ScanOptions(), 4))
     next(chunks)
+    assert running_with(path)
     chunks.close()  # type: ignore[attr-defined]  # a generator
-    running = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
-    assert not [line for line in running.splitlines() if str(path) in line and sys.executable in line]
+    assert not running_with(path)
+
+
+def test_a_reader_ends_with_the_process_that_it_reads_for(tmp_path: Path) -> None:
+    path = tmp_path / "scan"
+    path.write_bytes(b"scan")
+    program = (
+        "import sys; from pathlib import Path; from core.options import ScanOptions; from core.scan.box.boxed_reading import read_in_box\n"
+        "from core.scan.reading_context import ReadingContext\n"
+        "context = ReadingContext(Path(sys.argv[1]), ScanOptions(), 4)\n"
+        "for chunk in read_in_box('tests.core.scan.box.misbehaving_readers:endless', context): print('begun', flush=True)\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=ROOT)
+    assert parent.stdout is not None
+    with parent.stdout:
+        assert parent.stdout.readline() == b"begun\n"
+    assert running_with(path)
+    parent.kill()
+    parent.wait()
+    deadline = time.monotonic() + 10
+    while running_with(path) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not running_with(path)
