@@ -9,13 +9,17 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from core.errors import MaskShapeError, PanoramaDamagedError
 from core.panorama.image_header import KNOWN_FORMATS, MASK, Upload, check_image
+from core.panorama.png_rows import check_png_rows
 
+# Four bytes each in Pillow, and a dozen in what is computed of them.
+_MOST_WHOLE_PIXELS = 1 << 25
 _FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
 
 
 def open_image(data: bytes, upload: Upload, max_pixels: int) -> Image.Image:
     """Open an upload without decoding it, its header checked. Raises its errors."""
     check_image(data, upload, max_pixels)
+    check_png_rows(data, upload)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
@@ -39,6 +43,19 @@ def decode(image: Image.Image, upload: Upload, turned: bool = True) -> Image.Ima
         raise upload.damaged_error(
             f"{upload.name}: the file ends early or is damaged ({error}); upload it again in full"
         ) from error
+
+
+def reduced(image: Image.Image, factor: int) -> Image.Image:
+    """Return a decoded image that has more pixels than fit the budget at an eighth of its size or more, as a JPEG is decoded at once.
+
+    factor: so much finer is it than anything looks at.
+    """
+    step = next((each for each in (8, 4, 2) if each <= factor), 1)
+    if step == 1 or image.size[0] * image.size[1] <= _MOST_WHOLE_PIXELS:
+        return image
+    if image.mode in ("P", "PA", "1"):
+        image = image.convert("RGBA" if "transparency" in image.info or image.mode == "PA" else "RGB")
+    return image if image.mode.startswith("I;") else image.reduce(step)
 
 
 def swaps_sides(image: Image.Image) -> bool:
@@ -74,6 +91,6 @@ def read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[n
             f"mask: expected the aspect ratio of the image, {shape[1]} x {shape[0]}, got {width} x {height}; make it of the "
             "image's size"
         )
-    decoded = decode(image, MASK)
-    grey = np.asarray(decoded.convert("RGB")).max(axis=2) > 0
-    return np.asarray(Image.fromarray(grey).resize((shape[1], shape[0]), Image.Resampling.NEAREST))
+    # Smaller first: the colours of a hundred million pixels take gigabytes.
+    decoded = decode(image, MASK).resize((shape[1], shape[0]), Image.Resampling.NEAREST)
+    return np.asarray(decoded.convert("RGB")).max(axis=2) > 0

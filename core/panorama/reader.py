@@ -17,7 +17,7 @@ from core.camera.exif import camera_of_photo
 from core.errors import MaskShapeError, PanoramaShapeError
 from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
-from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, swaps_sides
+from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
 from core.panorama.image_header import IMAGE
 from core.panorama.missing.finding import find_missing
 from core.panorama.panorama import Panorama
@@ -70,7 +70,7 @@ def read_image(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"
         )
     _draft(image, image.size[1] // _DRAFT_HEIGHT)
-    pixels = decode(image, IMAGE)
+    pixels = reduced(decode(image, IMAGE), image.size[1] // _DRAFT_HEIGHT)
     if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
         pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
     color, valid = color_and_alpha(pixels)
@@ -81,8 +81,9 @@ def read_image(
 
 def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
     """Decode a photo, no larger than it says anything."""
-    _draft(image, int(min(camera.fx_px, camera.fy_px) / FINEST_PX_PER_RAD))
-    color, valid = color_and_alpha(decode(image, IMAGE, turned=not as_stored))
+    factor = int(min(camera.fx_px, camera.fy_px) / FINEST_PX_PER_RAD)
+    _draft(image, factor)
+    color, valid = color_and_alpha(reduced(decode(image, IMAGE, turned=not as_stored), factor))
     camera = camera.resized(valid.shape[1], valid.shape[0])
     valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, _shows_full_sphere(camera))
     check_share(valid, camera)
