@@ -93,4 +93,5 @@ def read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[n
         )
     # Smaller first: the colours of a hundred million pixels take gigabytes.
     decoded = decode(image, MASK).resize((shape[1], shape[0]), Image.Resampling.NEAREST)
-    return np.asarray(decoded.convert("RGB")).max(axis=2) > 0
+    ignored: NDArray[np.bool_] = np.asarray(decoded.convert("RGB")).max(axis=2) > 0
+    return ignored

@@ -39,7 +39,7 @@ def check_png_rows(data: bytes, upload: Upload) -> None:
         raise upload.damaged_error(f"{upload.name}: its rows are damaged ({error}); export it again") from error
     if found < expected:
         raise upload.damaged_error(
-            f"{upload.name}: expected {expected:,} bytes of {width:,} x {height:,} pixels, got {found:,}; the file ends early, send it "
+            f"{upload.name}: {width:,} x {height:,} pixels take {expected:,} bytes, got {found:,}; the file ends early, send it "
             "again in full"
         )
 
