@@ -11,6 +11,7 @@ import numpy as np
 
 from core.errors import ExportRefusedError
 from core.exports.axes import quaternion_wxyz
+from core.exports.e57_scans import copy_scans
 from core.exports.tour import ExportedFile, PlacedPhoto, Tour
 from core.options import ScanOptions
 from core.scan.reading import read_scan
@@ -28,7 +29,7 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `tour.e57`: one scan of the map's points where there are some, and `images2D` with spherical images.
+    """Yield `tour.e57`: the scans of the survey, or one of the map's points, where there are some; and `images2D` with spherical images.
 
     Poses are camera to file, which is the map's own frame, body axes x forward, y left, z up; no image names a scan as its own, because
     the scanner did not take it. Raises ExportRefusedError where the package pye57 is missing.
@@ -43,7 +44,9 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         path = Path(folder) / "tour.e57"
         file = E57(str(path), mode="w")
         try:
-            if tour.scan is not None:
+            if tour.survey is not None:
+                copy_scans(file, tour.survey)
+            elif tour.scan is not None:
                 _add_points(file, tour.scan)
             images = file.root["images2D"]
             for photo in tour.photos:

@@ -50,7 +50,8 @@ class Tour:
     """Photos of one map.
 
     created_unix_s: when they were placed; stands for the time of a photo where a format cannot do without. scan: a file with the points of
-    the map in its own frame, PLY or E57, for formats that hold points.
+    the map in its own frame, PLY or E57, for formats that hold points. survey: the scan as it was made, an E57
+    in the map's own frame, which the export as E57 then holds as it is.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Tour:
     georeference: Georeference | None = None
     created_unix_s: float = 0.0
     scan: Path | None = None
+    survey: Path | None = None
 
     @property
     def times_unix_s(self) -> list[float]:

@@ -1,6 +1,6 @@
 """A tour as JSON: what the process that writes exports is given. Sizes and times are read from the photos themselves.
 
-{"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "scan": null | "points.ply",
+{"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "scan": null | "points.ply", "survey": null | "scan.e57",
  "photos": [{"name": "a.jpg", "image": "/…/00000", "frame": "ros", "position_m": [x, y, z], "quaternion_xyzw": [x, y, z, w],
              "camera_model": "equirectangular", "confidence": 0.9, "position_radius_m": 0.02, "orientation_radius_deg": 0.3}],
  "left_out": [{"name": "b.jpg", "reason": "not_localized"}]}
@@ -30,8 +30,13 @@ def read_tour(path: Path) -> Tour:
         left_out=tuple(LeftOut(**each) for each in document["left_out"]),
         georeference=None if place is None else Georeference(**place),
         created_unix_s=document["created_unix_s"],
-        scan=None if document["scan"] is None else Path(document["scan"]),
+        scan=_path(document["scan"]),
+        survey=_path(document["survey"]),
     )
+
+
+def _path(given: str | None) -> Path | None:
+    return None if given is None else Path(given)
 
 
 def _photo(given: dict[str, Any]) -> PlacedPhoto:

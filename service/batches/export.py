@@ -78,7 +78,9 @@ def _tour_document(
         image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
         tour.add(name, image, result["answer"])
     created_unix_s = datetime.fromisoformat(wanted.record.created_at).timestamp()
-    return tour.document(created_unix_s, None if place is None else place.georeference, _points(storage, place, stack))
+    georeference = None if place is None else place.georeference
+    survey = _survey(storage, place, stack) if wanted.format == "e57" else None
+    return tour.document(created_unix_s, georeference, _points(storage, place, stack), survey)
 
 
 def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
@@ -88,6 +90,20 @@ def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
     try:
         return stack.enter_context(storage.local_copy(key_of(ref, "points.ply")))
     except StoredFileMissingError:  # a newer scan has just taken its place
+        return None
+
+
+def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
+    """Return the scan itself where it is an E57 whose frame is that of the map."""
+    serving = None if place is None else place.serving
+    if serving is None or Path(serving.scan_key).suffix.lower() != ".e57":
+        return None
+    scan = serving.options.scan
+    if scan.unit != "m" or scan.up_axis != "z":
+        return None
+    try:
+        return stack.enter_context(storage.local_copy(serving.scan_key, checked=False))
+    except StoredFileMissingError:
         return None
 
 

@@ -52,13 +52,16 @@ class TourDocument:
         """Name a photo that is not written, and why."""
         self.left_out.append({"name": name, "reason": " ".join(reason.split())})
 
-    def document(self, created_unix_s: float, georeference: object, scan: Path | None) -> dict[str, Any]:
-        """Return the tour. georeference: as a map has it. scan: a file with the points of the map."""
+    def document(
+        self, created_unix_s: float, georeference: object, scan: Path | None, survey: Path | None = None
+    ) -> dict[str, Any]:
+        """Return the tour. georeference: as a map has it. scan: a PLY with the points of the map. survey: the scan itself, an E57."""
         return {
             "name": self.map_id,
             "created_unix_s": created_unix_s,
             "georeference": georeference,
             "scan": None if scan is None else str(scan),
+            "survey": None if survey is None else str(survey),
             "photos": self.photos,
             "left_out": self.left_out,
         }

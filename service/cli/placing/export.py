@@ -32,6 +32,12 @@ def export(
     include_ambiguous: Annotated[
         bool, typer.Option("--include-ambiguous", help="Photos that fit several places, too, at the likeliest.")
     ] = False,
+    scan: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True, dir_okay=False, help="The E57 that the map was made of: e57 holds it as it is, not thinned."
+        ),
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
@@ -44,7 +50,7 @@ def export(
     folder = Path(source)
     try:
         if folder.is_dir():
-            written = write_exports(PlaceFolder.open(folder), wanted, include_ambiguous, out or folder)
+            written = write_exports(PlaceFolder.open(folder), wanted, include_ambiguous, out or folder, scan)
         elif source.startswith("batch_"):
             with session.client(url) as client:
                 written = [

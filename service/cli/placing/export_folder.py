@@ -28,15 +28,19 @@ def formats_of(given: str | None) -> list[ExportFormat]:
     return [name for name in FORMATS if name in wanted]
 
 
-def write_exports(placed: PlaceFolder, formats: list[ExportFormat], include_ambiguous: bool, out: Path) -> list[Path]:
-    """Write each format into a folder of its own below `out`, and below that of its map where there are several; return the folders.
+def write_exports(
+    placed: PlaceFolder, formats: list[ExportFormat], include_ambiguous: bool, out: Path, survey: Path | None = None
+) -> list[Path]:
+    """Write each format into a folder of its own below `out`, and below that of its map where there are several.
+
+    Return the folders. survey: the scan itself, an E57 in the frame of the map.
 
     Raises ExportError and PlaceFolderError.
     """
     written = []
     maps = placed.maps()
     for map_id in maps:
-        tour = placed.tour(map_id, include_ambiguous)
+        tour = placed.tour(map_id, include_ambiguous, survey)
         for name in formats:
             target = out / name if len(maps) == 1 else out / map_id / name
             _export(tour, name, target)

@@ -89,8 +89,10 @@ class PlaceFolder:
         """Return the maps in which photos were placed."""
         return maps_of(result for name in self.names() if (result := self.result(name)) is not None)
 
-    def tour(self, map_id: str, include_ambiguous: bool) -> dict[str, Any]:
-        """Return the photos of a map as `core.exports` reads them. Raises PlaceFolderError where the map was not kept."""
+    def tour(self, map_id: str, include_ambiguous: bool, survey: Path | None = None) -> dict[str, Any]:
+        """Return the photos of a map as `core.exports` reads them. survey: the scan itself, an E57.
+
+        Raises PlaceFolderError where the map was not kept."""
         place = _read(self.folder / "maps" / f"{map_id}.json")
         if place is None:
             raise PlaceFolderError(
@@ -105,7 +107,7 @@ class PlaceFolder:
             else:
                 tour.add(name, self.photo(name), result["answer"])
         created_unix_s = (self.folder / _QUESTION).stat().st_mtime
-        return tour.document(created_unix_s, place.get("georeference"), self.folder / "maps" / f"{map_id}.ply")
+        return tour.document(created_unix_s, place.get("georeference"), self.folder / "maps" / f"{map_id}.ply", survey)
 
     def write_unplaced(self) -> Path:
         """Write the list of photos without a pose that can be relied on."""

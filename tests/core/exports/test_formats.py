@@ -20,6 +20,7 @@ from core.panorama.gpano import crop_fields
 from core.scan.ply.writer import write_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
+from tests.core.exports.readers import READERS
 from tests.core.exports.tours import GOLDEN, LARGE, golden_tour, jpeg, rotation_of, written
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -183,3 +184,90 @@ def test_the_points_of_the_map_go_with_photos_that_stand_in_them(offset: np.ndar
     folder = written("nerfstudio", tour, tmp_path / "nerfstudio")
     named = json.loads((folder / "transforms.json").read_text())["ply_file_path"]
     assert (folder / named).read_bytes() == (tmp_path / "points.ply").read_bytes()
+
+
+def read_raw(path: Path) -> list[dict[str, np.ndarray]]:
+    """Return the fields of every scan, and its pose as (w, x, y, z, tx, ty, tz)."""
+    from pye57 import E57
+
+    file, scans = E57(str(path)), []
+    for number in range(file.scan_count):
+        header = file.get_header(number)
+        fields = file.read_scan_raw(number)
+        scans.append({**fields, "pose": np.concatenate([header.rotation, header.translation])})
+    file.close()
+    return scans
+
+
+def test_the_scans_of_an_e57_come_out_as_they_went_in_with_photos_beside_them(tmp_path: Path) -> None:
+    from pye57 import E57
+
+    random = np.random.default_rng(5)
+    file = E57(str(tmp_path / "stations.e57"), mode="w")
+    for station in range(3):
+        columns: dict[str, np.ndarray] = {
+            name: random.normal(size=1000) * 10 for name in ("cartesianX", "cartesianY", "cartesianZ", "intensity")
+        }
+        columns |= {f"color{name}": random.integers(0, 256, 1000).astype(np.uint8) for name in ("Red", "Green", "Blue")}
+        columns |= {name: np.arange(1000) for name in ("rowIndex", "columnIndex")}
+        turned = np.array([np.cos(0.3), 0, 0, np.sin(0.3)])
+        file.write_scan_raw(columns, name=f"station {station}", rotation=turned, translation=LARGE + station)
+    file.close()
+    before = read_raw(tmp_path / "stations.e57")
+    tour = replace(golden_tour(tmp_path), survey=tmp_path / "stations.e57")
+    out = written("e57", tour, tmp_path / "out") / "tour.e57"
+    after = read_raw(out)
+    assert len(after) == len(before) == 3
+    for old, new in zip(before, after, strict=True):
+        assert old.keys() == new.keys()
+        for name, column in old.items():
+            np.testing.assert_allclose(new[name], column, rtol=0, atol=0, err_msg=name)
+    pose = READERS["e57"](tmp_path / "out")["pano.jpg"]
+    np.testing.assert_allclose(pose.matrix, GOLDEN.matrix, atol=1e-12)
+
+
+def test_fields_of_every_kind_of_node_survive(tmp_path: Path) -> None:
+    from pye57 import E57, libe57
+
+    name = "fields.e57"
+    file = E57(str(tmp_path / name), mode="w")
+    image_file = file.image_file
+    image_file.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
+    scan, prototype = libe57.StructureNode(image_file), libe57.StructureNode(image_file)
+    prototype.set("sphericalRange", libe57.FloatNode(image_file, 0.0, libe57.E57_DOUBLE))
+    prototype.set("sphericalAzimuth", libe57.ScaledIntegerNode(image_file, 0, -4_000_000, 4_000_000, 1e-6, 0.0))
+    prototype.set("timeStamp", libe57.IntegerNode(image_file, 0, 0, 2**53))
+    prototype.set("nor:normalX", libe57.FloatNode(image_file, 0.0, libe57.E57_SINGLE, -1.0, 1.0))
+    columns = {
+        "sphericalRange": np.linspace(0.1, 9, 7),
+        "sphericalAzimuth": np.arange(-3, 4) * 0.123456,
+        "timeStamp": 2.0**53 - np.arange(7),
+        "nor:normalX": np.linspace(-1, 1, 7),
+    }
+    scan.set("guid", libe57.StringNode(image_file, "{one}"))
+    points = libe57.CompressedVectorNode(image_file, prototype, libe57.VectorNode(image_file, True))
+    scan.set("points", points)
+    file.data3d.append(scan)
+    buffers = libe57.VectorSourceDestBuffer()
+    for field, column in columns.items():
+        buffers.append(libe57.SourceDestBuffer(image_file, field, column, 7, True, True))
+    writer = points.writer(buffers)
+    writer.write(7)
+    writer.close()
+    file.close()
+    tour = replace(golden_tour(tmp_path), survey=tmp_path / name)
+    out = E57(str(written("e57", tour, tmp_path / "out") / "tour.e57"))
+    copied = out.root["data3D"][0]
+    assert copied["guid"].value() == "{one}"
+    found = {field: np.zeros(7) for field in columns}
+    buffers = libe57.VectorSourceDestBuffer()
+    for field, column in found.items():
+        buffers.append(libe57.SourceDestBuffer(out.image_file, field, column, 7, True, True))
+    reader = copied["points"].reader(buffers)
+    assert reader.read() == 7
+    for field, column in columns.items():
+        np.testing.assert_allclose(
+            found[field], column, rtol=0, atol=6e-8 if field.startswith("nor") else 0, err_msg=field
+        )
+    reader.close()
+    out.close()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from core.errors import DeadlineExceededError, PanoramaShapeError
@@ -235,6 +236,28 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     longitude, latitude, _ = found["features"][0]["geometry"]["coordinates"]
     assert (longitude, latitude) == (pytest.approx(-122.3, abs=1e-4), pytest.approx(47.7, abs=1e-4))
     assert (await running.client.get(f"/batches/{batch_id}/export", params={"format": "kml"})).status_code == 422
+
+
+async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: RunningService, tmp_path: Path) -> None:
+    from pye57 import E57
+
+    file = E57(str(tmp_path / "station.e57"), mode="w")
+    columns = {f"cartesian{axis}": np.linspace(0, 9, 50) for axis in "XYZ"}
+    file.write_scan_raw(
+        columns, name="the station", rotation=np.array([1.0, 0, 0, 0]), translation=np.array([7.0, 8, 9])
+    )
+    file.close()
+    scan = (tmp_path / "station.e57").read_bytes()
+    for options, name in ((None, "the station"), ('{"unit": "cm"}', "map")):
+        map_id = (await running.upload(scan, "station.e57", options)).json()["id"]
+        await running.settled(map_id)
+        batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
+        await done(running, batch_id)
+        (await export(running, batch_id, "e57")).extractall(tmp_path / name)
+        found = E57(str(tmp_path / name / "tour.e57"))
+        assert found.root["data3D"][0]["name"].value() == name
+        assert found.root["images2D"][0]["name"].value() == "a.png"
+        found.close()
 
 
 @pytest.mark.parametrize(

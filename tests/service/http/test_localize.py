@@ -45,7 +45,7 @@ async def test_a_heading_counts_from_true_north_in_a_map_that_has_a_georeference
     map_id = await running.ready_map()
     before = (await running.localize(map_id)).json()["pose"]
     assert (before["heading_deg"], before["north"]) == (90, "map")
-    change = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3, "heading_deg": 12.5}}
+    change: dict[str, Any] = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3, "heading_deg": 12.5}}
     assert (await running.client.patch(f"/maps/{map_id}", json=change)).status_code == 200
     after = (await running.localize(map_id)).json()["pose"]
     assert (after["heading_deg"], after["north"]) == (102.5, "true")
