@@ -14,6 +14,7 @@ from typing import Any
 
 from service.host.lifeline import Lifeline
 from service.host.process_tree import descendants, process_name
+from service.ray.ended_logs import remove_logs_of_ended
 
 _log = logging.getLogger(__name__)
 
@@ -84,6 +85,7 @@ class RayCluster:
             ray.init(address=self._address, **quiet)
             return
         _choose_token()
+        _stay_on_loopback()
         ray.init(
             address="local",
             _node_ip_address="127.0.0.1",
@@ -121,6 +123,11 @@ class RayCluster:
         ended = [f"Ray's {name} (process {pid})" for pid, name in self._guarded.items() if not _is_alive(pid)]
         return f"{ended[0]} has ended" if ended else None
 
+    def remove_logs_of_ended(self) -> None:
+        """Remove what ended processes of our own cluster have logged; may be called in any thread."""
+        if self.is_ours:
+            remove_logs_of_ended(self._folder / "session_latest" / "logs")
+
     def _guard_processes(self) -> None:
         # Ray's own parent-death signals miss the two agents below the raylet, which stay for ten seconds.
         found: dict[int, str] = {}
@@ -149,6 +156,16 @@ def _choose_token() -> None:
     a container's user may not have.
     """
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+
+
+def _stay_on_loopback() -> None:
+    """Let Ray listen where it is told to: it takes 127.0.0.1 for this machine's address in the network, and opens its ports to that."""
+    from ray._private import services
+
+    if hasattr(services, "resolve_ip_for_localhost"):
+        services.resolve_ip_for_localhost = lambda host: host
+    else:
+        _log.warning("Ray has changed: its ports may be open to the network; close them with a firewall")
 
 
 def _end_processes_that_nobody_needs(ray: Any) -> None:

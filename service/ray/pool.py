@@ -25,6 +25,7 @@ _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 _WATCH_PERIOD_S = 1.0
+_TIDY_PERIOD_S = 60.0
 _RESTART_PAUSE_S = 5.0
 _MAX_ATTEMPTS = 3
 _LEAVE_S = 10.0
@@ -46,6 +47,7 @@ class RayPool:
         self._handle: Any = None
         self._waiting_for: str | None = "the worker pool"
         self._num_running = 0
+        self._tidied_s = time.monotonic()
         self._draining = False
         self._watch: asyncio.Future[tuple[None, None]] | None = None
         self._workers: dict[str, WorkerReply[Any]] = {}
@@ -215,6 +217,9 @@ class RayPool:
     async def _look_after(self) -> None:
         self._num_running = await self._in_ray_thread(self._serving.num_running)
         self._waiting_for = None if self._num_running else "workers"
+        if time.monotonic() - self._tidied_s > _TIDY_PERIOD_S:
+            self._tidied_s = time.monotonic()
+            await asyncio.to_thread(self._cluster.remove_logs_of_ended)
 
     def _leave(self) -> None:
         if self._handle is not None:

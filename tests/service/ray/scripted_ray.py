@@ -44,6 +44,9 @@ class ScriptedCluster:
     def disconnect(self) -> None:
         self._note("disconnect")
 
+    def remove_logs_of_ended(self) -> None:
+        """Have none."""
+
     def missing_process(self) -> str | None:
         return None
 

@@ -30,6 +30,9 @@ class FragileCluster:
     def disconnect(self) -> None:
         self.is_left = True
 
+    def remove_logs_of_ended(self) -> None:
+        """Have none."""
+
     def missing_process(self) -> str | None:
         return self.lost
 
