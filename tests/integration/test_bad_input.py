@@ -1,4 +1,4 @@
-"""Twelve kinds of bad input against a running service: what each is told, and that the next good request is answered."""
+"""Many kinds of bad input against a running service: what each is told, and that the next good request is answered."""
 
 import io
 import struct
@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.core.painted_box import PaintedBox
+from tests.core.scan.mesh_files import colored_quad, glb, obj_files, zip_of
+from tests.core.scan.ptx_files import station_text
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
@@ -69,6 +72,7 @@ class BadScan:
 
 
 POINTS = np.random.default_rng(1).uniform(0, 3, (500, 3))
+PTX = station_text(POINTS, np.full((500, 3), 90, np.uint8), np.eye(3), np.zeros(3))
 BAD_SCANS = {
     "empty file": BadScan("room.ply", lambda: b"", (400, 415, 422), ("empty",)),
     "truncated PLY": BadScan(
@@ -78,6 +82,30 @@ BAD_SCANS = {
     "NaN points": BadScan("room.ply", lambda: ascii_ply(np.full((50, 3), np.nan)), (422,), ("finite",)),
     "a single point": BadScan("room.ply", lambda: ascii_ply(POINTS[:1]), (422,), ("point",)),
     "wrong extension": BadScan("room.ply", lambda: jpeg(64, 32), (415,), ("expected",)),
+    "zip bomb": BadScan(
+        "scans.zip", lambda: zip_of({"scan.xyz": b"0" * 300_000_000}), (422,), ("would take", "unpacked")
+    ),
+    "zip that leads out": BadScan(
+        "scans.zip", lambda: zip_of({"../../scan.ply": small_room().scan}), (422,), ("leads out",)
+    ),
+    "glTF that contains itself": BadScan(
+        "room.glb", lambda: glb(*colored_quad(nodes=[{"mesh": 0, "children": [0]}])), (422,), ("below itself",)
+    ),
+    "glTF that announces too much": BadScan(
+        "room.glb", lambda: glb(*colored_quad(buffers=[{"byteLength": 1 << 40}])), (422,), ("announces a buffer",)
+    ),
+    "half an OBJ": BadScan(
+        "room.zip",
+        lambda: zip_of({name: data for name, data in obj_files(PaintedBox()).items() if "wall 3" not in name}),
+        (422,),
+        ("wall 3.png", "no such file"),
+    ),
+    "PTX cut short": BadScan(
+        "room.ptx",
+        lambda: "\n".join(PTX.splitlines()[:200]).encode(),
+        (422,),
+        ("announces 500 points", "ends after"),
+    ),
 }
 BAD_IMAGES = {
     "text as image": (b"this is no image at all, but a letter " * 40, 415),

@@ -23,7 +23,7 @@ _COMPANIONS = {
     *(".pdf", ".html", ".md", ".xml", ".json", ".prj", ".log", ".doc", ".docx"),
 }
 # What the whole map says of itself in place of its parts.
-_OF_THE_WHOLE = {"large_coordinates", "suspicious_extent", "coordinate_system"}
+_OF_THE_WHOLE = {"large_coordinates", "suspicious_extent"}
 
 
 def read_archive(path: Path, options: ScanOptions, report: Callable[[float], None]) -> PointCloud:
@@ -60,12 +60,12 @@ def _read_together(
         raise ScanContentError(
             f"The scans of the zip are in different coordinate systems ({listed}). Bring them into one and pack them again."
         )
-    context.coordinate_system = next(iter(named), None)
     context.note(
         "scans_merged",
         f"{len(scans)} scans of the zip were merged: {', '.join(_name(scan, folder) for scan in scans)[:500]}.",
     )
-    cloud = collector.finish()
+    # Each scan was held against its own, in its own unit.
+    cloud = replace(collector.finish(), coordinate_system=next(iter(named), None))
     report(1.0)
     return cloud
 

@@ -109,6 +109,8 @@ def test_scans_of_one_zip_are_in_one_system(cloud: PointCloud, scan_file: ScanFi
     one, same = las_of(cloud, CRS(UTM_32).to_wkt()), las_of(cloud, keys=[3072, 0, 1, 25832], minor=2)
     read = read_scan(scan_file("scans.zip", zip_of({"a.laz": one, "b.laz": same})))
     assert read.coordinate_system == UTM_32
+    feet = zip_of({name: las_of(cloud, CRS(2263).to_wkt(), scale=3937 / 1200) for name in ("a.laz", "b.laz")})
+    assert read_scan(scan_file("feet.zip", feet), ScanOptions(unit="ft")).coordinate_system == "EPSG:2263"
     other = las_of(cloud, CRS("EPSG:25833").to_wkt())
     with pytest.raises(
         ScanContentError, match=r"different coordinate systems \(a\.laz: EPSG:25832, b\.laz: EPSG:25833\)"
