@@ -8,25 +8,29 @@ from typing import Literal
 from core.errors import ExportRefusedError
 from core.exports import e57
 from core.exports.earth import arcgis, geojson, gpano, stac
+from core.exports.earth.placing import grid_of
 from core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
 from core.exports.robots import ros, tum
 from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from core.exports.viewers import gltf, navvis, pannellum, photo_sphere_viewer, potree
 from core.options import ExportFormat
 
-North = Literal["map", "true"]
+North = Literal["map", "grid", "true"]
 UNPLACED = "unplaced.txt"
 
 
 @dataclass(frozen=True)
 class Exporter:
-    """What a format can hold. why_not: says of a photo why it cannot be written, None: it can."""
+    """What a format can hold. why_not: says of a photo why it cannot be written, None: it can. needs_georeference: or a coordinate system.
+    uses_grid: writes a map in a coordinate system in its own axes.
+    """
 
     write: Callable[[Tour], Iterator[ExportedFile]]
     why_not: Callable[[PlacedPhoto], str | None] | None = None
     spheres_only: bool = True
     needs_georeference: bool = False
     uses_georeference: bool = False
+    uses_grid: bool = False
 
 
 EXPORTERS: dict[ExportFormat, Exporter] = {
@@ -37,8 +41,8 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "opensfm": Exporter(opensfm.write, uses_georeference=True),
     "nerfstudio": Exporter(nerfstudio.write),
     "metashape": Exporter(metashape.write),
-    "arcgis": Exporter(arcgis.write, arcgis.why_not, needs_georeference=True),
-    "stac": Exporter(stac.write, needs_georeference=True),
+    "arcgis": Exporter(arcgis.write, arcgis.why_not, needs_georeference=True, uses_grid=True),
+    "stac": Exporter(stac.write, needs_georeference=True, uses_grid=True),
     "e57": Exporter(e57.write, e57.why_not),
     "gpano": Exporter(gpano.write, gpano.why_not, needs_georeference=True),
     "ros": Exporter(ros.write, spheres_only=False),
@@ -57,10 +61,10 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     where the format needs one.
     """
     exporter = EXPORTERS[format_name]
-    if exporter.needs_georeference and tour.georeference is None:
+    if exporter.needs_georeference and tour.georeference is None and tour.coordinate_system is None:
         raise ExportRefusedError(
-            f"{format_name}: expected a map with a georeference, because this format has places on Earth, got one without; "
-            "set it with PATCH /maps/{id}, or choose another format"
+            f"{format_name}: expected a map with a georeference or a coordinate system, because this format has places on Earth, got one "
+            "without; set it with PATCH /maps/{id}, or choose another format"
         )
     held = _held(exporter, tour)
     yield from exporter.write(held)
@@ -70,10 +74,13 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
 
 
 def north_of(format_name: ExportFormat, tour: Tour) -> North:
-    """Return what headings and axes of an export refer to: the map's own axes, or true north."""
+    """Return what headings and axes of an export refer to: the map's own axes, which may be those of a grid, or true north."""
     exporter = EXPORTERS[format_name]
-    on_earth = exporter.needs_georeference or (exporter.uses_georeference and tour.georeference is not None)
-    return "true" if on_earth else "map"
+    if exporter.needs_georeference and not (exporter.uses_grid and grid_of(tour) is not None):
+        return "true"
+    if exporter.uses_georeference and tour.georeference is not None:
+        return "true"
+    return "map" if tour.georeference is not None or tour.coordinate_system is None else "grid"
 
 
 def _held(exporter: Exporter, tour: Tour) -> Tour:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from core.exports.tour import Georeference
 from core.geometry.pose import Pose
+from core.georeference import HeightReference
 
 _SEMI_MAJOR_M = 6_378_137.0  # WGS 84
 _FLATTENING = 1 / 298.257223563
@@ -17,17 +18,23 @@ _NUM_STEPS = 6  # of the height; each makes the error a few hundred times smalle
 
 @dataclass(frozen=True)
 class EarthPose:
-    """A camera on Earth. height_m: above the ellipsoid. enu_from_camera: (3, 3), east, north, up at the camera itself."""
+    """A camera on Earth. height_m: above what height_reference says. enu_from_camera: (3, 3), east, north, up at the camera itself."""
 
     latitude_deg: float
     longitude_deg: float
     height_m: float
     enu_from_camera: NDArray[np.float64]
+    height_reference: HeightReference = "ellipsoid"
 
 
 def enu_from_map(georeference: Georeference) -> NDArray[np.float64]:
     """Return the rotation (3, 3) from the map's axes to east, north, up at its origin."""
-    heading = math.radians(georeference.heading_deg)
+    return turned_by(georeference.heading_deg)
+
+
+def turned_by(heading_deg: float) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) to east, north, up from axes with z up whose y axis has this compass heading."""
+    heading = math.radians(heading_deg)
     c, s = math.cos(heading), math.sin(heading)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 

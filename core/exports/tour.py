@@ -49,9 +49,9 @@ class Georeference:
 class Tour:
     """Photos of one map.
 
-    created_unix_s: when they were placed; stands for the time of a photo where a format cannot do without. scan: a file with the points of
-    the map in its own frame, PLY or E57, for formats that hold points. survey: the scan as it was made, an E57
-    in the map's own frame, which the export as E57 then holds as it is.
+    coordinate_system: of the map's positions, by EPSG code or WKT; where there is a georeference, that counts. created_unix_s: when they
+    were placed; stands for the time of a photo where a format cannot do without. scan: a PLY with the points of the map in its own frame,
+    for formats that hold points. survey: the scan as it was made, an E57 in the map's own frame, which the export as E57 holds as it is.
     """
 
     name: str
@@ -59,6 +59,7 @@ class Tour:
     left_out: tuple[LeftOut, ...] = ()
     georeference: Georeference | None = None
     created_unix_s: float = 0.0
+    coordinate_system: str | None = None
     scan: Path | None = None
     survey: Path | None = None
 

@@ -53,13 +53,21 @@ class TourDocument:
         self.left_out.append({"name": name, "reason": " ".join(reason.split())})
 
     def document(
-        self, created_unix_s: float, georeference: object, scan: Path | None, survey: Path | None = None
+        self,
+        created_unix_s: float,
+        georeference: object,
+        coordinate_system: str | None,
+        scan: Path | None,
+        survey: Path | None = None,
     ) -> dict[str, Any]:
-        """Return the tour. georeference: as a map has it. scan: a PLY with the points of the map. survey: the scan itself, an E57."""
+        """Return the tour. georeference, coordinate_system: as a map has them.
+
+        scan: a PLY with the points of the map. survey: the scan itself, an E57."""
         return {
             "name": self.map_id,
             "created_unix_s": created_unix_s,
             "georeference": georeference,
+            "coordinate_system": coordinate_system,
             "scan": None if scan is None else str(scan),
             "survey": None if survey is None else str(survey),
             "photos": self.photos,

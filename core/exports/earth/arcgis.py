@@ -5,11 +5,11 @@ import io
 from collections.abc import Iterator
 
 from core.exports.angles import photo_angles
-from core.exports.earth.placing import on_earth, time_text
+from core.exports.earth.placing import grid_of, on_earth, time_text
 from core.exports.number_text import plain
 from core.exports.tour import ExportedFile, PlacedPhoto, Tour
 
-_WGS84 = "4326"
+_WGS84 = 4326
 _MAX_ROLL_DEG = 90.0
 _COLUMNS = (
     "X",
@@ -37,20 +37,23 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `oriented_imagery.csv`: longitude, latitude, height above the ellipsoid; heading from true north.
+    """Yield `oriented_imagery.csv`: positions and headings in the grid of a map that has one, else WGS 84 and from true north.
 
     Its pitch is 0 straight down, 90 at the horizon: 90 + elevation.
     """
     out = io.StringIO()
     table = csv.writer(out, lineterminator="\n")
     table.writerow(_COLUMNS)
-    for photo, place, angles in on_earth(tour):
+    grid = grid_of(tour)
+    for photo, place, true_angles in on_earth(tour):
+        angles = true_angles if grid is None else photo_angles(photo.map_from_camera.rotation)
         turns = angles.heading_deg, 90.0 + angles.elevation_deg, angles.roll_deg
-        position = place.longitude_deg, place.latitude_deg, place.height_m
+        on_globe = [place.longitude_deg, place.latitude_deg, place.height_m]
+        position = on_globe if grid is None else photo.map_from_camera.position.tolist()
         table.writerow(
             [
                 *(plain(value, 12) for value in position),
-                _WGS84,
+                str(grid or _WGS84),
                 photo.name,
                 photo.name,
                 time_text(tour, photo),

@@ -3,16 +3,17 @@
 import json
 from collections.abc import Iterator
 
-from core.exports.earth.placing import on_earth, time_text
+from core.exports.earth.placing import coordinates, on_earth, time_text
 from core.exports.tour import ExportedFile, Tour
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `photos.geojson`: longitude, latitude, height above the ellipsoid; angles from true north, elevation up, right side down."""
+    """Yield `photos.geojson`: longitude, latitude, height where it is above the ellipsoid; angles
+    from true north, elevation up, right side down."""
     features = [
         {
             "type": "Feature",
-            "geometry": {"type": "Point", "coordinates": [place.longitude_deg, place.latitude_deg, place.height_m]},
+            "geometry": {"type": "Point", "coordinates": coordinates(place)},
             "properties": {
                 "name": photo.name,
                 "time": None if photo.time_unix_s is None else time_text(tour, photo),
@@ -20,6 +21,8 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
                 "elevation_deg": angles.elevation_deg,
                 "roll_deg": angles.roll_deg,
                 "north": "true",
+                "height_m": place.height_m,
+                "height_reference": place.height_reference,
                 "confidence": photo.confidence,
             },
         }

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from typing import Any
 
-from core.exports.angles import PhotoAngles
+from core.exports.angles import PhotoAngles, photo_angles
 from core.exports.axes import GL_FROM_FLU
-from core.exports.earth.placing import on_earth, time_text
+from core.exports.earth.placing import coordinates, grid_of, on_earth, time_text
 from core.exports.geodesy import EarthPose
 from core.exports.tour import ExportedFile, PlacedPhoto, Tour
 
@@ -21,7 +21,9 @@ _TYPES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png", ".we
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `items.json`, an item collection: a GeoJSON feature per photo, angles from true north, WGS 84.
+    """Yield `items.json`, an item collection: a GeoJSON feature per photo.
+
+    Angles and centre of projection are in the grid of a map that has one (`pers:crs`), else WGS 84 and from true north.
 
     `datetime` of a photo without a time of its own is when it was placed.
     """
@@ -31,7 +33,10 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
 
 
 def _item(tour: Tour, photo: PlacedPhoto, place: EarthPose, angles: PhotoAngles) -> dict[str, Any]:
-    at = [place.longitude_deg, place.latitude_deg, place.height_m]
+    at = coordinates(place)
+    grid, pose = grid_of(tour), photo.map_from_camera
+    rotation = place.enu_from_camera if grid is None else pose.rotation
+    shown = angles if grid is None else photo_angles(pose.rotation)
     media = _TYPES.get(PurePosixPath(photo.name).suffix.lower(), "application/octet-stream")
     return {
         "type": "Feature",
@@ -43,12 +48,13 @@ def _item(tour: Tour, photo: PlacedPhoto, place: EarthPose, angles: PhotoAngles)
         "properties": {
             "datetime": time_text(tour, photo),
             "pano:projection_type": "equirectangular",
-            "pano:yaw": angles.heading_deg,
-            "pano:pitch": angles.elevation_deg,
-            "pano:roll": angles.roll_deg,
-            # Of longitude, latitude and height, which is what coordinates are where no `pers:crs` is named.
-            "pers:perspective_center": at,
-            "pers:rotation_matrix": (GL_FROM_FLU @ place.enu_from_camera.T).ravel().tolist(),
+            "pano:yaw": shown.heading_deg,
+            "pano:pitch": shown.elevation_deg,
+            "pano:roll": shown.roll_deg,
+            **({} if grid is None else {"pers:crs": grid}),
+            # Without `pers:crs`: longitude, latitude and height.
+            "pers:perspective_center": [*at[:2], place.height_m] if grid is None else pose.position.tolist(),
+            "pers:rotation_matrix": (GL_FROM_FLU @ rotation.T).ravel().tolist(),
             "view:azimuth": angles.heading_deg,
         },
         "links": [],

@@ -107,7 +107,8 @@ class PlaceFolder:
             else:
                 tour.add(name, self.photo(name), result["answer"])
         created_unix_s = (self.folder / _QUESTION).stat().st_mtime
-        return tour.document(created_unix_s, place.get("georeference"), self.folder / "maps" / f"{map_id}.ply", survey)
+        points = self.folder / "maps" / f"{map_id}.ply"
+        return tour.document(created_unix_s, place.get("georeference"), place.get("coordinate_system"), points, survey)
 
     def write_unplaced(self) -> Path:
         """Write the list of photos without a pose that can be relied on."""

@@ -235,6 +235,10 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     found = json.loads((await export(running, batch_id, "geojson")).read("photos.geojson"))
     longitude, latitude, _ = found["features"][0]["geometry"]["coordinates"]
     assert (longitude, latitude) == (pytest.approx(-122.3, abs=1e-4), pytest.approx(47.7, abs=1e-4))
+    grid = {"georeference": None, "coordinate_system": "EPSG:25832"}
+    assert (await running.client.patch(f"/maps/{map_id}", json=grid)).status_code == 200
+    found = json.loads((await export(running, batch_id, "stac")).read("items.json"))
+    assert found["features"][0]["properties"]["pers:crs"] == 25832
     assert (await running.client.get(f"/batches/{batch_id}/export", params={"format": "kml"})).status_code == 422
 
 

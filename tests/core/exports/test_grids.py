@@ -1,0 +1,112 @@
+"""Maps in a projected coordinate system: grid angles where formats name the grid, true north where they do not."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pyproj import Geod, Transformer
+
+from core.errors import ExportRefusedError
+from core.exports.formats import export, north_of
+from core.exports.tour import Tour
+from core.geometry.pose import Pose
+from core.options import ExportFormat
+from tests.core.exports.readers import GL, READERS
+from tests.core.exports.tours import GOLDEN, golden_tour, written
+
+UTM = "EPSG:25832"
+AT = np.array([291_250.25, 5_612_480.5, 212.75])
+"""Near the western edge of the zone, where its north is off by two degrees."""
+
+
+def utm_tour(folder: Path, system: str = UTM) -> Tour:
+    tour = golden_tour(folder, georeference=None)
+    photo = replace(tour.photos[0], map_from_camera=Pose(GOLDEN.rotation, AT))
+    return replace(tour, photos=(photo,), coordinate_system=system)
+
+
+def true_heading_deg() -> float:
+    """Return the compass heading of what lies ten metres ahead on the grid, by geodesics alone."""
+    to_earth = Transformer.from_crs(UTM, "EPSG:4326", always_xy=True)
+    ahead = AT[:2] + 10 * np.array([np.sin(np.radians(37.5)), np.cos(np.radians(37.5))])
+    azimuth, _, _ = Geod(ellps="WGS84").inv(*to_earth.transform(*AT[:2]), *to_earth.transform(*ahead))
+    return float(azimuth % 360)
+
+
+def feature(name: ExportFormat, file: str, tour: Tour, folder: Path) -> dict[str, Any]:
+    (found,) = json.loads((written(name, tour, folder / name) / file).read_text())["features"]
+    return dict(found)
+
+
+def test_headings_from_true_north_are_those_of_geodesics(tmp_path: Path) -> None:
+    expected = true_heading_deg()
+    assert abs(expected - 37.5) > 1.5
+    properties = feature("geojson", "photos.geojson", utm_tour(tmp_path), tmp_path)["properties"]
+    assert properties["heading_deg"] == pytest.approx(expected, abs=0.01)
+    assert (properties["elevation_deg"], properties["roll_deg"]) == pytest.approx((-12.25, 4.75))
+    (pose,) = READERS["gpano"](written("gpano", utm_tour(tmp_path), tmp_path / "gpano")).values()
+    forward = pose.rotation[:, 0]
+    assert np.degrees(np.arctan2(forward[0], forward[1])) % 360 == pytest.approx(expected, abs=0.01)
+
+
+def test_heights_that_are_not_above_the_ellipsoid_are_no_heights_of_geojson(tmp_path: Path) -> None:
+    at = feature("geojson", "photos.geojson", utm_tour(tmp_path), tmp_path)
+    assert len(at["geometry"]["coordinates"]) == 2
+    assert (at["properties"]["height_m"], at["properties"]["height_reference"]) == (212.75, "unknown")
+    assert at["geometry"]["coordinates"] == pytest.approx([6.04, 50.62], abs=0.05)
+
+
+def test_stac_names_the_grid_and_has_its_angles(tmp_path: Path) -> None:
+    properties = feature("stac", "items.json", utm_tour(tmp_path), tmp_path)["properties"]
+    assert properties["pers:crs"] == 25832
+    assert properties["pers:perspective_center"] == AT.tolist()
+    assert [properties[f"pano:{name}"] for name in ("yaw", "pitch", "roll")] == pytest.approx([37.5, -12.25, 4.75])
+    matrix = np.array(properties["pers:rotation_matrix"]).reshape(3, 3)
+    np.testing.assert_allclose(matrix.T @ GL, GOLDEN.rotation, atol=1e-12)
+    assert properties["view:azimuth"] == pytest.approx(true_heading_deg(), abs=0.01)
+
+
+def test_arcgis_has_the_code_of_the_grid_and_its_angles(tmp_path: Path) -> None:
+    table = written("arcgis", utm_tour(tmp_path), tmp_path / "arcgis") / "oriented_imagery.csv"
+    (row,) = csv.DictReader(table.read_text().splitlines())
+    assert row["SRS"] == "25832"
+    assert [float(row[axis]) for axis in "XYZ"] == AT.tolist()
+    angles = [float(row[f"Camera{name}"]) for name in ("Heading", "Pitch", "Roll")]
+    assert angles == pytest.approx([37.5, 77.75, 4.75])
+
+
+def test_a_grid_without_a_code_is_written_in_wgs_84(tmp_path: Path) -> None:
+    local = (
+        'PROJCS["local",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
+        'UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",0],'
+        'PARAMETER["central_meridian",9.1],PARAMETER["scale_factor",0.9996],PARAMETER["false_easting",500000],'
+        'PARAMETER["false_northing",0],UNIT["metre",1]]'
+    )
+    tour = utm_tour(tmp_path, local)
+    properties = feature("stac", "items.json", tour, tmp_path)["properties"]
+    assert "pers:crs" not in properties
+    assert properties["pano:yaw"] == properties["view:azimuth"]
+    assert properties["pano:yaw"] != pytest.approx(37.5, abs=1)
+    assert north_of("stac", tour) == "true"
+
+
+def test_every_format_says_that_it_means_the_grid(tmp_path: Path) -> None:
+    tour = utm_tour(tmp_path)
+    found = {
+        name: north_of(name, tour)
+        for name in ("potree", "navvis", "colmap", "opensfm", "stac", "arcgis", "gpano", "geojson")
+    }
+    assert {name for name, north in found.items() if north == "true"} == {"gpano", "geojson"}
+    assert {north for name, north in found.items() if name not in ("gpano", "geojson")} == {"grid"}
+    assert north_of("stac", replace(tour, georeference=golden_tour().georeference)) == "true"
+
+
+def test_positions_outside_of_the_coordinate_system_are_refused(tmp_path: Path) -> None:
+    tour = utm_tour(tmp_path)
+    far = replace(tour.photos[0], map_from_camera=Pose(GOLDEN.rotation, np.array([9e9, 9e9, 0.0])))
+    with pytest.raises(ExportRefusedError, match="outside of it"):
+        list(export("geojson", replace(tour, photos=(far,))))
