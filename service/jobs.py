@@ -206,7 +206,7 @@ class PoolState:
     """What readiness and metrics tell about the pool.
 
     waiting_for: what is missing, in words that follow "waiting for", None when ready. resident_bytes: of map indexes
-    in the memory of all workers. index_loads: how often an index was "resident", came from "redis" or was "missing",
+    in the memory of all workers. index_loads: how often an index was "resident", came from "redis" or "storage" or was "missing",
     since the start. num_retries: queries that were given to another worker because theirs was lost.
     """
 

@@ -17,7 +17,7 @@ _STAGES = (
     "change", "pictures", "total",
 )  # fmt: skip
 _MAP_STATUSES = ("queued", "ready", "failed")
-_INDEX_SOURCES = ("resident", "redis", "missing")
+_INDEX_SOURCES = ("resident", "redis", "storage", "missing")
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60, 120, 300)
 
 

@@ -1,5 +1,6 @@
 """The worker that answers queries: finds the index of the map, decodes the images, localizes them, draws the pictures."""
 
+import contextlib
 import logging
 import os
 import socket
@@ -18,6 +19,7 @@ from core.localizer import Localizer
 from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from core.results import Localization
 from service.cache import WorkerCache
+from service.errors import CacheDownError
 from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from service.storage import open_storage
@@ -60,24 +62,42 @@ class LocalizationWorker:
 
     def _index_of(self, map_ref: MapRef) -> tuple[str, MapIndex | None]:
         """Return where the index came from, and the index; None when Redis has lost it, or has something else in its place."""
-        source = "resident" if map_ref in self._resident else "redis"
+        source = "resident"
+
+        def load() -> MapIndex:
+            nonlocal source
+            source, index = self._loaded(map_ref)
+            return index
+
         try:
-            return source, self._resident.get_or_load(map_ref, lambda: self._from_redis(map_ref))
+            index = self._resident.get_or_load(map_ref, load)
+            return source, index
         except _IndexMissingError:
             return "missing", None
 
-    def _from_redis(self, map_ref: MapRef) -> MapIndex:
-        options = self._catalog.registration_of(map_ref).options.index
-        digest = index_config_digest(options)
-        encoded = self._cache.get_index(map_ref, digest)
-        if encoded is None:
+    def _loaded(self, map_ref: MapRef) -> tuple[str, MapIndex]:
+        """Return an index from Redis, else from its copy in storage, which then is in Redis again. Raises _IndexMissingError."""
+        digest = index_config_digest(self._catalog.registration_of(map_ref).options.index)
+        index = self._decoded(map_ref, self._cache.get_index(map_ref, digest))
+        if index is not None:
+            return "redis", index
+        copy = self._catalog.stored_index(map_ref, digest)
+        index = self._decoded(map_ref, copy)
+        if copy is None or index is None:
             raise _IndexMissingError(map_ref.id)
+        with contextlib.suppress(CacheDownError):  # one that is full: the copy is as good
+            self._cache.put_index(map_ref, digest, copy)
+        return "storage", index
+
+    def _decoded(self, map_ref: MapRef, encoded: bytes | None) -> MapIndex | None:
+        """Return the index, None also where it cannot be read: that is as good as lost."""
+        if encoded is None:
+            return None
         try:
             return decode_map_index(encoded, str(self._localizer.device))
         except IndexFormatError as error:
-            # As good as lost: it is built again, over what is there.
-            _log.warning("a map index in Redis cannot be read", extra={"map_id": map_ref.id, "error": str(error)})
-            raise _IndexMissingError(map_ref.id) from error
+            _log.warning("a map index cannot be read", extra={"map_id": map_ref.id, "error": str(error)})
+            return None
 
 
 class _IndexMissingError(Exception):

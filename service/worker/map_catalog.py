@@ -1,16 +1,19 @@
-"""What a worker asks of storage: how a map was registered, and its scan."""
+"""What a worker asks of storage: how a map was registered, its scan, and a copy of its index for when Redis has lost it."""
 
+import logging
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from service.errors import MapNotFoundError, StoredFileMissingError
+from service.errors import MapNotFoundError, StorageError, StoredFileMissingError, TryAgainError
 from service.jobs import MapRef, RegisterJob
-from service.maps.record import read_record
+from service.maps.record import folder_of, key_of, read_record
 from service.storage import Storage
+
+_log = logging.getLogger(__name__)
 
 
 class MapCatalog:
-    """Reads what the HTTP process wrote; never writes."""
+    """Reads what the HTTP process wrote, and writes copies of indexes alone."""
 
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
@@ -34,6 +37,32 @@ class MapCatalog:
         Raises StoredFileMissingError and StoredFileDamagedError.
         """
         return self._storage.local_copy(job.scan_key)
+
+    def stored_index(self, map_ref: MapRef, digest: str) -> bytes | None:
+        """Return the copy of an encoded index, None without one that is whole. digest: of the configuration, hexadecimal."""
+        try:
+            return self._storage.read(_index_key(map_ref, digest))
+        except StorageError:
+            return None
+
+    def store_index(self, map_ref: MapRef, digest: str, encoded: bytes) -> None:
+        """Keep a copy of an index with its map, for as long as that is there; where there is no room, there is none."""
+        try:
+            self._storage.put(_index_key(map_ref, digest), encoded)
+        except (TryAgainError, OSError) as error:
+            _log.warning("a map index has no copy on disk", extra={"map_id": map_ref.id, "error": str(error)})
+        self._forget_index_of_deleted(map_ref)
+
+    def _forget_index_of_deleted(self, map_ref: MapRef) -> None:
+        """Leave nothing of a revision that was replaced or deleted while its index was written."""
+        try:
+            self.registration_of(map_ref)
+        except MapNotFoundError:
+            self._storage.delete_all(f"{folder_of(map_ref.id)}/{map_ref.revision}")
+
+
+def _index_key(map_ref: MapRef, digest: str) -> str:
+    return key_of(map_ref, f"index-{digest}.plmi")
 
 
 def _gone(map_ref: MapRef) -> MapNotFoundError:

@@ -66,6 +66,7 @@ class Registrar:
         cloud, index = self._build(job, progress)
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
+        self._catalog.store_index(job.map, index_config_digest(job.options.index), encoded)
         self._store_patiently(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
@@ -79,7 +80,9 @@ class Registrar:
     def _rebuild(self, map_ref: MapRef) -> None:
         job = self._catalog.registration_of(map_ref)
         _, index = self._build(job, RegistrationProgress(None, map_ref))
-        self._store(job, encode_map_index(index))
+        encoded = encode_map_index(index)
+        self._catalog.store_index(map_ref, index_config_digest(job.options.index), encoded)
+        self._store(job, encoded)
 
     def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex]:
         limits = self._settings

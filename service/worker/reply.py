@@ -31,7 +31,7 @@ class WorkerFailure:
 class WorkerReply(Generic[Outcome]):
     """An outcome, or a failure, or the maps whose index is in Redis no more; and figures about the worker.
 
-    index_loads: how often an index was "resident", came from "redis" or was "missing" for this job.
+    index_loads: how often an index was "resident", came from "redis" or "storage" or was "missing" for this job.
     """
 
     outcome: Outcome | None = None

@@ -21,6 +21,7 @@ from core.results import Candidate, Localization, SearchSummary
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from service.cache import WorkerCache
+from service.errors import StorageFullError
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
@@ -165,9 +166,45 @@ def test_the_search_gets_the_options_and_what_is_left_of_the_time(place: Place) 
 
 
 @pytest.mark.slow
-def test_an_index_that_redis_has_lost_is_reported_and_can_be_built_again(place: Place) -> None:
+def test_an_index_that_redis_has_lost_comes_back_from_its_copy_without_being_built(place: Place) -> None:
+    place.registrar.register(place.job)
+    (key,) = place.redis.keys("index:*")
+    before: Any = place.redis.get(key)
+    place.redis.flushall()
+    reply = place.worker.localize(query())
+    assert (reply.failure, reply.missing, reply.index_loads) == (None, (), {"storage": 1})
+    assert place.redis.get(key) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("room", [True, False])
+def test_a_copy_that_is_damaged_or_was_never_written_is_none(
+    place: Place, monkeypatch: pytest.MonkeyPatch, room: bool
+) -> None:
+    if not room:
+
+        def full(*_: object) -> None:
+            raise StorageFullError("the disk is full")
+
+        monkeypatch.setattr(FolderStorage, "put", full)
+    assert place.registrar.register(place.job).failure is None
+    for copy in copies(place):
+        copy.write_bytes(copy.read_bytes()[:-100])
+    assert bool(copies(place)) == room
+    place.redis.flushall()
+    assert place.worker.localize(query()).missing == (MAP,)
+
+
+def copies(place: Place) -> list[Path]:
+    return list((place.folder / "data" / "maps").rglob("*.plmi"))
+
+
+@pytest.mark.slow
+def test_an_index_that_is_lost_with_its_copy_is_reported_and_can_be_built_again(place: Place) -> None:
     place.registrar.register(place.job)
     place.redis.flushall()
+    for copy in copies(place):
+        copy.unlink()
     reply = place.worker.localize(query())
     assert (reply.outcome, reply.failure, reply.missing) == (None, None, (MAP,))
     assert place.registrar.rebuild(MAP).failure is None
@@ -190,6 +227,7 @@ def test_an_index_whose_map_was_deleted_while_it_was_built_is_not_kept(
     assert reply.failure is not None
     assert reply.failure.kind == "MapNotFoundError"
     assert place.redis.keys("index:*") == []
+    assert copies(place) == []
 
 
 def test_a_query_past_its_deadline_is_not_begun(place: Place) -> None:
@@ -264,6 +302,8 @@ def test_an_index_that_cannot_be_read_is_built_again_like_one_that_is_lost(
 ) -> None:
     place.registrar.register(place.job)
     (key,) = place.redis.keys("index:*")
+    for copy in copies(place):
+        copy.unlink()
     kept: Any = place.redis.get(key)
     place.redis.set(key, damage(kept), ex=60)
     reply = place.worker.localize(query())
