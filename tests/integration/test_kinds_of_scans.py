@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from PIL import Image
+from pyproj import CRS, Proj, Transformer
 
 from core.geometry.pose import Pose, pose_error
 from tests.core.painted_box import rotation_of
+from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_of
 from tests.core.scan.test_photos_in_every_kind import BOX, KINDS
 from tests.integration.running_service import RunningService, eventually
 
@@ -54,3 +56,24 @@ def test_a_photo_is_found_in_a_scan_of_every_kind(service: RunningService, panor
     )
     assert error.within(0.05, 1.0), (name, error)
     assert math.isclose(document["stats"]["bounds"]["max"][2], BOX.size_m[2], abs_tol=0.05)
+
+
+def test_a_scan_in_utm_gives_headings_from_true_north(service: RunningService, panorama: bytes) -> None:
+    scan = las_of(BOX.scan(), CRS(UTM_32).to_wkt())
+    posted = service.http.post("/maps", files={"file": ("room.laz", scan)}, data={"options": OPTIONS})
+    path = f"/maps/{posted.json()['id']}"
+    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 120)
+    document = service.http.get(path).json()
+    assert (document["status"], document["coordinate_system"]) == ("ready", UTM_32), document["error"]
+    answer = service.http.post(
+        "/localize", files={"image": ("photo.jpg", panorama)}, data={"map_id": document["id"]}
+    ).json()
+    pose = answer["pose"]
+    position = pose["map_from_camera"]["position_m"]
+    np.testing.assert_allclose([position[axis] for axis in "xyz"], POSE.position + PLACE, atol=0.05)
+    longitude, latitude = Transformer.from_crs(UTM_32, 4326, always_xy=True).transform(position["x"], position["y"])
+    convergence = Proj(25832).get_factors(longitude, latitude).meridian_convergence
+    print(f"convergence {convergence:.4f}, heading {pose['heading_deg']:.4f}, yaw {pose['yaw_deg']:.4f}")
+    assert pose["north"] == "true"
+    assert pose["heading_deg"] == pytest.approx((90 - pose["yaw_deg"] + convergence) % 360, abs=0.01)
+    assert pose["heading_deg"] == pytest.approx((90 - 130 + convergence) % 360, abs=0.2)

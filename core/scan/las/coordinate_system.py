@@ -1,5 +1,6 @@
 """The coordinate system that a LAS file names in its records: WKT, or the keys of GeoTIFF."""
 
+import io
 import struct
 from typing import BinaryIO
 
@@ -29,8 +30,10 @@ def _records(stream: BinaryIO, start: int, count: int, header_bytes: int) -> dic
     """Return the records about coordinate systems by number; the rest is passed over, and what is cut short ends the list."""
     found: dict[int, bytes] = {}
     layout = "<2x16sHH" if header_bytes == _VLR_BYTES else "<2x16sHQ"
-    position = start
+    position, size = start, stream.seek(0, io.SEEK_END)
     for _ in range(min(count, 1000)):
+        if position > size:
+            break
         stream.seek(position)
         head = stream.read(header_bytes)
         if len(head) < header_bytes:

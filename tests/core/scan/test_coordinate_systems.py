@@ -1,6 +1,7 @@
 """Coordinate systems that LAS, LAZ and E57 files name."""
 
 import io
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -126,3 +127,13 @@ def test_records_that_lie_about_their_length_name_nothing(cloud: PointCloud) -> 
     assert coordinate_system_of(io.BytesIO(data)) is None
     data[record + 18 : record + 20] = b"\xff\xff"
     assert coordinate_system_of(io.BytesIO(data[: record + 60])) is None
+
+
+def test_extended_records_beyond_every_file_name_nothing(cloud: PointCloud, tmp_path: Path) -> None:
+    path = tmp_path / "scan.laz"
+    data = bytearray(las_of(cloud))
+    end = len(data)
+    data[235:247] = struct.pack("<QI", end, 3)  # where they begin, and how many
+    path.write_bytes(bytes(data) + struct.pack("<2x16sHQ32x", b"other", 1, (1 << 64) - 1))
+    with path.open("rb") as stream:
+        assert coordinate_system_of(stream) is None
