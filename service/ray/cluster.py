@@ -15,6 +15,7 @@ from typing import Any
 from service.host.lifeline import Lifeline
 from service.host.process_tree import descendants, process_name
 from service.ray.ended_logs import remove_logs_of_ended
+from service.ray.rehearsal import rehearse
 
 _log = logging.getLogger(__name__)
 
@@ -98,6 +99,10 @@ class RayCluster:
         )
         _end_processes_that_nobody_needs(ray)
         self._guard_processes()
+
+    def rehearse(self) -> None:
+        """Try in another process whether `connect` would do. Raises RuntimeError; may be called in any thread."""
+        rehearse(self._address, self._folder.with_name("try"), self._lifeline)
 
     def disconnect(self) -> None:
         """Leave the cluster; one of our own ends, with every process of it."""

@@ -47,6 +47,7 @@ class RayPool:
         self._handle: Any = None
         self._waiting_for: str | None = "the worker pool"
         self._num_running = 0
+        self._is_doubtful = False
         self._tidied_s = time.monotonic()
         self._draining = False
         self._watch: asyncio.Future[tuple[None, None]] | None = None
@@ -205,7 +206,12 @@ class RayPool:
 
     async def _bring_up(self) -> None:
         self._waiting_for = "Ray"
+        if self._is_doubtful:
+            # A start that fails holds the interpreter for half a minute: liveness is silent for one of them, not for all.
+            await asyncio.to_thread(self._cluster.rehearse)
+        self._is_doubtful = True
         await self._in_ray_thread(self._cluster.connect)
+        self._is_doubtful = False
         self._waiting_for = "workers"
         problems = await self._in_ray_thread(self._serving.unreachable)
         if problems:

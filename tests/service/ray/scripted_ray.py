@@ -33,6 +33,7 @@ class ScriptedCluster:
 
     def __init__(self, *failures: Exception) -> None:
         self.failures = list(failures)
+        self.failed_rehearsals: list[Exception] = []
         self.asked: list[str] = []
         self.threads: set[str] = set()
 
@@ -43,6 +44,11 @@ class ScriptedCluster:
 
     def disconnect(self) -> None:
         self._note("disconnect")
+
+    def rehearse(self) -> None:
+        self.asked.append("rehearse")
+        if self.failed_rehearsals:
+            raise self.failed_rehearsals.pop(0)
 
     def remove_logs_of_ended(self) -> None:
         """Have none."""

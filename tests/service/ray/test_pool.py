@@ -421,7 +421,8 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
         with pytest.raises(NoWorkerError, match="machine b: no Redis"):
             await pool.localize(job())
         await until(lambda: pool.state().ready)
-        assert cluster.asked == ["connect", "disconnect", "connect"]
+        tried_before = ["rehearse"] if fault == "connect" else []
+        assert cluster.asked == ["connect", "disconnect", *tried_before, "connect"]
         assert pool.state().num_workers == 2
         await pool.stop(drain_s=0)
 
@@ -429,6 +430,25 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
         run(scenario())
     (told,) = (vars(each) for each in caplog.records if each.name == "service.ray.pool")
     assert told["error"].startswith("machine b: no Redis")
+
+
+def test_after_a_start_that_failed_ray_is_tried_elsewhere_until_it_starts_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pool_module, "_RESTART_PAUSE_S", 0.01)
+
+    async def scenario() -> None:
+        cluster = ScriptedCluster(TimeoutError("the node timed out"))
+        cluster.failed_rehearsals = [RuntimeError("Ray does not start: no room")] * 2
+        pool = RayPool(cast(Any, cluster), cast(Any, ScriptedServing()), Admission(3))
+        await pool.start()
+        await until(lambda: "no room" in (pool.state().waiting_for or ""))
+        await until(lambda: pool.state().ready)
+        tries = [asked for asked in cluster.asked if asked != "disconnect"]
+        assert tries == ["connect", "rehearse", "rehearse", "rehearse", "connect"]
+        await pool.stop(drain_s=0)
+
+    run(scenario())
 
 
 def test_ray_is_only_ever_asked_in_one_thread() -> None:
