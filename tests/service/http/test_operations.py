@@ -244,6 +244,7 @@ LIGHT = {
     "core.camera",
     "core.camera.camera",
     "core.errors",
+    "core.georeference",
     "core.options",
     "core.panorama",
     "core.panorama.image_header",
