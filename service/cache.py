@@ -97,9 +97,11 @@ class Cache:
 
     async def check_writable(self) -> None:
         """Raise CacheDownError unless Redis takes a value: one that is full or read-only answers, but keeps nothing."""
-        async with _down_is_said_async():
-            await self._redis.set("probe", b"", ex=_PROBE_S)
-            await self._redis.unlink("probe")
+        # In one transaction, so that nobody ever meets the key.
+        async with _down_is_said_async(), self._redis.pipeline(transaction=True) as pipe:
+            pipe.set("probe", b"", ex=_PROBE_S)
+            pipe.unlink("probe")
+            await pipe.execute()
 
     async def get_progress(self, refs: Iterable[MapRef]) -> dict[MapRef, dict[str, Any]]:
         """Return what the registrations of `refs` are at; those that have not begun are left out."""

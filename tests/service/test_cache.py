@@ -1,6 +1,7 @@
 """What workers and the HTTP process keep in a real Redis, for how long, and what they are told while it is away."""
 
 import asyncio
+import itertools
 import json
 import tempfile
 import time
@@ -302,3 +303,28 @@ def test_whoever_goes_away_just_when_redis_answers_has_gone_away(url: str) -> No
         task.uncancel()
 
     ask(url, scenario)
+
+
+def test_the_look_whether_redis_takes_values_says_so_and_leaves_no_key(url: str, client: "redis.Redis") -> None:
+    async def look() -> None:
+        cache = Cache(url, result_lifetime_s=10)
+        try:
+            await cache.check_writable()
+        finally:
+            await cache.close()
+
+    def is_no_end(said: dict[str, str]) -> bool:
+        return said["command"] != "EXEC"
+
+    with client.monitor() as monitor:  # type: ignore[no-untyped-call]
+        asyncio.run(look())
+        said = [each["command"].split()[0] for each in itertools.takewhile(is_no_end, monitor.listen())]
+    assert said[said.index("MULTI") :] == ["MULTI", "SET", "UNLINK"]
+    assert keys(client) == set()
+    client.config_set("maxmemory", 1)
+    client.config_set("maxmemory-policy", "noeviction")
+    try:
+        with pytest.raises(CacheDownError, match="OutOfMemoryError"):
+            asyncio.run(look())
+    finally:
+        client.config_set("maxmemory", 16 * 2**20)

@@ -3,18 +3,9 @@
 import subprocess
 import sys
 
+from tests.service.light_modules import FOR_COMMANDS, core_modules
+
 HEAVY = {"torch", "ray", "numpy", "PIL", "open3d", "fastapi", "pydantic", "redis"}
-
-
-LIGHT = {
-    "core",
-    "core.camera",
-    "core.camera.camera",
-    "core.errors",
-    "core.options",
-    "core.panorama",
-    "core.panorama.image_header",
-}
 
 
 def test_client_commands_import_nothing_heavy() -> None:
@@ -22,4 +13,4 @@ def test_client_commands_import_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert not HEAVY & loaded
-    assert {name for name in loaded if name.partition(".")[0] == "core"} == LIGHT
+    assert core_modules(loaded) == FOR_COMMANDS

@@ -27,7 +27,7 @@ JPEG_WITHOUT_SIZE = b"\xff\xd8\xff\xe0\x00\x10JFIF"
         (SCAN[:-1], "a.ply", 422, "cut off"),
         (ply_of([(0, 0, 0)] * 100)[:700], "a.ply", 422, "100 points"),
         (png_of(8, 4), "a.ply", 415, "a PNG image"),
-        (b"PK\x03\x04 zip", "a.ply", 415, "unpacked"),
+        (b"\x1f\x8b\x08 gzip", "a.ply", 415, "unpacked"),
         (b"hello, this is no point cloud\n", "a.ply", 415, "does not begin like one"),
         (bytes(range(256)) * 40, "a.xyz", 415, "unknown binary data"),
         (b"ply\nformat ascii 1.0\nelement vertex 999999999\nend_header\n", "a.ply", 413, "PANOLOC_MAX_POINTS"),

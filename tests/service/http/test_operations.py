@@ -19,6 +19,7 @@ from service.host.lifeline import Lifeline
 from service.http.schemas import Health
 from service.limits.wrong_keys import WrongKeys
 from tests.service.http.running_service import RunningService, running_service
+from tests.service.light_modules import FOR_THE_APPLICATION, core_modules
 
 pytestmark = pytest.mark.anyio
 
@@ -239,29 +240,13 @@ async def test_maps_outlive_every_key_of_redis(running: RunningService, redis_cl
     assert (await running.localize(map_id)).status_code == 200
 
 
-LIGHT = {
-    "core",
-    "core.camera",
-    "core.camera.camera",
-    "core.errors",
-    "core.georeference",
-    "core.options",
-    "core.panorama",
-    "core.panorama.image_header",
-    "core.scan",
-    "core.scan.format_detection",
-    "core.scan.ply",
-    "core.scan.ply.header",
-}
-
-
 @pytest.mark.slow
 def test_the_application_loads_without_torch_ray_and_open3d() -> None:
     program = "import sys, service.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)
     loaded = set(done.stdout.split())
-    assert not {"torch", "ray", "open3d", "numpy", "PIL"} & loaded
-    assert {name for name in loaded if name.partition(".")[0] == "core"} == LIGHT
+    assert not {"torch", "ray", "open3d", "numpy", "PIL", "pyproj"} & loaded
+    assert core_modules(loaded) == FOR_THE_APPLICATION
 
 
 async def test_a_body_in_pieces_is_read_like_one(running: RunningService) -> None:
