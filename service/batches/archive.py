@@ -1,19 +1,18 @@
 """Images out of a zip: each into a file of its own, within limits that hold while it inflates, whatever the archive says of itself."""
 
 import hashlib
-import stat
 import uuid
 import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
 from service.errors import ArchiveError, UploadTooLargeError
 
 IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp"})
 _BLOCK_BYTES = 2**20
 _MAX_ENTRIES = 20_000
-_ENCRYPTED = 0x1
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[li
     """
     unpacked: list[UnpackedImage] = []
     try:
-        with zipfile.ZipFile(archive) as opened:
+        with open_zip(archive) as opened:
             images, ignored = _sorted_entries(opened, limits.max_images)
             left = limits.max_total_bytes
             for entry in images:
@@ -77,14 +76,13 @@ def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipf
 
 
 def _check(entry: zipfile.ZipInfo) -> None:
-    path = PurePosixPath(entry.filename.replace("\\", "/"))
-    if path.is_absolute() or ".." in path.parts or ":" in path.parts[0]:
+    if leads_out(entry.filename):
         raise ArchiveError(
             f"archive: expected names inside of it, got {entry.filename[:80]!r}, which leads out of it; pack it again"
         )
-    if stat.S_ISLNK(entry.external_attr >> 16):
+    if is_link(entry):
         raise ArchiveError(f"archive: expected files, got a link, {entry.filename[:80]!r}; pack the images themselves")
-    if entry.flag_bits & _ENCRYPTED:
+    if is_encrypted(entry):
         raise ArchiveError(
             f"archive: expected files that can be read, got {entry.filename[:80]!r} encrypted; pack it without"
         )

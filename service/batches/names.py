@@ -23,6 +23,6 @@ def unique_names(given: Iterable[str]) -> list[str]:
 
 def _clean(name: str) -> str:
     printable = re.sub(r"[\x00-\x1f\x7f]", "", name).replace("\\", "/")
-    parts = [part.strip() for part in printable.split("/")]
-    kept = "/".join(part for part in parts if part not in ("", ".", ".."))
-    return kept[-_LONGEST_NAME:].lstrip("/") or "image"
+    # Cut before the parts are looked at: what is left of `photos..` could be `..`.
+    parts = [part.strip() for part in printable[-_LONGEST_NAME:].split("/")]
+    return "/".join(part for part in parts if part not in ("", ".", "..")) or "image"

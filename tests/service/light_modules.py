@@ -9,6 +9,7 @@ FOR_COMMANDS = frozenset(
         "core.options",
         "core.panorama",
         "core.panorama.image_header",
+        "core.zip_opening",
     }
 )
 FOR_THE_APPLICATION = FOR_COMMANDS | {

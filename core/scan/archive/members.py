@@ -1,12 +1,12 @@
 """What a zip archive announces, checked before a byte of it is unpacked."""
 
-import re
-import stat
 import zipfile
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 
 from core.errors import ScanContentError, ScanDamagedError
+from core.zip_opening import is_encrypted, is_link, leads_out
 
 MAX_MEMBERS = 10_000
 MAX_UNPACKED_BYTES = 64 << 30
@@ -14,7 +14,6 @@ MAX_RATIO = 200
 """Of unpacked to packed bytes, all files together: tables of numbers are packed to a tenth, empty ones to a thousandth."""
 _UNSUSPICIOUS_BYTES = 256 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_ENCRYPTED = 0x1
 _LOCAL_HEADER_BYTES = 30
 _CLUTTER = ("__macosx", "thumbs.db", "desktop.ini")
 
@@ -36,19 +35,16 @@ def checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zip
     _check_overlap(infos)
     names = [str(place).casefold() for _, place in members]
     if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+        twice, _ = Counter(names).most_common(1)[0]
         raise ScanDamagedError(f"The zip holds the file {twice[:100]!r} twice. Pack it again.")
     return [(info, place) for info, place in members if not _is_clutter(place)]
 
 
 def _place(info: zipfile.ZipInfo) -> PurePosixPath:
+    # As it is written, not as it is shown: zipfile cuts names at a zero byte.
     name = info.orig_filename.replace("\\", "/")
     place = PurePosixPath(name)
-    if not name or "\x00" in name or place.is_absolute() or re.match(r"[A-Za-z]:", name):
-        raise ScanDamagedError(
-            f"The zip holds a file with the absolute name {name[:100]!r}; expected names below the archive. Pack it again."
-        )
-    if ".." in place.parts:
+    if leads_out(name) or not place.parts:
         raise ScanDamagedError(
             f"The zip holds a file whose name leads out of the archive: {name[:100]!r}. Pack the scan again."
         )
@@ -57,9 +53,9 @@ def _place(info: zipfile.ZipInfo) -> PurePosixPath:
 
 def _check_kind(info: zipfile.ZipInfo) -> None:
     name = info.filename[:100]
-    if info.flag_bits & _ENCRYPTED:
+    if is_encrypted(info):
         raise ScanContentError(f"{name!r} in the zip is encrypted. Pack it without a password.")
-    if stat.S_ISLNK(info.external_attr >> 16):
+    if is_link(info):
         raise ScanDamagedError(f"{name!r} in the zip is a link to another file. Pack the file itself.")
     if info.compress_type not in _METHODS:
         raise ScanContentError(

@@ -1,5 +1,6 @@
 """Unpack a zip archive into a folder that is gone afterwards, whatever happens."""
 
+import errno
 import os
 import re
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from core.errors import ScanContentError, ScanDamagedError
 from core.scan.archive.members import checked_members
+from core.zip_opening import open_zip
 
 _PREFIX = "panoloc-zip-"
 _BLOCK_BYTES = 1 << 20
@@ -36,7 +38,7 @@ def unpacked(path: Path, report: Callable[[float], None]) -> Iterator[Path]:
 
 def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_zip(path) as archive:
             members = checked_members(archive, path.stat().st_size)
             total = sum(info.file_size for info, _ in members)
             free = shutil.disk_usage(folder).free - _SPARE_BYTES
@@ -67,6 +69,12 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
         ) from error
     except NotADirectoryError as error:
         raise ScanDamagedError(f"The zip uses the name of a file for a folder as well. {_PACK_AGAIN}") from error
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        raise ScanDamagedError(
+            "The zip holds a file with a longer name than the disk takes. Shorten it, pack the scan again and upload it again."
+        ) from error
 
 
 def _remove_remains() -> None:

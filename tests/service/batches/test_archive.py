@@ -150,4 +150,20 @@ def test_names_are_printable_inside_of_their_folder_and_each_once() -> None:
     ]
     long = "x" * 300 + ".jpg"
     assert len(unique_names([long])[0]) == 200
+    assert unique_names(["photos../" + "x" * 193 + ".jpg"]) == ["x" * 193 + ".jpg"]
     assert unique_names(["a-2.jpg", "a.jpg", "a.jpg"]) == ["a-2.jpg", "a.jpg", "a-3.jpg"]
+
+
+@pytest.mark.parametrize("name", [".", "./"])
+def test_a_name_that_is_no_name_is_no_image(name: str, tmp_path: Path) -> None:
+    images, _ = unpack_images(zip_named(tmp_path, {"a.jpg": b"1", name: b""}), spool(tmp_path), LIMITS)
+    assert [image.name for image in images] == ["a.jpg"]
+
+
+def test_a_zip_whose_list_of_files_would_fill_the_memory_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("core.zip_opening.MAX_LIST_BYTES", 1000)
+    many = zip_named(tmp_path, {f"{number}.jpg": b"" for number in range(50)})
+    with pytest.raises(ArchiveError, match=r"list of files takes .* pack fewer files"):
+        unpack_images(many, spool(tmp_path), LIMITS)

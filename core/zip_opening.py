@@ -1,0 +1,58 @@
+"""Opens zip archives of strangers: how long their list of files may be, and what no file in them may be. Needs no numpy."""
+
+import io
+import re
+import stat
+import struct
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+
+MAX_LIST_BYTES = 8 << 20
+"""Of the list of files at the end of an archive, which is read at once: each of its 46 bytes or more takes a kilobyte of memory."""
+_ENCRYPTED = 0x1
+
+
+@contextmanager
+def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open an archive for the duration of a block. Raises zipfile.BadZipFile for what is none, and where its list is too long."""
+    with _BoundedReads(io.FileIO(path)) as file, _opened(file) as archive:
+        yield archive
+
+
+def leads_out(name: str) -> bool:
+    """Tell whether a file of this name would lie outside of the folder that its archive is unpacked into."""
+    place = PurePosixPath(name.replace("\\", "/"))
+    return place.is_absolute() or ".." in place.parts or re.match("[A-Za-z]:", name) is not None or "\x00" in name
+
+
+def is_link(info: zipfile.ZipInfo) -> bool:
+    """Tell whether an entry is a link to another file."""
+    return stat.S_ISLNK(info.external_attr >> 16)
+
+
+def is_encrypted(info: zipfile.ZipInfo) -> bool:
+    """Tell whether an entry can only be read with a password."""
+    return bool(info.flag_bits & _ENCRYPTED)
+
+
+class _BoundedReads(io.BufferedReader):
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read bytes. Raises zipfile.BadZipFile for more than MAX_LIST_BYTES at once."""
+        # The list is read by its announced length; nothing else of an archive is asked for in one piece of this size.
+        if size is not None and size > MAX_LIST_BYTES:
+            raise zipfile.BadZipFile(
+                f"its list of files takes {size:,} bytes, more than the {MAX_LIST_BYTES:,} that are read; pack fewer files"
+            )
+        return super().read(size)
+
+
+def _opened(file: io.BufferedReader) -> zipfile.ZipFile:
+    try:
+        archive = zipfile.ZipFile(file)
+    except (ValueError, OverflowError, struct.error) as error:  # of offsets that no file has
+        raise zipfile.BadZipFile(str(error)) from error
+    if not all(info.filename for info in archive.infolist()):
+        raise zipfile.BadZipFile("a file in it has no name")
+    return archive

@@ -1,0 +1,71 @@
+"""Archives of strangers are opened within limits, and what no file in them may be is told in one place."""
+
+import struct
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
+
+
+def zip_at(path: Path, names: list[str]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in names:
+            archive.writestr(name, b"1")
+    return path
+
+
+def test_a_list_of_files_that_is_too_long_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = zip_at(tmp_path / "a.zip", [f"{number}.ply" for number in range(30)])
+    monkeypatch.setattr("core.zip_opening.MAX_LIST_BYTES", 1000)
+    with pytest.raises(zipfile.BadZipFile, match="list of files takes"), open_zip(path):
+        pass
+    monkeypatch.undo()
+    with open_zip(path) as archive:
+        assert len(archive.namelist()) == 30
+        assert archive.read("7.ply") == b"1"
+
+
+def test_a_file_without_a_name_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("a", b"1")
+        archive.infolist()[0].filename = ""
+    with pytest.raises(zipfile.BadZipFile, match="no name"), open_zip(tmp_path / "a.zip"):
+        pass
+
+
+def test_an_end_that_lies_is_no_zip(tmp_path: Path) -> None:
+    data = bytearray(zip_at(tmp_path / "a.zip", ["a"]).read_bytes())
+    end = data.rindex(b"PK\x05\x06")
+    data[end + 12 : end + 16] = struct.pack("<I", 0xFFFFFFF0)
+    (tmp_path / "b.zip").write_bytes(data)
+    with pytest.raises(zipfile.BadZipFile), open_zip(tmp_path / "b.zip"):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "leads"),
+    [
+        ("a/b.ply", False),
+        ("a..b/c.ply", False),
+        ("../b.ply", True),
+        ("a/../../b.ply", True),
+        ("a\\..\\b.ply", True),
+        ("/b.ply", True),
+        ("\\\\host\\b.ply", True),
+        ("C:b.ply", True),
+        ("a\x00b.ply", True),
+    ],
+)
+def test_names_that_lead_out_are_told(name: str, leads: bool) -> None:
+    assert leads_out(name) is leads
+
+
+def test_links_and_locked_files_are_told() -> None:
+    info = zipfile.ZipInfo("a")
+    assert not is_link(info)
+    assert not is_encrypted(info)
+    info.external_attr, info.flag_bits = 0o120777 << 16, 0x1
+    assert is_link(info)
+    assert is_encrypted(info)
