@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 
 from core.errors import ExportRefusedError
 from core.options import ExportFormat
+from core.scan.format_detection import detect_format
 from service.batches.record import BatchRecord, Result, image_key
 from service.batches.tour import TourDocument, maps_of
 from service.errors import ExportFailedError, StoredFileMissingError
@@ -95,17 +96,15 @@ def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
 
 
 def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
-    """Return the scan itself where it is an E57 whose frame is that of the map."""
+    """Return the scan itself where it is an E57, whatever its name says, whose frame is that of the map."""
     serving = None if place is None else place.serving
-    if serving is None or Path(serving.scan_key).suffix.lower() != ".e57":
-        return None
-    scan = serving.options.scan
-    if scan.unit != "m" or scan.up_axis != "z":
+    if serving is None or serving.options.scan.unit != "m" or serving.options.scan.up_axis != "z":
         return None
     try:
-        return stack.enter_context(storage.local_copy(serving.scan_key, checked=False))
+        scan = stack.enter_context(storage.local_copy(serving.scan_key, checked=False))
     except StoredFileMissingError:
         return None
+    return scan if detect_format(scan, None)[0] == "e57" else None
 
 
 async def _run(module: str, *arguments: str) -> None:

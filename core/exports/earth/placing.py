@@ -24,11 +24,13 @@ def on_earth(tour: Tour) -> Iterator[tuple[PlacedPhoto, EarthPose, PhotoAngles]]
 
 
 def grid_of(tour: Tour) -> int | None:
-    """Return the EPSG code of the map's own axes, None where they have none."""
+    """Return the EPSG code of the map's own axes, None where they have none, or where its unit is not the metre of the map."""
     if tour.georeference is not None or tour.coordinate_system is None:
         return None
     code = _EPSG.match(tour.coordinate_system)
-    return None if code is None else int(code[1])
+    if code is None or coordinate_system(tour.coordinate_system).metres_per_unit != 1.0:
+        return None
+    return int(code[1])
 
 
 def coordinates(place: EarthPose) -> list[float]:

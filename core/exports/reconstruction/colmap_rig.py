@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageOps
 
 from core.exports.axes import cam_from_world
 from core.exports.reconstruction.colmap import points_of, pose_text, table
@@ -99,7 +99,8 @@ def _image_name(photo: PlacedPhoto, face: str) -> str:
 
 def _cut(photo: PlacedPhoto) -> Iterator[ExportedFile]:
     with Image.open(photo.image) as opened:  # type: ignore[arg-type]
-        colors = np.asarray(opened.convert("RGB"))
+        # The pose is that of the photo as EXIF turns it, and so is its size.
+        colors = np.asarray(ImageOps.exif_transpose(opened).convert("RGB"))
     for face in FACES:
         out = io.BytesIO()
         Image.fromarray(cut_face(colors, face_size(photo), face)).save(out, "JPEG", quality=_QUALITY)

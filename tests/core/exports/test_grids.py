@@ -21,6 +21,8 @@ from tests.core.exports.tours import GOLDEN, golden_tour, written
 UTM = "EPSG:25832"
 AT = np.array([291_250.25, 5_612_480.5, 212.75])
 """Near the western edge of the zone, where its north is off by two degrees."""
+NEW_YORK = np.array([300_000.0, 61_000.0, 12.0])
+"""Metres; the grid itself counts US survey feet."""
 
 
 def utm_tour(folder: Path, system: str = UTM) -> Tour:
@@ -77,6 +79,19 @@ def test_arcgis_has_the_code_of_the_grid_and_its_angles(tmp_path: Path) -> None:
     assert [float(row[axis]) for axis in "XYZ"] == AT.tolist()
     angles = [float(row[f"Camera{name}"]) for name in ("Heading", "Pitch", "Roll")]
     assert angles == pytest.approx([37.5, 77.75, 4.75])
+
+
+def test_a_grid_in_feet_is_written_in_wgs_84_because_positions_are_in_metres(tmp_path: Path) -> None:
+    tour = utm_tour(tmp_path, "EPSG:2263")
+    tour = replace(tour, photos=(replace(tour.photos[0], map_from_camera=Pose(GOLDEN.rotation, NEW_YORK)),))
+    table = written("arcgis", tour, tmp_path / "arcgis") / "oriented_imagery.csv"
+    (row,) = csv.DictReader(table.read_text().splitlines())
+    to_earth = Transformer.from_crs("EPSG:2263", "EPSG:4326", always_xy=True)
+    expected = to_earth.transform(*(NEW_YORK[:2] * 3937 / 1200))
+    assert row["SRS"] == "4326"
+    assert (float(row["X"]), float(row["Y"])) == pytest.approx(expected, abs=1e-9)
+    assert "pers:crs" not in feature("stac", "items.json", tour, tmp_path)["properties"]
+    assert north_of("arcgis", tour) == "true"
 
 
 def test_a_grid_without_a_code_is_written_in_wgs_84(tmp_path: Path) -> None:

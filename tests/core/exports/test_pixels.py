@@ -1,6 +1,7 @@
 """A point of the map lands on its pixel by the projection of each target itself."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,17 @@ def test_three_js_draws_a_point_in_the_middle_of_a_gltf_camera_that_looks_at_it(
     seen = world + 2 * np.cross(vector, np.cross(vector, world) + w * world)
     np.testing.assert_allclose(seen / np.linalg.norm(seen), [0, 0, -1], atol=1e-9)
     np.testing.assert_allclose(GL @ [1, 0, 0], [0, 0, -1])
+
+
+def test_the_faces_of_a_photo_that_exif_turns_are_those_of_the_turned_photo(tmp_path: Path) -> None:
+    golden = golden_tour(tmp_path)
+    upright = Image.open(tmp_path / "pano.jpg").convert("RGB")
+    exif = Image.Exif()
+    exif[0x0112] = 3  # half a turn
+    shown = {}
+    for name, picture, tag in (("upright", upright, None), ("turned", upright.rotate(180), exif)):
+        picture.save(tmp_path / f"{name}.png", **({} if tag is None else {"exif": tag}))
+        tour = replace(golden, photos=(replace(golden.photos[0], image=tmp_path / f"{name}.png"),))
+        folder = written("colmap-rig", tour, tmp_path / name)
+        shown[name] = (folder / "images" / "front" / "pano_jpg.jpg").read_bytes()
+    assert shown["turned"] == shown["upright"]

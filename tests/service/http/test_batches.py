@@ -18,7 +18,7 @@ from service.host.embedded_redis import EmbeddedRedis
 from service.http.schemas import Batch
 from service.jobs import PoolState
 from tests.service.http.fake_pool import no_worker
-from tests.service.http.running_service import RunningService, png_of, running_service
+from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
 
 pytestmark = pytest.mark.anyio
 
@@ -262,6 +262,12 @@ async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: 
         assert found.root["data3D"][0]["name"].value() == name
         assert found.root["images2D"][0]["name"].value() == "a.png"
         found.close()
+    # A name alone makes no E57.
+    map_id = (await running.upload(SCAN, "room.e57")).json()["id"]
+    await running.settled(map_id)
+    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
+    await done(running, batch_id)
+    assert (await export(running, batch_id, "e57")).namelist()[0] == "tour.e57"
 
 
 @pytest.mark.parametrize(
