@@ -21,12 +21,15 @@ from service.metrics import Metrics
 from service.settings import Settings
 from service.storage import Storage
 
+_MOST_EXPORTS = 2
+
 
 @dataclass
 class Services:
     """The collaborators of one application.
 
-    started: whether start-up is over, so that requests can be served. began: monotonic seconds.
+    started: whether start-up is over, so that requests can be served. began: monotonic seconds. export_turns: held while an export is
+    written, which takes a process of its own and much of a processor.
     """
 
     settings: Settings
@@ -44,6 +47,7 @@ class Services:
     wrong_keys: WrongKeys
     started: bool = False
     began: float = field(default_factory=time.monotonic)
+    export_turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_MOST_EXPORTS))
     _watch: asyncio.Task[None] | None = None
 
     @classmethod

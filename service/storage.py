@@ -179,8 +179,9 @@ class FolderStorage:
         """Remove unfinished uploads, deletions and writes."""
         for leftover in (self._spool, self._trash, *self._folder.glob("deleted-*")):
             shutil.rmtree(leftover, ignore_errors=True)
-        for unfinished in (self._folder / "maps").rglob(".*.tmp"):
-            unfinished.unlink(missing_ok=True)
+        for kept in ("maps", "batches"):
+            for unfinished in (self._folder / kept).rglob(".*.tmp"):
+                unfinished.unlink(missing_ok=True)
 
     def _has_trash(self) -> bool:
         with contextlib.suppress(OSError):

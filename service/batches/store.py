@@ -32,6 +32,7 @@ class BatchStore:
         self._records: dict[str, BatchRecord] = {}
         self._statuses: dict[str, dict[int, str]] = {}
         self._all_known: set[str] = set()
+        self._num_coming = 0
         self._num_done: dict[str, int] = {}
         self._reading = asyncio.Lock()
 
@@ -65,18 +66,26 @@ class BatchStore:
 
     def check_room(self) -> None:
         """Raise BatchLimitError when there are as many batches as allowed."""
-        if len(self._records) >= self._max_batches:
+        if len(self._records) + self._num_coming >= self._max_batches:
             raise BatchLimitError(
                 f"expected fewer than {self._max_batches} batches (PANOLOC_MAX_BATCHES), got as many; delete one you do not need"
             )
 
     async def add(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
-        """Take over the images, each with its SHA-256, and store the batch durably. Raises OSError, and leaves nothing behind then."""
+        """Take over the images, each with its SHA-256, and store the batch durably.
+
+        Raises OSError and BatchLimitError, and leaves nothing behind then.
+        """
+        # Again: others may have come while this one was uploaded.
+        self.check_room()
+        self._num_coming += 1
         try:
             await _to_the_end(self._adopt, record, images)
         except BaseException:
             await _to_the_end(self._storage.delete_all, folder_of(record.id))
             raise
+        finally:
+            self._num_coming -= 1
         self._records[record.id] = record
         self._num_done[record.id] = 0
 

@@ -244,7 +244,10 @@ def test_tidying_removes_what_a_crash_left_and_nothing_else(storage: FolderStora
     storage.put("maps/m/1/scan.ply", b"a scan")
     (storage.spool_folder() / "half").write_bytes(b"half")
     (tmp_path / "trash" / "gone").mkdir(parents=True)
+    storage.replace("batches/b/results/00000.json", b"{}")
+    (tmp_path / "batches" / "b" / "results" / ".00001.json.0f.tmp").write_bytes(b"{")
     storage.tidy()
+    assert [entry.name for entry in (tmp_path / "batches" / "b" / "results").iterdir()] == ["00000.json"]
     assert storage.read("maps/m/1/scan.ply") == b"a scan"
     assert not (tmp_path / "uploads").exists()
     assert not (tmp_path / "trash").exists()

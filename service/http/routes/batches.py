@@ -75,10 +75,11 @@ async def get_export(
     """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
     services = services_of(request)
     record = services.batches.get(batch_id)
-    results = await services.batches.results(batch_id, range(len(record.names)))
-    request_of = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
-    place = services.registry.has(request_of.map_id) and services.registry.get(request_of.map_id)
-    file = await open_export(services.storage, request_of, place or None)
+    async with services.export_turns:
+        results = await services.batches.results(batch_id, range(len(record.names)))
+        request_of = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
+        place = services.registry.has(request_of.map_id) and services.registry.get(request_of.map_id)
+        file = await open_export(services.storage, request_of, place or None)
     headers = {
         "Content-Disposition": f'attachment; filename="{batch_id}-{format}.zip"',
         "Content-Length": str(os.fstat(file.fileno()).st_size),

@@ -107,11 +107,11 @@ def test_three_js_draws_a_point_in_the_middle_of_a_gltf_camera_that_looks_at_it(
 def test_the_faces_of_a_photo_that_exif_turns_are_those_of_the_turned_photo(tmp_path: Path) -> None:
     golden = golden_tour(tmp_path)
     upright = Image.open(tmp_path / "pano.jpg").convert("RGB")
-    exif = Image.Exif()
-    exif[0x0112] = 3  # half a turn
     shown = {}
-    for name, picture, tag in (("upright", upright, None), ("turned", upright.rotate(180), exif)):
-        picture.save(tmp_path / f"{name}.png", **({} if tag is None else {"exif": tag}))
+    for name, picture, orientation in (("upright", upright, 1), ("turned", upright.rotate(180), 3)):
+        exif = Image.Exif()
+        exif[0x0112] = orientation
+        picture.save(tmp_path / f"{name}.png", exif=exif)
         tour = replace(golden, photos=(replace(golden.photos[0], image=tmp_path / f"{name}.png"),))
         folder = written("colmap-rig", tour, tmp_path / name)
         shown[name] = (folder / "images" / "front" / "pano_jpg.jpg").read_bytes()

@@ -325,3 +325,37 @@ async def test_limits_of_batches_and_of_their_images_are_named(
         assert (await post(running, map_id, ["a.png"])).status_code == 202
         reply = await post(running, map_id, ["a.png"])
         assert (reply.status_code, "PANOLOC_MAX_BATCHES" in reply.text) == (409, True)
+
+
+async def test_uploads_at_the_same_time_make_no_more_batches_than_allowed(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+) -> None:
+    async with running_service(tmp_path, redis_server.url, max_batches=2) as running:
+        map_id = await running.ready_map()
+        replies = await asyncio.gather(*(post(running, map_id, ["a.png"]) for _ in range(5)))
+        assert sorted(reply.status_code for reply in replies) == [202, 202, 409, 409, 409]
+        assert len(list(tmp_path.glob("batches/*"))) == 2
+        assert not list(tmp_path.glob("uploads/*"))
+
+
+async def test_no_more_than_two_exports_are_written_at_the_same_time(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    map_id = await running.ready_map()
+    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
+    await done(running, batch_id)
+    under_way, most = 0, 0
+
+    async def counted(module: str, tour: str, name: str, target: str) -> None:
+        nonlocal under_way, most
+        under_way += 1
+        most = max(most, under_way)
+        await asyncio.sleep(0.05)
+        Path(target).write_bytes(b"zip")
+        under_way -= 1
+
+    monkeypatch.setattr("service.batches.export._run", counted)
+    path = f"/batches/{batch_id}/export?format=tum"
+    replies = await asyncio.gather(*(running.client.get(path) for _ in range(5)))
+    assert [reply.content for reply in replies] == [b"zip"] * 5
+    assert most == 2
