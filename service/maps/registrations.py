@@ -49,6 +49,8 @@ class Registrations:
         self._metrics = metrics
         self._limits = limits
         self._stopping = False
+        # Whose attempt is counted and has not ended.
+        self._attempting: set[MapRef] = set()
         self._room_pause_s = _ROOM_PAUSE_S
         self.waiting_for_room: set[MapRef] = set()
         self._running: dict[MapRef, asyncio.Task[None]] = {}
@@ -151,9 +153,11 @@ class Registrations:
                 _log.warning("a registration is tried again", attempt=attempt, error=str(error))
                 await asyncio.sleep(min(error.retry_after_s * max(1, attempt), _LONGEST_PAUSE_S))
             except asyncio.CancelledError:
-                if self._stopping:
+                if self._stopping and ref in self._attempting:
                     await _to_the_end(self._count_attempt(ref, -1))
                 raise
+            finally:
+                self._attempting.discard(ref)
 
     async def _begin_attempt(self, ref: MapRef) -> None:
         """Note that a registration begins, before it can end the service. Raises RegistrationLimitError after too many."""
@@ -162,6 +166,7 @@ class Registrations:
                 f"expected a map after {MAX_ATTEMPTS} attempts at most, but the service ended during each; upload a smaller scan, or "
                 "one in another format"
             )
+        self._attempting.add(ref)
         await self._count_attempt(ref, 1)
 
     async def _count_attempt(self, ref: MapRef, step: int) -> None:

@@ -107,6 +107,17 @@ def test_neither_a_wait_for_others_nor_an_orderly_stop_is_an_attempt(tmp_path: P
     run(scenario())
 
 
+def test_an_orderly_stop_takes_back_no_attempt_that_had_not_begun(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        await killed(Service(tmp_path, Pool()))
+        service = Service(tmp_path, Pool(busy=True))
+        await service.begin()
+        await service.registrations.stop()
+        assert service.newest.num_attempts == 1
+
+    run(scenario())
+
+
 def test_a_registration_whose_process_keeps_dying_is_tried_so_often_and_no_more(tmp_path: Path) -> None:
     async def scenario() -> None:
         pool = Pool(fails=True)
