@@ -5,6 +5,7 @@ What cannot be written in a format is said on standard error in one line, with e
 
 import shutil
 import sys
+import tempfile
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -24,6 +25,9 @@ def main(arguments: list[str]) -> int:
     if name not in EXPORTERS:
         print(f"expected one of {', '.join(EXPORTERS)}, got {name}", file=sys.stderr)
         return REFUSED
+    if target.suffix == ".zip":
+        # Beside it: the system's own folder may be memory, as in a container.
+        tempfile.tempdir = str(target.parent)
     try:
         files = export(name, read_tour(tour))
         (write_zip if target.suffix == ".zip" else write_folder)(files, target)

@@ -1,5 +1,6 @@
 """Read a scan of any known format into a bounded, coloured point cloud in metres, z up."""
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,11 +12,15 @@ from core.scan.single_file import read_file
 
 
 def read_scan(
-    path: Path, options: ScanOptions | None = None, progress: Callable[[float], None] | None = None
+    path: Path,
+    options: ScanOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+    temporary: Callable[[], Path] | None = None,
 ) -> PointCloud:
     """Read the scan at `path`, thin it to `options.max_points_used` and bring it to metres, z up.
 
-    progress: called with 0..1 after every chunk; whatever it raises passes through.
+    progress: called with 0..1 after every chunk; whatever it raises passes through. temporary: returns the folder in which archives are
+    unpacked, asked for one alone; the system's own when not given.
 
     Raises ScanFormatError, ScanDamagedError or ScanContentError with what was expected, what came and what to do.
     """
@@ -24,4 +29,6 @@ def read_scan(
     report = progress or (lambda fraction: None)
     report(0.0)
     name, _ = detect_format(path, options.format)
-    return (read_archive if name == "zip" else read_file)(path, options, report)
+    if name != "zip":
+        return read_file(path, options, report)
+    return read_archive(path, options, report, temporary() if temporary else Path(tempfile.gettempdir()))

@@ -38,6 +38,10 @@ class MapCatalog:
         """
         return self._storage.local_copy(job.scan_key)
 
+    def temporary_folder(self) -> Path:
+        """Return a folder on the disk of the scans, where there is room for what they hold packed; the system's own may be memory."""
+        return self._storage.spool_folder()
+
     def stored_index(self, map_ref: MapRef, digest: str) -> bytes | None:
         """Return the copy of an encoded index, None without one that is whole. digest: of the configuration, hexadecimal."""
         try:

@@ -97,7 +97,9 @@ class Registrar:
             # The pool looks after the time of a registration; this also ends a rebuild that computes for ever.
             self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
-            cloud = read_scan(path, reading, lambda share: progress.report("reading", share))
+            cloud = read_scan(
+                path, reading, lambda share: progress.report("reading", share), self._catalog.temporary_folder
+            )
         return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:

@@ -26,12 +26,12 @@ _COMPANIONS = {
 _OF_THE_WHOLE = {"large_coordinates", "suspicious_extent"}
 
 
-def read_archive(path: Path, options: ScanOptions, report: Callable[[float], None]) -> PointCloud:
-    """Read all scans of the archive at `path`, each with its own reader, in one frame.
+def read_archive(path: Path, options: ScanOptions, report: Callable[[float], None], temporary: Path) -> PointCloud:
+    """Read all scans of the archive at `path`, unpacked below `temporary`, each with its own reader, in one frame.
 
     Raises as `core.scan.reading.read_scan` does; errors of a scan begin with the name of its file.
     """
-    with unpacked(path, lambda share: report(_SHARE_OF_UNPACKING * share)) as folder:
+    with unpacked(path, lambda share: report(_SHARE_OF_UNPACKING * share), temporary) as folder:
         scans = _scans_in(folder)
         if len(scans) == 1:
             return _read_member(scans[0], folder, options, _part(report, 0, 1))

@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import shutil
+import socket
 import tempfile
 import zipfile
 import zlib
@@ -22,13 +23,13 @@ _PACK_AGAIN = "The archive is damaged or was cut short: pack the scan again and 
 
 
 @contextmanager
-def unpacked(path: Path, report: Callable[[float], None]) -> Iterator[Path]:
-    """Unpack the archive at `path` for the duration of a block; yields the folder. report: called with 0..1.
+def unpacked(path: Path, report: Callable[[float], None], temporary: Path) -> Iterator[Path]:
+    """Unpack the archive at `path` below `temporary` for the duration of a block; yields the folder. report: called with 0..1.
 
     Raises ScanDamagedError and ScanContentError.
     """
-    _remove_remains()
-    folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
+    _remove_remains(temporary)
+    folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{socket.gethostname()}-{os.getpid()}-", dir=temporary))
     try:
         _unpack(path, folder, report)
         yield folder
@@ -77,10 +78,10 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
         ) from error
 
 
-def _remove_remains() -> None:
-    """Remove folders of processes that were killed while they read."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
-        match = re.match(rf"{_PREFIX}(\d+)-", folder.name)
+def _remove_remains(temporary: Path) -> None:
+    """Remove folders of processes of this machine that were killed while they read."""
+    for folder in temporary.glob(f"{_PREFIX}*"):
+        match = re.match(rf"{_PREFIX}{re.escape(socket.gethostname())}-(\d+)-", folder.name)
         if match and not _is_alive(int(match.group(1))):
             shutil.rmtree(folder, ignore_errors=True)
 

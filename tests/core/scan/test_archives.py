@@ -1,6 +1,7 @@
 """A zip holds a scan with its companions, or several scans in one frame; what would do harm is refused."""
 
 import io
+import socket
 import struct
 import zipfile
 from collections.abc import Callable
@@ -231,7 +232,7 @@ def test_encrypted_files_are_told_so(cloud: PointCloud, scan_file: ScanFile) -> 
 
 
 def test_what_a_killed_process_left_is_removed(cloud: PointCloud, scan_file: ScanFile, nothing_remains: Path) -> None:
-    remains = nothing_remains / "panoloc-zip-999999999-abc"
+    remains = nothing_remains / f"panoloc-zip-{socket.gethostname()}-999999999-abc"
     remains.mkdir()
     (remains / "scan.ply").write_bytes(b"x")
     read_scan(scan_file("s.zip", zip_of({"a.ply": encode_ply(cloud)})))
@@ -247,3 +248,19 @@ def test_a_mesh_beside_a_table_is_read_apart(scan_file: ScanFile) -> None:
 def test_a_name_longer_than_the_disk_takes_is_said(scan_file: ScanFile) -> None:
     with pytest.raises(ScanDamagedError, match="longer name than the disk takes"):
         read_scan(scan_file("scans.zip", zip_of({f"{'a' * 300}.ply": b"ply"})))
+
+
+def test_an_archive_is_unpacked_where_the_caller_has_room(
+    cloud: PointCloud, scan_file: ScanFile, nothing_remains: Path, tmp_path: Path
+) -> None:
+    roomy = tmp_path / "roomy"
+    roomy.mkdir()
+    seen: set[int] = set()
+
+    def look(_: float) -> None:
+        seen.add(len(list(roomy.iterdir())))
+        assert not list(nothing_remains.iterdir())
+
+    read_scan(scan_file("s.zip", zip_of({"a.ply": encode_ply(cloud)})), FEW, look, lambda: roomy)
+    assert max(seen) == 1
+    assert not list(roomy.iterdir())

@@ -32,6 +32,7 @@ from service.worker.localization_worker import LocalizationWorker
 from service.worker.map_catalog import MapCatalog
 from service.worker.plan import WorkerSettings
 from service.worker.registrar import Registrar
+from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
 OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 1.5))
@@ -256,6 +257,16 @@ def test_a_scan_that_changed_on_disk_is_not_registered(place: Place) -> None:
     reply = place.registrar.register(place.job)
     assert reply.failure is not None
     assert reply.failure.kind == "StoredFileDamagedError"
+
+
+@pytest.mark.slow
+def test_a_zip_is_unpacked_on_the_disk_of_the_scans(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    storage = FolderStorage(place.folder / "data")
+    storage.put(key_of(MAP, "scan.zip"), zip_of({"box.ply": storage.read(place.job.scan_key)}))
+    monkeypatch.setattr("tempfile.tempdir", str(place.folder / "no such folder"))
+    job = replace(place.job, scan_key=key_of(MAP, "scan.zip"), scan_name="box.zip")
+    assert place.registrar.register(job).failure is None
+    assert storage.names("uploads") == []
 
 
 @pytest.mark.parametrize("lack", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: 9 bytes")])
