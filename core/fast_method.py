@@ -6,6 +6,7 @@ search all starts and rotations → refine coarsely on what the start sees → j
 Each judgement discards candidates, so that the costly steps see few of them.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ import torch
 from core.config import LocalizerConfig, StepConfig, StoppingRule
 from core.describe.spherical_patches import PatchGrid
 from core.index.map_index import MapIndex
+from core.judge.confidence import ConfidenceModel
 from core.judge.hypotheses import (
     Hypothesis,
     MethodResult,
@@ -21,9 +23,11 @@ from core.judge.hypotheses import (
     by_score,
     merged,
     stacked_poses,
+    with_close_rival,
     with_refined,
     within_margin,
 )
+from core.judge.verdict import verdict
 from core.options import Hints
 from core.panorama.image_level import ImageLevel
 from core.panorama.panorama import Panorama
@@ -31,19 +35,21 @@ from core.panorama.photo_atlas import shown_share
 from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery, by_colors, prepare_queries
+from core.prepared_query import MapQuery, by_colors, prepare_queries, within_limits
 from core.refine.refinement import CandidatePoints, joined, refine
 from core.refine.rig_level import RigLevel
 from core.search.map_search import MapCandidates, SearchRotations, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
+from core.search.pose_limits import PoseLimits
 from core.stage_clock import StageClock
+from core.views.comparison import Comparison
 
 
 class FastMethod:
     """Holds what does not change between queries: configuration and rotations."""
 
-    def __init__(self, config: LocalizerConfig, device: torch.device) -> None:
-        self.config = config
+    def __init__(self, config: LocalizerConfig, device: torch.device, confidence: ConfidenceModel) -> None:
+        self.config, self.confidence = config, confidence
         grid = PatchGrid(config.descriptors.patch_rows, config.descriptors.patch_columns)
         self.rotations = make_search_rotations(config.search, grid, device)
 
@@ -56,49 +62,81 @@ class FastMethod:
         """
         if isinstance(query, Session):
             config = self.config.for_photos(shown_share(query))
-            return _Run(config, self.rotations, clock).run(query, maps, hints)
-        return _Run(self.config, self.rotations, clock).run(query, maps, hints)
+            return _Run(config, self.rotations, self.confidence, clock).run(query, maps, hints)
+        return _Run(self.config, self.rotations, self.confidence, clock).run(query, maps, hints)
 
 
 class _Run:
     """One query on its way through the steps."""
 
-    def __init__(self, config: LocalizerConfig, rotations: SearchRotations, clock: StageClock) -> None:
-        self.config, self.rotations, self.clock = config, rotations, clock
+    def __init__(
+        self, config: LocalizerConfig, rotations: SearchRotations, confidence: ConfidenceModel, clock: StageClock
+    ) -> None:
+        self.config, self.rotations, self.confidence, self.clock = config, rotations, confidence, clock
 
     def run(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> MethodResult:
         """Take the steps."""
-        sizes, judge, clock = self.config.refinement, self.config.judge, self.clock
+        judge, clock = self.config.judge, self.clock
         with clock.stage("prepare"):
-            queries = prepare_queries(query, maps, hints, sizes.finest_height, self.config)
-        with clock.stage("search"):
-            found = self._search(queries)
-            hypotheses = self._candidates(queries, found)
-        with clock.stage("refine"):
-            hypotheses = self._refine_on_starts(queries, hypotheses)
-        with clock.stage("judge"):
-            judged = self._judge(queries, merged(hypotheses, judge.merged), judge.first_height)
-            hypotheses = within_margin(judged, sizes.middle_candidates, sizes.middle_margin, judge.place)
+            queries = prepare_queries(query, maps, hints, self.config.refinement.finest_height, self.config)
+        num_starts, num_poses, judged = 0, 0, list[Hypothesis]()
+        searches = self._search_limits(queries)
+        for number, searched in enumerate(searches, start=1):
+            with clock.stage("search"):
+                found = self._search(queries, searched)
+                hypotheses = self._candidates(queries, found, is_last=number == len(searches))
+            num_starts = max(num_starts, sum(part.num_starts for part in found))
+            num_poses += sum(part.num_poses for part in found)
+            with clock.stage("refine"):
+                hypotheses = self._refine_on_starts(queries, hypotheses)
+            with clock.stage("judge"):
+                merged_ones = merged(hypotheses, judge.merged)
+                judged = by_score([*judged, *self._judge(queries, merged_ones, judge.first_height)], judge.distinct)
+            hypotheses, comparison = self._finish(queries, judged)
+            if self._is_sure(hypotheses):
+                break
+        cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
+        return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses)
+
+    def _finish(
+        self, queries: Sequence[MapQuery], judged: Sequence[Hypothesis]
+    ) -> tuple[list[Hypothesis], Comparison | None]:
+        """Refine the best of the poses judged on what they see, and the best of these fully; return them, best first, and how
+        the scan compares at the best."""
+        sizes, judge, clock = self.config.refinement, self.config.judge, self.clock
+        hypotheses = within_margin(judged, sizes.middle_candidates, sizes.middle_margin, judge.place)
         with clock.stage("refine"):
             hypotheses = self._refine_on_poses(queries, hypotheses)
         with clock.stage("judge"):
             hypotheses = [h for h in self._judge(queries, hypotheses, judge.height) if queries[h.map_number].allows(h)]
         with clock.stage("refine"):
-            close = within_margin(hypotheses, sizes.fine_candidates, sizes.fine_margin)
+            close = with_close_rival(hypotheses, sizes.fine_candidates, sizes.fine_margin, judge.place)
             fine = [self._refine_fully(queries[h.map_number], h) for h in close]
         with clock.stage("judge"):
             allowed = [queries[h.map_number].judge_alone(h) for h in fine if queries[h.map_number].allows(h)]
             finals = sorted(allowed, key=lambda final: -final[0].score)
             best = [h for h, _ in finals]
-            others = self._judge_rival(queries, best, self._with_rival(best, hypotheses[len(close) :], judged))
-        comparison = finals[0][1] if finals else None
-        cloud = queries[best[0].map_number].cloud if best else None
-        num_starts, num_poses = sum(part.num_starts for part in found), sum(part.num_poses for part in found)
-        return MethodResult([*best, *others], comparison, cloud, num_starts, num_poses)
+            left = [h for h in hypotheses if all(h is not other for other in close)]
+            others = self._judge_rival(queries, best, self._with_rival(best, left, judged))
+        return [*best, *others], finals[0][1] if finals else None
 
-    def _search(self, queries: Sequence[MapQuery]) -> list[MapCandidates]:
-        """Search every map."""
-        maps, limits = [query.index for query in queries], [query.limits for query in queries]
+    def _search_limits(self, queries: Sequence[MapQuery]) -> list[list[PoseLimits]]:
+        """Return the limits of one search of all maps after the other: of photos first those that cameras held level leave."""
+        limits, tilt = [query.limits for query in queries], math.radians(self.config.photo_search.level_tilt_deg)
+        if not any(isinstance(q.picture, PreparedPhotos) and q.limits.leaves_tilts_beyond(tilt) for q in queries):
+            return [limits]
+        return [[replace(limit, max_tilt=tilt) for limit in limits], limits]
+
+    def _is_sure(self, hypotheses: Sequence[Hypothesis]) -> bool:
+        """Return whether the best hypothesis leaves nothing to search for."""
+        if not hypotheses:
+            return False
+        found = verdict(hypotheses, self.confidence, self.config.judge)
+        return found.status == "localized" and found.confidences[0] >= self.config.photo_search.sure
+
+    def _search(self, queries: Sequence[MapQuery], limits: Sequence[PoseLimits]) -> list[MapCandidates]:
+        """Search every map within its limits."""
+        maps = [query.index for query in queries]
         pictures = [query.picture for query in queries]
         photos = [picture.described() for picture in pictures if isinstance(picture, PreparedPhotos)]
         if photos:
@@ -106,8 +144,10 @@ class _Run:
         panoramas = [p.described(self.config.descriptors) for p in pictures if isinstance(p, PreparedPanorama)]
         return search_maps(panoramas, maps, self.rotations, limits, self.config.search)
 
-    def _candidates(self, queries: Sequence[MapQuery], found: Sequence[MapCandidates]) -> list[Hypothesis]:
-        """Return the best candidates over all maps."""
+    def _candidates(
+        self, queries: Sequence[MapQuery], found: Sequence[MapCandidates], is_last: bool
+    ) -> list[Hypothesis]:
+        """Return the best candidates over all maps; fewer where another search may follow."""
         hypotheses = []
         for query, part in zip(queries, found, strict=True):
             columns = part.candidates.scores, part.candidates.starts, part.candidates.rotations
@@ -115,7 +155,8 @@ class _Run:
                 pose = part.rotations[turn], query.index.starts[start]
                 hypotheses.append((score, Hypothesis(query.number, start, *pose)))
         hypotheses.sort(key=lambda scored: -scored[0])
-        return [hypothesis for _, hypothesis in hypotheses[: self.config.search.num_candidates]]
+        count = self.config.search.num_candidates if is_last else self.config.photo_search.level_candidates
+        return [hypothesis for _, hypothesis in hypotheses[:count]]
 
     def _refine_on_starts(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine on what the starts see, at half the rows of a view and at all of them."""
@@ -126,7 +167,7 @@ class _Run:
                 level = picture.canonical_level(height, sizes.contrast_share, blur=coarse)
                 points = joined([queries[number].points_from_starts(part, coarse) for number, part in by_map(group)])
                 group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, self._rough_step())
-            refined += group
+            refined += within_limits(queries, group)
         return refined
 
     def _refine_on_poses(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -138,6 +179,7 @@ class _Run:
                 level = picture.canonical_level(rows, sizes.contrast_share)
                 step = replace(self.config.step, robust_scale=scale)
                 group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
+                group = within_limits(queries, group)
             refined += group
         return refined
 
@@ -160,7 +202,7 @@ class _Run:
             points = query.full_points(hypothesis, comparison, count)
             level = query.picture.level_for(comparison, height, share)
             (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop)
-        return hypothesis
+        return query.within_limits(hypothesis)
 
     def _refine(
         self,

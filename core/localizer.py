@@ -13,9 +13,10 @@ from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement_by_photo
 from core.judge.change_maps import ChangeMaps, change_maps
-from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, load_confidence_model
-from core.judge.hypotheses import Hypothesis, MethodResult, distinct
-from core.options import MAX_TOP_K, Hints, Method, Status
+from core.judge.confidence import error_radii, formal_radii, load_confidence_model
+from core.judge.hypotheses import Hypothesis, MethodResult
+from core.judge.verdict import verdict
+from core.options import MAX_TOP_K, Hints, Method
 from core.panorama.panorama import Panorama
 from core.panorama.session import Photo, Session, left_out, session_from_rig
 from core.panorama.session_sphere import session_on_sphere
@@ -38,9 +39,9 @@ class Localizer:
     def __init__(self, config: LocalizerConfig | None = None, device: str | None = None) -> None:
         self.config = config or LocalizerConfig()
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        self._fast = FastMethod(self.config, self.device)
-        self._paper = PaperMethod(self.config, self.device)
         self._confidence = load_confidence_model()
+        self._fast = FastMethod(self.config, self.device, self._confidence)
+        self._paper = PaperMethod(self.config, self.device)
 
     def localize(
         self,
@@ -95,9 +96,10 @@ class Localizer:
             )
             return Localization("not_localized", search, clock.timings_s, warnings=(warning,))
         with clock.stage("confidence"):
-            places = distinct(result.hypotheses, self.config.judge.place)
-            candidates = [self._candidate(h, places, maps) for h in places[: max(top_k, 4)]]
-            status = self._status(places, candidates)
+            judged = verdict(result.hypotheses, self._confidence, self.config.judge)
+            places, status = judged.places, judged.status
+            together = list(zip(places, judged.confidences, strict=True))[: max(top_k, 4)]
+            candidates = [_candidate(place, confidence, maps) for place, confidence in together]
             formal = formal_radii(places[0])
             position_m, orientation_deg = error_radii(formal, places[0].measures, self._confidence)
         changes: ChangeMaps | None = None
@@ -168,30 +170,19 @@ class Localizer:
         less = min(best.confidence * (1 - share), threshold / 2)
         return replace(found, status="not_localized", best=replace(best, confidence=less))
 
-    def _candidate(self, hypothesis: Hypothesis, places: Sequence[Hypothesis], maps: Sequence[MapIndex]) -> Candidate:
-        index = maps[hypothesis.map_number]
-        rival = max((h.score for h in places if h is not hypothesis), default=0.0)
-        pose = Pose(_orthonormal(hypothesis.rotation), hypothesis.position.double().cpu().numpy() + index.origin_offset)
-        return Candidate(
-            pose=pose,
-            map_position=hypothesis.map_number,
-            confidence=self._confidence.probability(features_of(hypothesis, rival, self.config.judge)),
-            score=hypothesis.score,
-            sampling_loss=hypothesis.loss,
-            color_model="labels" if index.labels is not None else hypothesis.color_model,
-            num_iterations=hypothesis.iterations,
-        )
 
-    def _status(self, places: Sequence[Hypothesis], candidates: Sequence[Candidate]) -> Status:
-        """Say whether the best pose is sure, one of several equals, or a guess."""
-        model: ConfidenceModel = self._confidence
-        rival = max((h.score for h in places[1:]), default=0.0)
-        if places[0].score - rival < self.config.judge.ambiguous_margin:
-            # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-            alone = model.probability(features_of(places[0], 0.0, self.config.judge))
-            if alone >= model.threshold:
-                return "ambiguous"
-        return "localized" if candidates[0].confidence >= model.threshold else "not_localized"
+def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:
+    index = maps[hypothesis.map_number]
+    pose = Pose(_orthonormal(hypothesis.rotation), hypothesis.position.double().cpu().numpy() + index.origin_offset)
+    return Candidate(
+        pose=pose,
+        map_position=hypothesis.map_number,
+        confidence=confidence,
+        score=hypothesis.score,
+        sampling_loss=hypothesis.loss,
+        color_model="labels" if index.labels is not None else hypothesis.color_model,
+        num_iterations=hypothesis.iterations,
+    )
 
 
 def _orthonormal(rotation: torch.Tensor) -> Any:

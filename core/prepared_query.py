@@ -1,10 +1,13 @@
 """A query, prepared: what was photographed, for all maps that share its colours, and each map with what the query asks of it."""
 
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import torch
 
 from core.config import LocalizerConfig
+from core.geometry.rotations import rotation_angle
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement, with_agreement
 from core.judge.hypotheses import Hypothesis, by_map, stacked_poses
@@ -19,6 +22,8 @@ from core.search.pose_limits import PoseLimits, pose_limits
 from core.views.comparison import Comparison
 from core.views.render_cloud import RenderCloud
 from core.views.synthetic_view import RENDER_BATCH
+
+_HELD_BACK = math.radians(0.5)  # less is within what refinement is off by
 
 
 class MapQuery:
@@ -45,6 +50,12 @@ class MapQuery:
     def allows(self, hypothesis: Hypothesis) -> bool:
         """Return whether the hints allow the pose."""
         return self.limits.allows_pose(hypothesis.rotation, hypothesis.position)
+
+    def within_limits(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return the hypothesis, turned back where it tilts more than the hints allow."""
+        rotation = self.limits.nearest_rotations(hypothesis.rotation[None])[0]
+        is_held_back = float(rotation_angle(rotation, hypothesis.rotation)) > _HELD_BACK
+        return replace(hypothesis, rotation=rotation, is_held_back=is_held_back)
 
     def compare(self, group: Sequence[Hypothesis], height: int, with_points: bool = False) -> Comparison:
         """Render the scan at every pose, in `height` rows, beside what was photographed."""
@@ -137,3 +148,8 @@ def by_colors(
     for number, part in by_map(hypotheses):
         groups.setdefault(queries[number].picture, []).extend(part)
     yield from groups.items()
+
+
+def within_limits(queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the hypotheses, those that tilt more than the hints allow turned back."""
+    return [queries[h.map_number].within_limits(h) for h in hypotheses]

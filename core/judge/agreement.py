@@ -23,7 +23,8 @@ class Agreement:
     """Measures of agreement for K candidates, each (K,), larger is better.
 
     correlation: mean over channels of the correlation of all pixels. patch_correlation: solid-angle mean over patches of the
-    correlation inside a patch. mutual_information: nats, of brightness. inlier_share: of the pixels, by colour. coverage: share of the
+    correlation inside a patch. explained: likewise, of the share of a patch's contrast that the other side explains, 0..1. score: what
+    candidates are ranked by. mutual_information: nats, of brightness. inlier_share: of the pixels, by colour. coverage: share of the
     sphere that was compared. relative_coverage: the same of what was photographed, at most 1.
     """
 
@@ -33,11 +34,8 @@ class Agreement:
     inlier_share: Tensor
     coverage: Tensor
     relative_coverage: Tensor
-
-    @property
-    def score(self) -> Tensor:
-        """Return what candidates are ranked by (K,)."""
-        return (self.correlation + self.patch_correlation) * self.relative_coverage.sqrt()
+    explained: Tensor
+    score: Tensor
 
 
 def agreement(comparison: Comparison, height: int, config: JudgeConfig, share: float = 1.0) -> Agreement:
@@ -53,13 +51,21 @@ def agreement(comparison: Comparison, height: int, config: JudgeConfig, share: f
     inside = _correlation(patches[0], patches[1], share_inside, config.min_patch_variance, joint_channels=True)[..., 0]
     coverage = total[:, 0] / (4 * torch.pi)
     distance_square = (scan - panorama).square().sum(-1) / config.inlier_difference**2
+    relative_coverage = (coverage / share).clamp(0, 1)
+    patch_correlation = (inside * mass).sum(-1)
+    # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
+    # agrees a little; this rewards those at which something agrees.
+    explained = ((1 - (1 - inside.clamp(0, 1).square()).sqrt()) * mass).sum(-1)
+    rank = 2 * explained if config.ranks_by_explained else correlation + patch_correlation
     return Agreement(
         correlation,
-        (inside * mass).sum(-1),
+        patch_correlation,
         _mutual_information(scan.mean(-1), panorama.mean(-1), pixel_share, config.brightness_bins),
         (pixel_share / (1 + distance_square)).sum(-1),
         coverage,
-        (coverage / share).clamp(0, 1),
+        relative_coverage,
+        explained,
+        rank * relative_coverage.sqrt(),
     )
 
 
@@ -111,7 +117,7 @@ def _mutual_information(first: Tensor, second: Tensor, share: Tensor, bins: int)
 
 def with_agreement(group: Sequence[Hypothesis], measured: Agreement) -> list[Hypothesis]:
     """Return the hypotheses (K) with their score and measures."""
-    names = [field.name for field in fields(measured)]
+    names = [field.name for field in fields(measured) if field.name != "score"]
     columns = torch.stack([measured.score, *(getattr(measured, name) for name in names)], dim=1)
     return [
         replace(h, score=score, measures=dict(zip(names, values, strict=True)))

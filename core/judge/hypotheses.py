@@ -23,7 +23,8 @@ class Hypothesis:
     score: of the judge, larger is better. measures: the judge's figures by name.
     loss: robust sampling loss of the last refinement. hessian: (6, 6), its curvature by turn (rad) and move (m) in the camera frame.
     residual_scale: of the last refinement, the residual at which a point counts a quarter. iterations: refinement steps so far.
-    color_model: how colours of scan and photo were brought together.
+    color_model: how colours of scan and photo were brought together. is_held_back: whether the last refinement left what hints or
+    gravity allow and was turned back, so that the pose fits them rather than the picture.
     """
 
     map_number: int
@@ -37,6 +38,7 @@ class Hypothesis:
     residual_scale: float = 1.0
     iterations: int = 0
     color_model: str = "equalized"
+    is_held_back: bool = False
 
     def is_near(self, other: "Hypothesis", near: PoseDistance) -> bool:
         """Tell whether both are the same place and orientation of the same map within the limits."""
@@ -106,6 +108,19 @@ def within_margin(
     kept = [h for h in hypotheses[:count] if h.score >= hypotheses[0].score - margin]
     if place is not None and all(h.is_near(kept[0], place) for h in kept):
         kept += [h for h in hypotheses[len(kept) :] if not h.is_near(kept[0], place)][:1]
+    return kept
+
+
+def with_close_rival(
+    hypotheses: Sequence[Hypothesis], count: int, margin: float, place: PoseDistance
+) -> list[Hypothesis]:
+    """Return up to `count` of hypotheses that are sorted by falling score, those within `margin` of the best; and the best one at
+    another place, where it is within the margin too: of equal rooms the one that is refined further would seem to fit better.
+    """
+    within = [h for h in hypotheses if h.score >= hypotheses[0].score - margin]
+    kept = within[:count]
+    if all(h.is_near(kept[0], place) for h in kept):
+        kept += [h for h in within[count:] if not h.is_near(kept[0], place)][:1]
     return kept
 
 

@@ -41,8 +41,10 @@ class RigLevel:
         by_point = torch.stack((-y / stable, x / stable, none, -x * z * over, -y * z * over, flat / square), dim=1)
         by_point = self._to_rig(by_point.view(len(place), 2, 3, -1), photos)  # (K, 2, 3, N)
         # A turn ω and a move τ of the rig take a point q of it to q - ω x q - τ.
-        by_turn = torch.linalg.cross(by_point, in_rig[:, None].expand_as(by_point), dim=2)
-        directions = torch.cat((by_turn, -by_point), dim=2).transpose(1, 2)  # (K, 6, 2, N)
+        # The cross product by_point x in_rig, plane by plane: the library's own takes several times as long along this axis.
+        (a, b, c), (x, y, z) = by_point.unbind(2), in_rig[:, None].unbind(2)
+        by_turn = (b * z - c * y, c * x - a * z, a * y - b * x)
+        directions = torch.stack((*by_turn, -a, -b, -c), dim=1)  # (K, 6, 2, N)
         return SampledPoints(sampled[:, :9], directions.contiguous()), sampled[:, 9] > VALID_SHARE
 
     def _to_camera(self, in_rig: Tensor, photos: Tensor | None) -> Tensor:

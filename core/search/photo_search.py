@@ -106,14 +106,15 @@ def search_photos(
 def _search_map(
     photos: DescribedPhotos, index: MapIndex, limits: PoseLimits, config: PhotoSearchConfig, fine: FineViewConfig
 ) -> MapCandidates:
-    rotations = _searched_rotations(limits, config, index.starts.device)
+    rotations, is_dense = _searched_rotations(limits, config, index.starts.device)
     starts = limits.searched_starts(index.starts, config.limit_margin_m).nonzero()[:, 0]
     if len(starts) == 0 or len(rotations) == 0:
         empty = Candidates(starts[:0], starts[:0], starts[:0].float())
         return MapCandidates(empty, rotations, 0, 0)
     views = index.fine_views if len(starts) == index.num_starts else index.fine_views.take(starts)
     scores = _histogram_scores(photos, views.descriptors(), rotations, PatchGrid(fine.patch_rows, fine.patch_columns))
-    count = min(config.rescored_poses, config.rescored_pixels // max(1, len(photos.directions)), scores.numel())
+    rescored = config.limited_rescored_poses if is_dense else config.rescored_poses
+    count = min(rescored, config.rescored_pixels // max(1, len(photos.directions)), scores.numel())
     best = scores.flatten().topk(count).indices
     start, rotation = best // len(rotations), best % len(rotations)
     again = _pixel_scores(photos, views, rotations, start, rotation, index.labels is not None, config)
@@ -133,15 +134,15 @@ def _search_map(
     return MapCandidates(found, rotations, len(starts), scores.numel())
 
 
-def _searched_rotations(limits: PoseLimits, config: PhotoSearchConfig, device: torch.device) -> Tensor:
-    """Return the rotations (R, 3, 3) that the limits leave: of a denser set, where they leave few of it."""
+def _searched_rotations(limits: PoseLimits, config: PhotoSearchConfig, device: torch.device) -> tuple[Tensor, bool]:
+    """Return the rotations (R, 3, 3) that the limits leave, and whether they are of a denser set: where they leave few of it."""
     margin = math.radians(config.limit_margin_deg)
     dense = _rotations(config.limited_rotations, str(device))
     kept = limits.allows_rotation(dense, margin)
     if int(kept.sum()) <= config.most_rotations:
-        return dense[kept]
+        return dense[kept], True
     usual = _rotations(config.num_rotations, str(device))
-    return usual[limits.allows_rotation(usual, margin)]
+    return usual[limits.allows_rotation(usual, margin)], False
 
 
 @lru_cache(maxsize=4)
@@ -191,6 +192,8 @@ def _pixel_scores(
             scan = equalize(scan, weights)
         inside, mass = _correlation_in_squares(scan, own.expand_as(scan), weights, member, config.min_variance)
         share = weights.sum(1) / photos.solid.sum()
+        # By how much the other side explains a square; what has changed says nothing, and least of all against a pose.
+        inside = 1 - (1 - inside.clamp(0, 1).square()).sqrt()
         scores.append((inside * mass).sum(1) / mass.sum(1).clamp_min(1e-9) * share.sqrt())
     return torch.cat(scores)
 

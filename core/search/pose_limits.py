@@ -7,8 +7,11 @@ import torch
 from torch import Tensor
 
 from core.errors import OptionsError
+from core.geometry.rotations import rotation_from_vector
 from core.index.map_index import MapIndex
 from core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
+
+_INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,10 @@ class PoseLimits:
     def of_rig(self, first_rotation: Tensor, first_center: Tensor, max_rig_tilt: float | None) -> "PoseLimits":
         """Return the limits of a rig whose first camera these limits are of."""
         return replace(self, first_rotation=first_rotation, first_center=first_center, max_rig_tilt=max_rig_tilt)
+
+    def leaves_tilts_beyond(self, tilt: float) -> bool:
+        """Return whether cameras may tilt by more than `tilt`."""
+        return self.max_rig_tilt is None and (self.max_tilt is None or self.max_tilt > tilt)
 
     def allows_position(self, positions: Tensor, margin_m: float = 0.0) -> Tensor:
         """Return which positions (..., 3) lie within the limits, widened by a margin."""
@@ -70,6 +77,18 @@ class PoseLimits:
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
         return allowed
 
+    def nearest_rotations(self, rotations: Tensor) -> Tensor:
+        """Return rotations (K, 3, 3) turned back, by no more than it takes, to where they tilt as much as the limits allow.
+
+        Refinement knows nothing of gravity: where a scene says little, it tilts the camera.
+        """
+        if self.max_rig_tilt is not None:
+            rotations = _tilted_at_most(rotations, rotations[..., :, 2], self.max_rig_tilt)
+        if self.max_tilt is not None:
+            up = rotations[..., :, 2] if self.first_rotation is None else rotations @ self.first_rotation[:, 2]
+            rotations = _tilted_at_most(rotations, up, self.max_tilt)
+        return rotations
+
     def allows_pose(self, rotation: Tensor, position: Tensor) -> bool:
         """Return whether a pose, (3, 3) map_from_camera and (3,), lies within the limits."""
         if self.first_center is not None:
@@ -83,6 +102,15 @@ class PoseLimits:
     def searched_rotations(self, rotations: Tensor, margin_deg: float) -> Tensor:
         """Return which rotations (R, 3, 3) are searched."""
         return self.allows_rotation(rotations, math.radians(margin_deg))
+
+
+def _tilted_at_most(rotations: Tensor, up: Tensor, most: float) -> Tensor:
+    """Return rotations (K, 3, 3) turned so that `up` (K, 3), unit vectors in the map, are at most `most` radians off its z axis."""
+    flat = up[:, :2].norm(dim=-1)
+    excess = (torch.atan2(flat, up[:, 2]) - most + _INSIDE).clamp_min(0.0)
+    # The horizontal axis that turns `up` towards z; any, where it points straight down.
+    axis = torch.stack((up[:, 1], -up[:, 0], torch.zeros_like(flat)), dim=-1) / flat.clamp_min(1e-9)[:, None]
+    return rotation_from_vector(axis * excess[:, None]) @ rotations
 
 
 def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:

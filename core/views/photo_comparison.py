@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from core.geometry.projection import pixel_directions, pixel_solid_angles
-from core.light.color_equalization import apply_tables, equalization_tables
+from core.light.color_equalization import equalize_where
 from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_level import PhotoLevel, PhotoWindows
 from core.views.comparison import Comparison
@@ -41,9 +41,8 @@ def compare_photos(
     weights = views.valid.flatten(1) * solid * (photo >= 0)
     scan, tables = views.color.flatten(1, 2), None
     if not is_labels:
-        scan = apply_tables(scan, equalization_tables(scan, weights))
-        tables = equalization_tables(seen, weights)
-        seen = apply_tables(seen, tables)
+        scan, _ = equalize_where(scan, weights, views.valid.flatten(1))
+        seen, tables = equalize_where(seen, weights, photo >= 0)
     return Comparison(scan, seen, weights, tables, views, photo)
 
 

@@ -108,6 +108,8 @@ def _why_unusable(row: Row) -> str | None:
         return "ended in an error"
     if row.search.get("score") is None:
         return "no pose was left to judge"
+    if row.status == "ambiguous":
+        return "named several places"  # how sure those are follows from their number, not from this fit
     return None if row.search.get("measures") else "the method measures nothing"
 
 

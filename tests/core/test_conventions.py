@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-import core.config
 import core.geometry.pose
 import core.index.map_index
+import core.localizer
 import core.results
 import core.scan.point_cloud
 from core.geometry.pose import FRAMES, Pose
@@ -23,7 +23,7 @@ from core.scan.reading import read_scan
 from tests.core.painted_box import rotation_of
 
 H, W = 64, 128
-CORE = Path(core.config.__file__).parent
+CORE = Path(core.localizer.__file__).parent
 MODULES = sorted(CORE.rglob("*.py"))
 
 

@@ -11,7 +11,7 @@ from core.geometry.pose import Pose, pose_error
 from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
-from core.options import Hints, IndexOptions
+from core.options import MAX_SESSION_TILT_DEG, Hints, IndexOptions
 from core.panorama.photo import photo_on_sphere
 from core.panorama.session import Session, SessionImage
 from core.results import Localization
@@ -105,7 +105,25 @@ def test_of_several_maps_the_one_is_found_in_which_a_photo_was_taken(
     assert found.best.map_position == 1
 
 
+def test_cameras_held_level_are_searched_first_and_others_are_found_as_well(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex
+) -> None:
+    at = np.array([1.9, 2.2, 1.4])
+    level, upside_down = (Pose(rotation_of(*angles), at) for angles in ((70.0, 6.0, -4.0), (70.0, 6.0, 176.0)))
+    first, second = (localizer.localize(photo_of(box, WIDE, pose), [box_index]) for pose in (level, upside_down))
+    assert_found(first, level, 0.05, 2.0)
+    assert_found(second, upside_down, 0.05, 2.0)
+    assert first.search.num_poses < second.search.num_poses / 4
+
+
 # Several photos.
+
+
+def test_where_up_is_known_even_a_guess_is_level(localizer: Localizer, other_box_index: MapIndex) -> None:
+    found = localizer.localize(session(TWO, up_known=True), [other_box_index])
+    assert found.status == "not_localized"
+    assert found.map_from_session is not None
+    assert found.map_from_session.rotation[2, 2] >= np.cos(np.radians(MAX_SESSION_TILT_DEG))
 
 
 @pytest.mark.parametrize("up_known", [False, True], ids=["in any axes", "up known"])

@@ -1,6 +1,7 @@
 """The judge at the true pose and at poses beside it."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -66,12 +67,14 @@ HEIGHT = 64
 SOLID = pixel_solid_angles(HEIGHT, 2 * HEIGHT).expand(-1, 2 * HEIGHT)
 
 
-def judged(scan: torch.Tensor, panorama: torch.Tensor, weights: torch.Tensor) -> Agreement:
+def judged(
+    scan: torch.Tensor, panorama: torch.Tensor, weights: torch.Tensor, config: JudgeConfig | None = None
+) -> Agreement:
     """Measure one pair of images (H, W, 3) with weights (H, W)."""
     sides: Any = SimpleNamespace(
         scan=scan.flatten(0, 1)[None], panorama=panorama.flatten(0, 1)[None], weights=weights.flatten()[None]
     )
-    return agreement(sides, HEIGHT, JudgeConfig())
+    return agreement(sides, HEIGHT, config or JudgeConfig())
 
 
 def texture(width: int) -> torch.Tensor:
@@ -108,11 +111,33 @@ def test_where_nothing_is_seen_nothing_agrees() -> None:
 
 
 def test_each_hypothesis_gets_its_own_score_and_measures() -> None:
-    names = ("correlation", "patch_correlation", "mutual_information", "inlier_share", "coverage", "relative_coverage")
+    names = (
+        "correlation",
+        "patch_correlation",
+        "mutual_information",
+        "inlier_share",
+        "coverage",
+        "relative_coverage",
+        "explained",
+    )
     values = {name: torch.tensor([0.1 + k, 0.2 + k]) for k, name in enumerate(names)}
     group = [Hypothesis(0, k, torch.eye(3), torch.zeros(3), loss=float(k)) for k in range(2)]
-    measured = Agreement(**values)
+    measured = Agreement(**values, score=torch.tensor([0.7, 1.7]))
     for k, found in enumerate(with_agreement(group, measured)):
         assert (found.start, found.loss) == (k, float(k))
         assert found.score == pytest.approx(float(measured.score[k]))
         assert found.measures == {name: pytest.approx(float(value[k])) for name, value in values.items()}
+
+
+def test_where_half_has_changed_explained_contrast_prefers_half_that_agrees_to_all_that_agrees_a_little() -> None:
+    image = texture(2 * HEIGHT)
+    noise = torch.rand(image.shape, generator=torch.Generator().manual_seed(5))
+    right = slice(HEIGHT, None)
+    half, little = image.clone(), torch.lerp(image, noise, 0.55)
+    half[:, right] = noise[:, right]
+    by_patches = replace(JudgeConfig(), ranks_by_explained=True)
+    found = [judged(image, other, SOLID, config) for config in (JudgeConfig(), by_patches) for other in (half, little)]
+    assert float(found[0].score) < float(found[1].score)
+    assert float(found[2].score) > float(found[3].score)
+    assert float(found[2].explained) == pytest.approx(float(found[2].score) / 2, abs=1e-5)
+    assert 0 < float(found[3].explained) < float(found[2].explained) < 0.6

@@ -7,7 +7,16 @@ import torch
 
 from core.config import JudgeConfig, PoseDistance
 from core.geometry.rotations import rotation_from_vector
-from core.judge.hypotheses import Hypothesis, by_map, by_score, merged, stacked_poses, with_refined, within_margin
+from core.judge.hypotheses import (
+    Hypothesis,
+    by_map,
+    by_score,
+    merged,
+    stacked_poses,
+    with_close_rival,
+    with_refined,
+    within_margin,
+)
 from core.refine.refinement import Refined
 
 JUDGE = JudgeConfig()
@@ -100,3 +109,12 @@ def test_as_many_are_kept_as_are_wanted_and_as_fit_into_the_margin() -> None:
     together = [placed(0.01 * k, 1.0 - 0.1 * k) for k in range(3)]
     kept = within_margin([*together, placed(9.0, 0.1), placed(19.0, 0.05)], 2, 0.9, JUDGE.place)
     assert [h.score for h in kept] == [1.0, 0.9, 0.1]
+
+
+def test_the_best_pose_elsewhere_goes_along_where_it_is_close() -> None:
+    place = PoseDistance(0.5, 15.0)
+    best, beside, elsewhere = placed(0.0, 1.0), placed(0.2, 0.98), placed(3.0, 0.9)
+    assert with_close_rival([best, beside, elsewhere], 2, 0.25, place) == [best, beside, elsewhere]
+    assert with_close_rival([best, elsewhere, beside], 2, 0.25, place) == [best, elsewhere]
+    assert with_close_rival([best, beside, placed(3.0, 0.7)], 2, 0.25, place) == [best, beside]
+    assert with_close_rival([], 2, 0.25, place) == []

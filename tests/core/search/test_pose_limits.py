@@ -231,3 +231,37 @@ def test_starts_are_searched_as_far_as_the_first_camera_may_be_from_the_middle()
     limits = PoseLimits(center=torch.zeros(3), radius_m=1.0).of_rig(torch.eye(3), torch.tensor([0.0, 0.3, 0.4]), None)
     places = torch.tensor([[1.69, 0, 0], [0, 0, -1.69], [1.71, 0, 0]])
     assert limits.searched_starts(places, 0.2).tolist() == [True, True, False]
+
+
+def test_what_tilts_too_much_is_turned_back_by_no_more_than_it_takes() -> None:
+    most = math.radians(5.0)
+    limits = PoseLimits(max_rig_tilt=most)
+    tilted = torch.stack([turned(x=20.0) @ turned(z=70.0), turned(y=-12.0) @ turned(z=170.0), turned(x=3.0)])
+    back = limits.nearest_rotations(tilted)
+    assert limits.allows_rotation(back).tolist() == [True, True, True]
+    assert torch.allclose(back[2], tilted[2], atol=1e-6)
+    moved = torch.rad2deg(torch.acos((((back * tilted).sum((1, 2)) - 1) / 2).clamp(-1, 1)))
+    assert moved[:2].tolist() == pytest.approx([15.0, 7.0], abs=0.05)
+
+
+def test_a_camera_that_hangs_in_a_rig_is_turned_back_by_its_own_up_axis() -> None:
+    mounted = turned(x=30.0)  # in the rig
+    limits = PoseLimits(max_tilt=math.radians(10.0)).of_rig(mounted, torch.zeros(3), None)
+    rig = torch.eye(3)[None]
+    assert not bool(limits.allows_rotation(rig))
+    back = limits.nearest_rotations(rig)
+    assert bool(limits.allows_rotation(back))
+    up = (back[0] @ mounted)[:, 2]
+    assert math.degrees(math.acos(float(up[2]))) == pytest.approx(10.0, abs=0.02)
+
+
+def test_without_limits_of_tilt_rotations_stay() -> None:
+    rotation = turned(x=120.0)[None]
+    assert torch.equal(PoseLimits(heading=0.0).nearest_rotations(rotation), rotation)
+
+
+def test_only_limits_of_tilt_keep_cameras_level() -> None:
+    assert PoseLimits().leaves_tilts_beyond(0.3)
+    assert PoseLimits(max_tilt=0.5).leaves_tilts_beyond(0.3)
+    assert not PoseLimits(max_tilt=0.2).leaves_tilts_beyond(0.3)
+    assert not PoseLimits(max_rig_tilt=0.1).leaves_tilts_beyond(0.3)

@@ -1,0 +1,35 @@
+"""Configuration: one frozen dataclass per step, each default in one place with its unit and its source.
+
+Where no other source is named, a figure was chosen by measurement on cases with known poses (docs/experiments.md).
+"""
+
+from core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
+from core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, StartsConfig
+from core.config.judge import ChangeConfig, JudgeConfig
+from core.config.localizer import LocalizerConfig, PaperConfig
+from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
+from core.config.search import PhotoSearchConfig, PoseDistance, SearchConfig
+
+__all__ = [
+    "CONTRAST",
+    "LIGHT_FIT",
+    "RENDERING",
+    "ChangeConfig",
+    "ContrastConfig",
+    "DescriptorConfig",
+    "FineViewConfig",
+    "IndexConfig",
+    "JudgeConfig",
+    "LightFitConfig",
+    "LocalizerConfig",
+    "PaperConfig",
+    "PhotoRefinementConfig",
+    "PhotoSearchConfig",
+    "PoseDistance",
+    "RefinementConfig",
+    "RenderingConfig",
+    "SearchConfig",
+    "StartsConfig",
+    "StepConfig",
+    "StoppingRule",
+]

@@ -1,0 +1,36 @@
+"""How images are made and compared, alike for scan and photo and in every step."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ContrastConfig:
+    """Local contrast (see `core.light.local_contrast`)."""
+
+    darkest: float = 0.03  # colour, added before the logarithm: below it there is only noise
+    sampled_rows: int = 64  # of a large image these say as much of the surroundings as all of it
+    rows: int = 16  # of the image in which surroundings are averaged; they are smooth
+    concentration: float = 40.0  # of the weights around a direction: a standard deviation of 9 degrees
+    scale: float = 0.5  # logarithm of the ratio at which contrast begins to saturate
+
+
+@dataclass(frozen=True)
+class LightFitConfig:
+    """Gain and offset between scan and photo (see `core.light.light_fit`)."""
+
+    min_gain: float = 0.3
+    max_gain: float = 3.0
+    prior: float = 1e-3  # variance of colours with which a gain of 1 counts
+
+
+@dataclass(frozen=True)
+class RenderingConfig:
+    """Synthetic views (see `core.views.synthetic_view`)."""
+
+    footprint: float = 1.5  # pixel size over point spacing at which a random sampling of a surface leaves few holes
+    slack_spacings: float = 4.0  # depth range of one surface inside a pixel seen at a slant, in point spacings
+    slack_share: float = 0.02  # likewise, of the depth
+    fill_levels: int = 2  # holes up to 4 pixels are filled from their surroundings
+
+
+CONTRAST, LIGHT_FIT, RENDERING = ContrastConfig(), LightFitConfig(), RenderingConfig()

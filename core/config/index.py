@@ -1,0 +1,62 @@
+"""What a map index is built with: starts, and what is kept of the view from each."""
+
+import hashlib
+from dataclasses import asdict, dataclass
+
+from core.config.imaging import CONTRAST, RENDERING
+
+
+@dataclass(frozen=True)
+class StartsConfig:
+    """Where the search starts (see `core.index.starts`)."""
+
+    spacing_m: float = 0.5  # basin of convergence in a furnished room
+    max_starts: int = 800
+    clearance_m: float = 0.25  # nobody holds a camera closer to a surface
+    thinning_share: float = 0.75  # of the spacing
+    stray_share: float = 0.002  # of the points, at each end of an axis, that do not count as extent
+    max_cells: int = 20_000_000  # more do not fit into memory; a scan that large is no building, or its unit is wrong
+    # Of what well-placed starts see; below it a start lies outside of the scanned space.
+    min_coverage_share: float = 0.6
+    well_placed_quantile: float = 0.9
+
+
+@dataclass(frozen=True)
+class DescriptorConfig:
+    """How patches are described (see `core.describe`), the same for an index and the queries to it."""
+
+    patch_rows: int = 8  # paper, §4: 8 x 16 patches
+    patch_columns: int = 16
+    view_height: int = 64  # eight rows of pixels in a patch are enough for its histogram
+    bins: int = 8  # per channel, joint (paper, §4)
+    size: int = 32  # of 1,024 bins; more gain none
+    basis_views: int = 160  # that principal directions are taken from
+    basis_patches: int = 20_000
+
+
+@dataclass(frozen=True)
+class FineViewConfig:
+    """What a map keeps of its views for photos, which show few patches of 22 degrees (see `core.describe.fine_views`)."""
+
+    patch_rows: int = 16
+    patch_columns: int = 32
+    size: int = 32  # numbers of a descriptor
+    basis_views: int = 24  # that principal directions are taken from
+    picture_height: int = 32  # rows of the pictures that poses are scored again on
+    steps: int = 31  # up and down that a number of a descriptor is rounded to
+
+
+@dataclass(frozen=True)
+class IndexConfig:
+    """Everything that a map index is built with."""
+
+    starts: StartsConfig = StartsConfig()
+    descriptors: DescriptorConfig = DescriptorConfig()
+    fine_views: FineViewConfig = FineViewConfig()
+    finest_spacing_m: float = 0.025  # points closer together move no pose
+    finest_spacing_share: float = 1 / 300  # of the scan's diagonal, where that is less: models and toys
+
+    def digest(self) -> str:
+        """Return 16 hex digits that change whenever an index built with this configuration would."""
+        settings = sorted(asdict(self).items())
+        return hashlib.sha256(repr((settings, CONTRAST, RENDERING)).encode()).hexdigest()[:16]

@@ -1,0 +1,40 @@
+"""The judge, and what has changed since the scan."""
+
+from dataclasses import dataclass
+
+from core.config.search import PoseDistance
+
+
+@dataclass(frozen=True)
+class JudgeConfig:
+    """The scan rendered at a refined pose against the panorama, and which poses differ (see `core.judge`)."""
+
+    first_height: int = 64  # rows of the rendering of all candidates
+    height: int = 64  # and of those that are left then
+    final_height: int = 128
+    patch_rows: int = 8
+    inlier_difference: float = 0.15  # canonical colour distance at which a pixel counts half
+    brightness_bins: int = 16  # of the mutual information
+    min_variance: float = 1e-4  # of canonical colours; below it contrast is noise
+    min_patch_variance: float = 1e-3
+    ranks_by_explained: bool = False  # rather than by correlations (see `core.judge.agreement`)
+    merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
+    distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
+    place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
+    # Of several images: correlation below which one contradicts the pose of the others, and the share that may.
+    contradiction: float = 0.2
+    contradicting_share: float = 0.25
+    ambiguous_margin: float = 0.1  # of the score, between two places that both fit well
+    # Of the score, in the features of the confidence: beyond the first the runner-up says nothing more; the second stands
+    # for a runner-up that is not there. The coefficients were fitted with both.
+    max_margin: float = 0.5
+    unknown_margin: float = 0.2
+
+
+@dataclass(frozen=True)
+class ChangeConfig:
+    """What has changed since the scan (see `core.judge.change_maps`)."""
+
+    half_score_difference: float = 0.2  # of canonical colours; the score is 0.5 there
+    changed_below: float = 0.5  # score
+    sampled_points: int = 50_000  # of the scan, enough for a fraction

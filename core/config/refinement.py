@@ -1,0 +1,95 @@
+"""Refinement, coarse to fine, and what is different in it for photos."""
+
+from dataclasses import dataclass, replace
+
+from core.config.search import PoseDistance
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """When candidates stop before their last step; looked at after every `interval` steps.
+
+    move_m, turn_rad: a candidate whose last step was shorter than both has converged. merge: of candidates nearer to each other the one
+    with the smallest loss goes on alone.
+    """
+
+    move_m: float
+    turn_rad: float
+    merge: PoseDistance | None = None
+    interval: int = 4
+
+
+@dataclass(frozen=True)
+class StepConfig:
+    """One step of Gauss-Newton (see `core.refine.gauss_newton`)."""
+
+    fit_light: bool = True  # gain and offset per channel; labels have no light
+    robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses, at full resolution millimetres
+    min_residual: float = 0.02  # floor of the robust scale, canonical colours
+    min_residual_labels: float = 0.5  # labels agree exactly but at edges, and edges are all there is to align
+    median_points: int = 512  # whose median residual is within some percent of that of all
+    max_turn_rad: float = 0.2
+    max_move_m: float = 0.3
+    damping: float = 1e-3  # of the diagonal; 1e-4 and 1e-2 are worse
+    relaxation: float = 1.5  # the first step is this much longer, later ones by what the last one fell short
+    max_relaxation: float = 5.0
+
+    def for_labels(self) -> "StepConfig":
+        """Return the configuration of a step on label codes."""
+        return replace(self, fit_light=False, min_residual=self.min_residual_labels)
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """Refinement coarse to fine (see `core.fast_method`). Iterations: at most; heights: rows of an image."""
+
+    start_view_height: int = 64  # rows of the views from starts
+    coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
+    coarse_iterations: tuple[int, int] = (16, 12)  # at half the rows of a view, and at all of them
+    # Of local contrast in the colours that are aligned: half where poses may lie far off in another light, less where
+    # millimetres count.
+    contrast_share: float = 0.5
+    fine_contrast_share: float = 0.3
+    # Of the steps from the starts; None: as of all steps.
+    rough_damping: float | None = None
+    rough_max_relaxation: float | None = None
+    coarse_stop: StoppingRule = StoppingRule(0.01, 0.01, PoseDistance(0.1, 2.865))
+    middle_candidates: int = 8
+    middle_margin: float = 0.35  # of the judge's score; candidates further behind the best never won
+    middle_points: int = 4096
+    middle_iterations: int = 6  # in each of the rounds below
+    middle_stop: StoppingRule = StoppingRule(0.002, 0.002, interval=3)
+    # Rows, and robust scale: changed furniture loses its vote as poses settle.
+    middle_rounds: tuple[tuple[int, float], ...] = ((64, 2.5), (128, 1.5))
+    unchanged_difference: float = 0.3  # canonical colour distance at which a pixel counts half as unchanged
+    unchanged_regions: int = 32  # that the height of a view is divided into, to tell what changed
+    fine_stop: StoppingRule = StoppingRule(0.0003, 0.0003, interval=2)
+    fine_candidates: int = 2
+    fine_margin: float = 0.25  # of the judge's score; candidates further behind the best never won
+    visibility_height: int = 256  # of the rendering that finds the points seen at full resolution
+    fine_height: int = 256
+    fine_points: int = 12_000
+    fine_iterations: int = 6
+    finest_height: int = 512
+    finest_points: int = 24_000
+    finest_iterations: int = 4
+
+
+@dataclass(frozen=True)
+class PhotoRefinementConfig:
+    """What is different in the refinement of photos (see `core.refine.photo_points`)."""
+
+    coarse_points: int = 400  # that the photos show
+    coarse_margin_deg: float = 35.0  # around what they show, likewise dense
+    margin_deg: float = 8.0  # later, when poses hardly turn
+    # Of local contrast in the colours: what a photo shows of the light of a room says little about all of it.
+    contrast_share: float = 0.8
+    fine_contrast_share: float = 0.5
+    # Changed furniture can be most of a photo, and drags poses away: it loses its vote sooner, and first steps are shorter.
+    robust_scale: float = 1.5
+    damping: float = 0.1
+    max_relaxation: float = 1.5
+    middle_candidates: int = 12
+    middle_points: int = 2048
+    fine_points: int = 8000
+    finest_points: int = 12_000

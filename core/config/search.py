@@ -1,0 +1,55 @@
+"""The search over starts and rotations, for panoramas and for photos."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PoseDistance:
+    """Two poses that are nearer to each other than both of these are one."""
+
+    distance_m: float
+    angle_deg: float
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """The search over all starts and rotations (see `core.search`)."""
+
+    num_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
+    # A first pass with pairs of rows and columns of patches taken together discards most starts.
+    coarse_rotations: int = 576
+    coarse_kept_share: float = 1 / 3  # of the starts; the right one was among the first 0.23 wherever it is found
+    coarse_kept_starts: int = 128  # never fewer
+    num_candidates: int = 32
+    distinct: PoseDistance = PoseDistance(0.8, 25.0)
+    # Poses looked at for each candidate; the second number only where too few of the first differ.
+    pools: tuple[int, ...] = (16, 100)
+    min_pool: int = 256
+    # Hints cut off no start or rotation nearer to their limits than half the spacing of either.
+    hint_margin_m: float = 0.5
+    hint_margin_deg: float = 12.0
+
+
+@dataclass(frozen=True)
+class PhotoSearchConfig:
+    """The search for photos, over all starts and more rotations (see `core.search.photo_search`)."""
+
+    num_rotations: int = 9216  # spacing about 11 degrees
+    # People hold cameras level: poses tilted no more than this are searched first, and densely. An answer that is this sure is the answer.
+    level_tilt_deg: float = 18.0
+    level_candidates: int = 32
+    sure: float = 0.9
+    limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
+    limited_rescored_poses: int = 4000  # of these
+    most_rotations: int = 12_000  # of the denser set; above it the other one is taken
+    limit_margin_m: float = 0.5  # starts are no nearer to what hints allow than half their spacing
+    limit_margin_deg: float = 6.0  # half the spacing of the denser set, and what a start's distance turns
+    rescored_poses: int = 20_000
+    rescored_pixels: int = (
+        2_500_000  # of all poses together: of many photos each pose has many, and fewer poses need them
+    )
+    patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
+    min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
+    num_candidates: int = 48
+    pool: int = 2500  # poses that candidates are chosen from
+    distinct: PoseDistance = PoseDistance(0.6, 18.0)

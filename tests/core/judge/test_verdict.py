@@ -1,0 +1,58 @@
+"""The verdict over judged hypotheses."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from core.config import JudgeConfig
+from core.judge.confidence import load_confidence_model
+from core.judge.hypotheses import Hypothesis
+from core.judge.verdict import verdict
+
+MODEL, CONFIG = load_confidence_model(), JudgeConfig()
+
+
+def judged(x: float, score: float, fits: float) -> Hypothesis:
+    """Return a hypothesis at a place whose measures all say how well it fits."""
+    measures = {"correlation": fits, "patch_correlation": fits, "inlier_share": fits, "coverage": 0.9}
+    return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score, measures=measures)
+
+
+def test_a_place_that_fits_far_better_than_all_others_is_localized() -> None:
+    found = verdict([judged(0.0, 1.8, 0.9), judged(3.0, 0.6, 0.3)], MODEL, CONFIG)
+    assert found.status == "localized"
+    assert found.confidences[0] > MODEL.threshold > found.confidences[1]
+
+
+def test_two_places_that_fit_alike_are_ambiguous() -> None:
+    found = verdict([judged(0.0, 1.8, 0.9), judged(3.0, 1.79, 0.9)], MODEL, CONFIG)
+    assert found.status == "ambiguous"
+    assert len(found.places) == 2
+    assert found.confidences[0] == found.confidences[1] <= 0.5
+
+
+def test_of_three_equals_each_is_a_third_and_the_rest_stays_improbable() -> None:
+    equals = [judged(3.0 * k, 1.8 - 0.01 * k, 0.9) for k in range(3)]
+    found = verdict([*equals, judged(12.0, 0.5, 0.2)], MODEL, CONFIG)
+    assert found.status == "ambiguous"
+    assert sum(found.confidences[:3]) <= 1
+    assert found.confidences[0] == found.confidences[2] > found.confidences[3]
+
+
+def test_where_nothing_fits_equals_are_not_ambiguous() -> None:
+    assert verdict([judged(0.0, 0.3, 0.15), judged(3.0, 0.29, 0.15)], MODEL, CONFIG).status == "not_localized"
+
+
+def test_poses_of_one_place_are_no_rivals() -> None:
+    found = verdict([judged(0.0, 1.8, 0.9), judged(0.1, 1.79, 0.9)], MODEL, CONFIG)
+    assert found.status == "localized"
+    assert [float(place.position[0]) for place in found.places] == [pytest.approx(0.0)]
+
+
+def test_a_pose_that_was_held_back_is_never_sure() -> None:
+    held_back = replace(judged(0.0, 1.8, 0.9), is_held_back=True)
+    for rivals in ([], [judged(3.0, 1.79, 0.9)]):
+        found = verdict([held_back, *rivals], MODEL, CONFIG)
+        assert found.status == "not_localized"
+        assert found.confidences[0] < MODEL.threshold
