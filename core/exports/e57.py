@@ -12,6 +12,7 @@ import numpy as np
 from core.errors import ExportRefusedError
 from core.exports.axes import quaternion_wxyz
 from core.exports.e57_scans import copy_scans
+from core.exports.image_kind import why_not_as_named
 from core.exports.tour import ExportedFile, PlacedPhoto, Tour
 from core.options import ScanOptions
 from core.scan.reading import read_scan
@@ -25,7 +26,7 @@ def why_not(photo: PlacedPhoto) -> str | None:
         return "E57 holds the photo itself, which is not there any more"
     if PurePosixPath(photo.name).suffix.lower() not in _BLOBS:
         return "E57 holds JPEG and PNG images alone"
-    return None
+    return why_not_as_named(photo.name, photo.image)
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:

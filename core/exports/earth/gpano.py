@@ -6,6 +6,7 @@ from pathlib import PurePosixPath
 from core.exports.angles import PhotoAngles
 from core.exports.earth.jpeg_xmp import with_fields
 from core.exports.earth.placing import on_earth
+from core.exports.image_kind import why_not_as_named
 from core.exports.number_text import plain
 from core.exports.tour import ExportedFile, PlacedPhoto, Tour
 
@@ -18,7 +19,7 @@ def why_not(photo: PlacedPhoto) -> str | None:
         return "GPano is written into a copy of the photo, which is not there any more"
     if PurePosixPath(photo.name).suffix.lower() not in _ENDINGS:
         return "GPano is written into JPEG files alone"
-    return None
+    return why_not_as_named(photo.name, photo.image)
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:

@@ -271,3 +271,15 @@ def test_fields_of_every_kind_of_node_survive(tmp_path: Path) -> None:
         )
     reader.close()
     out.close()
+
+
+@pytest.mark.parametrize("name", ["gpano", "e57"])
+def test_a_photo_that_is_not_what_its_name_says_is_left_out_and_not_spoiled(name: ExportFormat, tmp_path: Path) -> None:
+    golden = golden_tour(tmp_path)
+    Image.open(tmp_path / "pano.jpg").save(tmp_path / "called.jpg", "PNG")
+    tour = replace(golden, photos=(replace(golden.photos[0], name="called.jpg", image=tmp_path / "called.jpg"),))
+    folder = written(name, tour, tmp_path / name)
+    assert not (folder / "called.jpg").exists()
+    assert (
+        folder / "unplaced.txt"
+    ).read_text() == "called.jpg\tits content is not what .jpg says; rename it to what it is\n"
