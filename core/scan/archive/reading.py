@@ -54,20 +54,34 @@ def _read_together(
                 context.note(found.code, f"{name}: {found.message}", found.severity)
         positions = cloud.positions.astype(np.float64) + cloud.origin_offset
         collector.add(RawChunk(positions, cloud.colors, 1.0), cloud.num_points_read)
+    system = _common_system(systems, context)
+    context.note(
+        "scans_merged",
+        f"{len(scans)} scans of the zip were merged: {', '.join(_name(scan, folder) for scan in scans)[:500]}.",
+    )
+    # Each scan was held against its own, in its own unit.
+    cloud = replace(collector.finish(), coordinate_system=system)
+    report(1.0)
+    return cloud
+
+
+def _common_system(systems: dict[str | None, str], context: ReadingContext) -> str | None:
+    """Return the system that all scans name. systems: each with the first scan that names it; None: of those that name none."""
     named = {system: name for system, name in systems.items() if system is not None}
     if len(named) > 1:
         listed = ", ".join(f"{name}: {system[:60]}" for system, name in named.items())
         raise ScanContentError(
             f"The scans of the zip are in different coordinate systems ({listed}). Bring them into one and pack them again."
         )
-    context.note(
-        "scans_merged",
-        f"{len(scans)} scans of the zip were merged: {', '.join(_name(scan, folder) for scan in scans)[:500]}.",
-    )
-    # Each scan was held against its own, in its own unit.
-    cloud = replace(collector.finish(), coordinate_system=next(iter(named), None))
-    report(1.0)
-    return cloud
+    system = next(iter(named), None)
+    if system is not None and None in systems:
+        context.note(
+            "coordinate_system_assumed",
+            f"{systems[None]} names no coordinate system that can be used; it is taken to be in {system[:60]}, as "
+            f"{named[system]} says.",
+            "warning",
+        )
+    return system
 
 
 def _read_member(scan: Path, folder: Path, options: ScanOptions, report: Callable[[float], None]) -> PointCloud:

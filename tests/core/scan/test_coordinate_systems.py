@@ -16,6 +16,7 @@ from pyproj import CRS
 from core.errors import ScanContentError
 from core.options import ScanOptions, Unit, UpAxis
 from core.scan.las.coordinate_system import coordinate_system_of
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from tests.core.scan.mesh_files import zip_of
@@ -117,6 +118,18 @@ def test_scans_of_one_zip_are_in_one_system(cloud: PointCloud, scan_file: ScanFi
         ScanContentError, match=r"different coordinate systems \(a\.laz: EPSG:25832, b\.laz: EPSG:25833\)"
     ):
         read_scan(scan_file("scans.zip", zip_of({"a.laz": one, "b.laz": other})))
+
+
+def test_a_scan_of_a_zip_that_names_no_system_is_said_to_be_in_that_of_the_others(
+    cloud: PointCloud, scan_file: ScanFile
+) -> None:
+    named, silent = las_of(cloud, CRS(25832).to_wkt()), encode_ply(cloud)
+    read = read_scan(scan_file("scans.zip", zip_of({"a.ply": silent, "b.laz": named})))
+    (said,) = [found for found in read.diagnostics if found.code == "coordinate_system_assumed"]
+    assert (read.coordinate_system, said.severity) == ("EPSG:25832", "warning")
+    assert said.message.startswith("a.ply names no coordinate system")
+    alone = read_scan(scan_file("scans.zip", zip_of({"a.laz": named, "b.laz": named})))
+    assert "coordinate_system_assumed" not in {found.code for found in alone.diagnostics}
 
 
 def test_records_that_lie_about_their_length_name_nothing(cloud: PointCloud) -> None:
