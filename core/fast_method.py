@@ -6,7 +6,6 @@ search all starts and rotations → refine coarsely on what the start sees → j
 Each judgement discards candidates, so that the costly steps see few of them.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -35,7 +34,7 @@ from core.panorama.photo_atlas import shown_share
 from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery, by_colors, prepare_queries, within_limits
+from core.prepared_query import MapQuery, by_colors, prepare_queries, search_limits, within_limits
 from core.refine.refinement import CandidatePoints, joined, refine
 from core.refine.rig_level import RigLevel
 from core.search.map_search import MapCandidates, SearchRotations, make_search_rotations, search_maps
@@ -80,7 +79,7 @@ class _Run:
         with clock.stage("prepare"):
             queries = prepare_queries(query, maps, hints, self.config.refinement.finest_height, self.config)
         num_starts, num_poses, judged = 0, 0, list[Hypothesis]()
-        searches = self._search_limits(queries)
+        searches = search_limits(queries, self.config.photo_search)
         for number, searched in enumerate(searches, start=1):
             with clock.stage("search"):
                 found = self._search(queries, searched)
@@ -119,13 +118,6 @@ class _Run:
             left = [h for h in hypotheses if all(h is not other for other in close)]
             others = self._judge_rival(queries, best, self._with_rival(best, left, judged))
         return [*best, *others], finals[0][1] if finals else None
-
-    def _search_limits(self, queries: Sequence[MapQuery]) -> list[list[PoseLimits]]:
-        """Return the limits of one search of all maps after the other: of photos first those that cameras held level leave."""
-        limits, tilt = [query.limits for query in queries], math.radians(self.config.photo_search.level_tilt_deg)
-        if not any(isinstance(q.picture, PreparedPhotos) and q.limits.leaves_tilts_beyond(tilt) for q in queries):
-            return [limits]
-        return [[replace(limit, max_tilt=tilt) for limit in limits], limits]
 
     def _is_sure(self, hypotheses: Sequence[Hypothesis]) -> bool:
         """Return whether the best hypothesis leaves nothing to search for."""

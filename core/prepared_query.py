@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from core.config import LocalizerConfig
+from core.config import LocalizerConfig, PhotoSearchConfig
 from core.geometry.rotations import rotation_angle
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement, with_agreement
@@ -153,3 +153,11 @@ def by_colors(
 def within_limits(queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return the hypotheses, those that tilt more than the hints allow turned back."""
     return [queries[h.map_number].within_limits(h) for h in hypotheses]
+
+
+def search_limits(queries: Sequence[MapQuery], config: PhotoSearchConfig) -> list[list[PoseLimits]]:
+    """Return the limits of one search of all maps after the other: of photos first those that cameras held level leave."""
+    limits, tilt = [query.limits for query in queries], math.radians(config.level_tilt_deg)
+    if not any(isinstance(q.picture, PreparedPhotos) and q.limits.leaves_tilts_beyond(tilt) for q in queries):
+        return [limits]
+    return [[replace(limit, max_tilt=tilt) for limit in limits], limits]
