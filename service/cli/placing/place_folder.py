@@ -45,6 +45,10 @@ class PlaceFolder:
     @classmethod
     def begin(cls, folder: Path, question: Question) -> "PlaceFolder":
         """Make a folder, or go on with one in which the same was asked. Raises PlaceFolderError."""
+        if folder.resolve() == Path(question.photos):
+            raise PlaceFolderError(
+                f"expected another folder than that of the photos, or exports would be taken for photos; try {folder / 'placed'}"
+            )
         found = _read(folder / _QUESTION)
         if found is not None and found != asdict(question):
             raise PlaceFolderError(
@@ -63,7 +67,7 @@ class PlaceFolder:
         return cls(folder, Question(**found))
 
     def names(self) -> list[str]:
-        """Return the photos below their folder, sorted, without hidden files and without what lies in this one."""
+        """Return the photos below their folder, sorted, without hidden files and without what lies in this folder or one like it."""
         photos = Path(self.question.photos)
         return sorted(path.relative_to(photos).as_posix() for path in self._images(photos))
 
@@ -127,6 +131,9 @@ class PlaceFolder:
         own = self.folder.resolve()
         for folder, folders, files in os.walk(photos):
             here = Path(folder)
+            if here != photos and _QUESTION in files:
+                folders[:] = []
+                continue
             folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != own]
             for name in files:
                 if Path(name).suffix.lower() in IMAGE_ENDINGS and not name.startswith("."):

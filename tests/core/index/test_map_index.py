@@ -229,7 +229,7 @@ def test_every_setting_of_the_index_is_in_the_digest() -> None:
 
 def test_what_all_images_are_made_with_is_in_the_digest(monkeypatch: pytest.MonkeyPatch) -> None:
     before = IndexConfig().digest()
-    monkeypatch.setattr("core.config.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
+    monkeypatch.setattr("core.config.index.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
     assert IndexConfig().digest() != before
 
 

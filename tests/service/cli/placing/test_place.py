@@ -159,3 +159,14 @@ def test_a_batch_is_fetched_from_the_service(panoloc: Panoloc, fake: FakeService
         assert query == f"format={name}&map_id=map_1&include=ambiguous"
     fake.fail_with = problem(404, "There is no such batch", "unknown")
     assert panoloc("export", "batch_1", "--export", "potree", "--out", tmp_path).code == EXIT_ERROR
+
+
+def test_exports_are_never_taken_for_photos(panoloc: Panoloc, fake: FakeService, photos: Path) -> None:
+    into = panoloc("place", photos, "--map", "map_1", "--export", "navvis", "--out", photos)
+    assert into.code == EXIT_USAGE
+    assert "another folder" in into.err
+    assert num_queries(fake) == 0
+    for name in ("placed", "again"):
+        outcome = panoloc("place", photos, "--map", "map_1", "--export", "navvis", "--out", photos / name)
+        assert "3 photos: 3 localized" in outcome.out
+    assert num_queries(fake) == 6
