@@ -87,7 +87,7 @@ def _image(image_file: Any, photo: PlacedPhoto) -> Any:
     rotation = structure(
         **{name: number(value) for name, value in zip("wxyz", quaternion_wxyz(pose.rotation), strict=True)}
     )
-    translation = structure(**{name: number(value) for name, value in zip("xyz", pose.position, strict=True)})
+    position = structure(**{name: number(value) for name, value in zip("xyz", pose.position, strict=True)})
     blob = _BLOBS[PurePosixPath(photo.name).suffix.lower()]
     sphere = structure(
         **{blob: libe57.BlobNode(image_file, photo.image.stat().st_size)},
@@ -99,7 +99,7 @@ def _image(image_file: Any, photo: PlacedPhoto) -> Any:
     return structure(
         guid=libe57.StringNode(image_file, f"{{{uuid.uuid4()}}}"),
         name=libe57.StringNode(image_file, photo.name),
-        pose=structure(rotation=rotation, translation=translation),
+        pose=structure(rotation=rotation, translation=position),
         sphericalRepresentation=sphere,
     )
 
