@@ -2,23 +2,15 @@
 
 import re
 from collections.abc import Iterable
-from pathlib import PurePosixPath
+
+from core.distinct_names import distinct_names
 
 _LONGEST_NAME = 200
 
 
 def unique_names(given: Iterable[str]) -> list[str]:
     """Return a name for each file in its order; what was called nothing becomes `image`, the second of a name `name-2`."""
-    taken: set[str] = set()
-    found = []
-    for name in map(_clean, given):
-        path, number, free = PurePosixPath(name), 1, name
-        while free in taken:
-            number += 1
-            free = str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
-        taken.add(free)
-        found.append(free)
-    return found
+    return distinct_names(map(_clean, given))
 
 
 def _clean(name: str) -> str:

@@ -1,14 +1,14 @@
 """One batch: what was asked, as it is stored; and the result of each image.
 
 In storage: `batches/{id}/batch.json`, written once, last of all that an upload brings; `images/00000` and so on; `results/00000.json` as
-each image is done. A record bears its own digest.
+each image is done. A record bears its own digest, and so does a result.
 """
 
 import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from core.camera.camera import CameraDescription
 from core.errors import OptionsError
@@ -62,6 +62,24 @@ class BatchRecord:
             raise StoredFileDamagedError(
                 f"{key}: expected a batch as the service wrote it, but {error}; restore the file from a backup"
             ) from error
+
+
+def result_to_json(result: Result) -> bytes:
+    """Return a result as stored."""
+    return json.dumps({"sha256": _digest(result), "result": result}, allow_nan=False).encode()
+
+
+def result_from_json(data: bytes, key: str) -> Result:
+    """Read what `result_to_json` wrote; key: for the message of StoredFileDamagedError."""
+    try:
+        document = json.loads(data)
+        if "sha256" not in document and "status" in document:
+            return cast(Result, document)  # of before results had digests
+        if document["sha256"] != _digest(document["result"]):
+            raise ValueError("its digest differs")
+        return cast(Result, document["result"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise StoredFileDamagedError(f"{key}: expected a result as the service wrote it, but {error}") from error
 
 
 def folder_of(batch_id: str) -> str:

@@ -5,7 +5,8 @@ by no more than the image that is under way. Batches take turns.
 """
 
 import asyncio
-from typing import Any
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
 
 import structlog
 
@@ -21,9 +22,13 @@ from service.problems import problem_document
 
 _log = structlog.get_logger(__name__)
 
+_T = TypeVar("_T")
+
 _POLL_S = 0.02
+_FIRST_PAUSE_S = 1.0
 _LONGEST_PAUSE_S = 10.0
 _MAX_DEADLINES = 3
+_MAX_READS = 4  # of an image; one that never can be read must not hold up the others
 
 
 class BatchRuns:
@@ -37,6 +42,8 @@ class BatchRuns:
         self._turn = asyncio.Lock()
         self._num_under_way = 0
         self._running: dict[str, asyncio.Task[None]] = {}
+        self._once_more: dict[str, BatchRecord] = {}
+        store.call_when_damaged(self.begin)
 
     def resume(self) -> None:
         """Begin again with every batch that has not come to its end."""
@@ -44,7 +51,10 @@ class BatchRuns:
             self.begin(record)
 
     def begin(self, record: BatchRecord) -> None:
-        """Work on a batch that is stored."""
+        """Work on a batch that is stored; on one that is under way once more when that has ended."""
+        if record.id in self._running:
+            self._once_more[record.id] = record
+            return
         task = asyncio.create_task(self._run(record), name=f"batch {record.id}")
         self._running[record.id] = task
         task.add_done_callback(lambda ended: self._note_end(record.id, ended))
@@ -55,6 +65,7 @@ class BatchRuns:
 
     async def cancel(self, batch_id: str) -> None:
         """End the work on a batch and wait until it has ended."""
+        self._once_more.pop(batch_id, None)
         task = self._running.get(batch_id)
         if task is not None:
             task.cancel()
@@ -69,10 +80,13 @@ class BatchRuns:
         del self._running[batch_id]
         if not task.cancelled() and task.exception() is not None:
             _log.error("a batch met an unexpected fault", batch_id=batch_id, exc_info=task.exception())
+        record = self._once_more.pop(batch_id, None)
+        if record is not None:
+            self.begin(record)
 
     async def _run(self, record: BatchRecord) -> None:
         structlog.contextvars.bind_contextvars(batch_id=record.id)
-        done = await self._store.done(record.id)
+        done = await _patiently(lambda: self._store.done(record.id), "what is done of a batch cannot be listed")
         async with asyncio.TaskGroup() as images:
             for number in range(len(record.names)):
                 if number not in done:
@@ -98,15 +112,7 @@ class BatchRuns:
 
     async def _localize(self, record: BatchRecord, number: int) -> None:
         result = await self._result(record, number)
-        pause_s = 1.0
-        while True:
-            try:
-                await self._store.put_result(record.id, number, result)
-                return
-            except OSError as error:
-                _log.error("a result cannot be stored, it is tried again", number=number, error=str(error))
-                await asyncio.sleep(pause_s)
-                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+        await _patiently(lambda: self._store.put_result(record.id, number, result), "a result cannot be stored")
 
     async def _result(self, record: BatchRecord, number: int) -> Result:
         request_id = f"{record.id}-{number:05}"
@@ -123,7 +129,7 @@ class BatchRuns:
 
         A deadline may have passed because the index of the map was built anew, after a restart: that goes on, and a later try finds it.
         """
-        data = await self._store.image(record.id, number)
+        data = await _patiently(lambda: self._store.image(record.id, number), "an image cannot be read", _MAX_READS)
         check_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
         query = LocalizeRequest((image,), MapChoice(record.map_ids, record.tag), record.options, request_id)
@@ -138,3 +144,18 @@ class BatchRuns:
             except TryAgainError as error:
                 _log.warning("an image of a batch is tried again", number=number, error=str(error))
                 await asyncio.sleep(min(max(error.retry_after_s, _POLL_S), _LONGEST_PAUSE_S))
+
+
+async def _patiently(work: Callable[[], Awaitable[_T]], what: str, max_tries: int | None = None) -> _T:
+    """Return what `work` returns; what a disk or a moment refuses is tried again after growing pauses: nothing waits for a restart."""
+    pause_s, num_tries = _FIRST_PAUSE_S, 0
+    while True:
+        try:
+            return await work()
+        except (OSError, TryAgainError) as error:
+            num_tries += 1
+            if num_tries == max_tries:
+                raise
+            _log.error(f"{what}, it is tried again", error=str(error))
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)

@@ -1,7 +1,6 @@
 """All batches: what was asked in memory, images and results in storage. The only writer of either."""
 
 import asyncio
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -14,10 +13,18 @@ from service.batches.record import (
     folder_of,
     image_key,
     record_key,
+    result_from_json,
     result_key,
+    result_to_json,
     results_prefix,
 )
-from service.errors import BatchLimitError, BatchNotFoundError, StorageError
+from service.errors import (
+    BatchLimitError,
+    BatchNotFoundError,
+    StorageError,
+    StoredFileDamagedError,
+    StoredFileMissingError,
+)
 from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
@@ -35,6 +42,12 @@ class BatchStore:
         self._num_coming = 0
         self._num_done: dict[str, int] = {}
         self._reading = asyncio.Lock()
+        self._damaged: dict[str, set[int]] = {}
+        self._when_damaged: Callable[[BatchRecord], None] = lambda record: None
+
+    def call_when_damaged(self, redo: Callable[[BatchRecord], None]) -> None:
+        """Name what is called for a batch of which a stored result turned out to be damaged: its image has none any more."""
+        self._when_damaged = redo
 
     async def load(self) -> None:
         """Read all records; uploads that never became a batch are removed, a record that cannot be read is logged and left alone."""
@@ -92,7 +105,7 @@ class BatchStore:
     async def done(self, batch_id: str) -> set[int]:
         """Return the numbers of the images that have a result."""
         names = await asyncio.to_thread(self._storage.names, results_prefix(batch_id))
-        return {int(name.removesuffix(".json")) for name in names}
+        return {int(name.removesuffix(".json")) for name in names} - self._damaged.get(batch_id, set())
 
     async def counts(self, batch_id: str) -> Counter[str]:
         """Return how many images ended with each status."""
@@ -107,13 +120,16 @@ class BatchStore:
             return Counter(known.values())
 
     async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
-        """Return the results of those images that have one."""
-        return await asyncio.to_thread(self._read_results, batch_id, list(numbers))
+        """Return the results of those images that have one; one that is damaged is none, and its image is localized again."""
+        found = await asyncio.to_thread(self._read_results, batch_id, list(numbers))
+        damaged = {number for number, result in found.items() if result is None}
+        self._note_damaged(batch_id, damaged)
+        return {number: result for number, result in found.items() if result is not None}
 
     async def put_result(self, batch_id: str, number: int, result: Result) -> None:
         """Store what became of an image; to its end, so that nothing is written after a batch is deleted."""
-        data = json.dumps(result, allow_nan=False).encode()
-        await _to_the_end(self._storage.replace, result_key(batch_id, number), data)
+        await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
+        self._damaged.get(batch_id, set()).discard(number)
         self._statuses.setdefault(batch_id, {})[number] = result["status"]
         self._num_done[batch_id] += 1
 
@@ -126,6 +142,7 @@ class BatchStore:
         self.get(batch_id)
         del self._records[batch_id]
         self._statuses.pop(batch_id, None)
+        self._damaged.pop(batch_id, None)
         self._all_known.discard(batch_id)
         await _to_the_end(self._storage.delete_all, folder_of(batch_id))
 
@@ -139,13 +156,30 @@ class BatchStore:
             return None
         return BatchRecord.from_json(self._storage.read(record_key(batch_id)), record_key(batch_id))
 
-    def _read_results(self, batch_id: str, numbers: list[int]) -> dict[int, Result]:
+    def _note_damaged(self, batch_id: str, numbers: set[int]) -> None:
+        """Take images for waiting again whose results cannot be used; what writes them anew replaces the files."""
+        known, record = self._damaged.setdefault(batch_id, set()), self._records.get(batch_id)
+        new = numbers - known
+        if record is None or not new:
+            return
+        known |= new
+        for number in new:
+            self._statuses.get(batch_id, {}).pop(number, None)
+        self._num_done[batch_id] -= len(new)
+        _log.error("results are damaged, their images are localized again", batch_id=batch_id, numbers=sorted(new))
+        self._when_damaged(record)
+
+    def _read_results(self, batch_id: str, numbers: list[int]) -> dict[int, Result | None]:
+        """Return those that are there, None for one that is damaged."""
         present = set(self._storage.names(results_prefix(batch_id)))
-        return {
-            number: json.loads(self._storage.read(result_key(batch_id, number)))
-            for number in numbers
-            if f"{number:05}.json" in present
-        }
+        return {number: self._read_result(batch_id, number) for number in numbers if f"{number:05}.json" in present}
+
+    def _read_result(self, batch_id: str, number: int) -> Result | None:
+        key = result_key(batch_id, number)
+        try:
+            return result_from_json(self._storage.read(key), key)
+        except (StoredFileDamagedError, StoredFileMissingError):
+            return None
 
 
 async def _to_the_end(work: Callable[..., None], *arguments: object) -> None:

@@ -24,9 +24,9 @@ class TourDocument:
         if result["status"] == "failed":
             return f"failed: {result['error'].get('detail') or result['error'].get('title')}"
         if not _has_pose(result):
-            return str(result["status"])
+            return f"not_localized: fits no place well enough{_best_guess(result['answer'])}"
         if result["status"] == "ambiguous" and not self.include_ambiguous:
-            return "ambiguous"
+            return f"ambiguous: fits several places about as well{_best_guess(result['answer'])}; ask for ambiguous photos to have it"
         placed_in = result["answer"]["map_id"]
         return None if placed_in == self.map_id else f"placed in another map, {placed_in}"
 
@@ -78,6 +78,10 @@ class TourDocument:
 def maps_of(results: Iterable[Result]) -> list[str]:
     """Return the maps in which photos were placed, each once, sorted."""
     return sorted({result["answer"]["map_id"] for result in results if _has_pose(result)})
+
+
+def _best_guess(answer: Mapping[str, Any]) -> str:
+    return f", its best guess with a confidence of {answer['confidence']:.2f}" if answer["confidence"] else ""
 
 
 def _has_pose(result: Result) -> bool:

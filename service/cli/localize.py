@@ -28,6 +28,7 @@ def localize(
     panoramas: Annotated[
         list[Path] | None,
         typer.Argument(
+            metavar="IMAGE",
             exists=True,
             dir_okay=False,
             readable=True,

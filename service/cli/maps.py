@@ -40,7 +40,7 @@ def list_maps(
 @app.command()
 def delete(
     ctx: typer.Context,
-    map_ids: Annotated[list[str], typer.Argument(metavar="ID...", help="Ids of the maps to delete.")],
+    map_ids: Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps to delete.")],
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> None:

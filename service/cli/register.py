@@ -16,7 +16,10 @@ from service.jobs import LONGEST_NAME
 def register(
     ctx: typer.Context,
     scan: Annotated[
-        Path, typer.Argument(exists=True, dir_okay=False, readable=True, help="Coloured point cloud or mesh.")
+        Path,
+        typer.Argument(
+            metavar="SCAN", exists=True, dir_okay=False, readable=True, help="Coloured point cloud or mesh."
+        ),
     ],
     name: Annotated[str | None, typer.Option(help="Name for people; the file's name when not given.")] = None,
     tag: Annotated[list[str] | None, typer.Option(help="Tag to find the map by; repeatable.")] = None,

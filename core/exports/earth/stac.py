@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from typing import Any
 
+from core.distinct_names import distinct_names
 from core.exports.angles import PhotoAngles, photo_angles
 from core.exports.axes import GL_FROM_FLU
 from core.exports.earth.placing import coordinates, grid_of, on_earth, time_text
@@ -27,12 +28,14 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
 
     `datetime` of a photo without a time of its own is when it was placed.
     """
-    items = [_item(tour, photo, place, angles) for photo, place, angles in on_earth(tour)]
+    ids = distinct_names(re.sub(r"[^\w.-]", "_", photo.name) for photo in tour.photos)
+    placed = zip(ids, on_earth(tour), strict=True)
+    items = [_item(tour, item_id, photo, place, angles) for item_id, (photo, place, angles) in placed]
     document = {"type": "FeatureCollection", "features": items}
     yield ExportedFile("items.json", (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
 
 
-def _item(tour: Tour, photo: PlacedPhoto, place: EarthPose, angles: PhotoAngles) -> dict[str, Any]:
+def _item(tour: Tour, item_id: str, photo: PlacedPhoto, place: EarthPose, angles: PhotoAngles) -> dict[str, Any]:
     at = coordinates(place)
     grid, pose = grid_of(tour), photo.map_from_camera
     rotation = place.enu_from_camera if grid is None else pose.rotation
@@ -42,7 +45,7 @@ def _item(tour: Tour, photo: PlacedPhoto, place: EarthPose, angles: PhotoAngles)
         "type": "Feature",
         "stac_version": "1.1.0",
         "stac_extensions": list(_EXTENSIONS),
-        "id": re.sub(r"[^\w.-]", "_", photo.name),
+        "id": item_id,
         "geometry": {"type": "Point", "coordinates": at},
         "bbox": [*at, *at],
         "properties": {

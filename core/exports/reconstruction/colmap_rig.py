@@ -1,13 +1,14 @@
 """COLMAP text model of six pinholes per panorama with one centre, and their images: for tools that know no spheres."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from core.distinct_names import distinct_names
 from core.exports.axes import cam_from_world
 from core.exports.reconstruction.colmap import points_of, pose_text, table
 from core.exports.tour import ExportedFile, PlacedPhoto, Tour
@@ -19,7 +20,8 @@ _QUALITY = 95
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`, four faces around, one up, one down, each 90 degrees wide.
+    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`, four faces around, one up, one down, each 90 degrees wide; `names.csv`
+    has the photo of each NAME.
 
     The reference sensor of a rig is its front face, so the rig of a frame stands where the panorama does.
     """
@@ -35,20 +37,23 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         "RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID SENSORS[] as (SENSOR_TYPE, SENSOR_ID, HAS_POSE, SENSOR_FROM_RIG)",
         [_rig(number) for number in range(len(sizes))],
     )
+    names = _image_names(tour.photos)
     frames, images = [], []
-    for number, photo in enumerate(tour.photos):
+    for number, (photo, image_name) in enumerate(zip(tour.photos, names, strict=True)):
         rig = sizes.index(face_size(photo))
         data = " ".join(f"CAMERA {_camera_id(rig, face)} {_image_id(number, face)}" for face in range(len(FACES)))
         frames.append(f"{number + 1} {rig + 1} {pose_text(cam_from_world(photo.map_from_camera))} {len(FACES)} {data}")
-        for face, name in enumerate(FACES):
-            pose = pose_text(_face_pose(photo.map_from_camera, name))
-            images += [f"{_image_id(number, face)} {pose} {_camera_id(rig, face)} {_image_name(photo, name)}", ""]
+        for face, face_name in enumerate(FACES):
+            pose = pose_text(_face_pose(photo.map_from_camera, face_name))
+            images += [f"{_image_id(number, face)} {pose} {_camera_id(rig, face)} {face_name}/{image_name}", ""]
     yield table("sparse/0/frames.txt", "FRAME_ID RIG_ID RIG_FROM_WORLD NUM_DATA_IDS DATA_IDS[]", frames)
     yield table("sparse/0/images.txt", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]", images)
     yield table("sparse/0/points3D.txt", "POINT3D_ID X Y Z R G B ERROR TRACK[]", points_of(tour.scan))
-    for photo in tour.photos:
+    photos_of = (f"{name}; {photo.name}\n" for name, photo in zip(names, tour.photos, strict=True))
+    yield ExportedFile("names.csv", "".join(("# name below images/FACE; name of the photo\n", *photos_of)).encode())
+    for photo, image_name in zip(tour.photos, names, strict=True):
         if photo.image is not None:
-            yield from _cut(photo)
+            yield from _cut(photo, image_name)
 
 
 def face_size(photo: PlacedPhoto) -> int:
@@ -91,20 +96,20 @@ def _image_id(photo: int, face: int) -> int:
     return photo * len(FACES) + face + 1
 
 
-def _image_name(photo: PlacedPhoto, face: str) -> str:
-    name = PurePosixPath(photo.name)
+def _image_names(photos: Sequence[PlacedPhoto]) -> list[str]:
+    names = [PurePosixPath(photo.name) for photo in photos]
     # Where a space stands, names end in COLMAP's text files.
-    return f"{face}/{name.with_name(name.name.replace('.', '_') + '.jpg')}".replace(" ", "_")
+    return distinct_names(str(name.with_name(name.name.replace(".", "_") + ".jpg")).replace(" ", "_") for name in names)
 
 
-def _cut(photo: PlacedPhoto) -> Iterator[ExportedFile]:
+def _cut(photo: PlacedPhoto, image_name: str) -> Iterator[ExportedFile]:
     with Image.open(photo.image) as opened:  # type: ignore[arg-type]
         # The pose is that of the photo as EXIF turns it, and so is its size.
         colors = np.asarray(ImageOps.exif_transpose(opened).convert("RGB"))
     for face in FACES:
         out = io.BytesIO()
         Image.fromarray(cut_face(colors, face_size(photo), face)).save(out, "JPEG", quality=_QUALITY)
-        yield ExportedFile(f"images/{_image_name(photo, face)}", out.getvalue())
+        yield ExportedFile(f"images/{face}/{image_name}", out.getvalue())
 
 
 def cut_face(colors: NDArray[np.uint8], size: int, face: str) -> NDArray[np.uint8]:

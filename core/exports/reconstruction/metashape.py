@@ -1,9 +1,11 @@
 """Agisoft Metashape: `cameras.xml` for File > Import > Cameras."""
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
+from core.distinct_names import distinct_names
 from core.exports.axes import CV_FROM_FLU
 from core.exports.number_text import plain
 from core.exports.tour import ExportedFile, Tour
@@ -52,4 +54,5 @@ def _add_identity(chunk: ElementTree.Element) -> None:
 
 def _labels(names: list[str]) -> list[str]:
     stems = [PurePosixPath(name).stem for name in names]
-    return [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
+    once = {stem for stem, count in Counter(stems).items() if count == 1}
+    return distinct_names(stem if stem in once else name for stem, name in zip(stems, names, strict=True))

@@ -10,15 +10,19 @@ from rich.markup import escape
 
 from core.options import ExportFormat
 from service.cli.exit_codes import ExitCode
-from service.cli.placing.export_folder import ExportError, formats_of, write_exports
+from service.cli.placing.export_folder import Written, formats_of, write_exports
 from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.client import PanolocClient
+from service.client import ApiProblemError, ClientError, PanolocClient
+
+_REFUSED = 422
 
 
 def export(
     ctx: typer.Context,
-    source: Annotated[str, typer.Argument(help="The --out of `panoloc place`, or the id of a batch.")],
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="The --out of `panoloc place`, or the id of a batch.")
+    ],
     formats: Annotated[
         str,
         typer.Option(
@@ -50,25 +54,48 @@ def export(
     folder = Path(source)
     try:
         if folder.is_dir():
-            written = write_exports(PlaceFolder.open(folder), wanted, include_ambiguous, out or folder, scan)
+            placed = PlaceFolder.open(folder)
+            with session.client(url) as client:
+                refreshed = _refresh_maps(client, placed)
+            written = write_exports(placed, wanted, include_ambiguous, out or folder, scan)
+            if written.refusals and refreshed:
+                written.refusals.append(refreshed)
         elif source.startswith("batch_"):
             with session.client(url) as client:
-                written = [
-                    _fetch(client, source, name, (out or folder) / name, map_id, include_ambiguous) for name in wanted
-                ]
+                written = Written()
+                for name in wanted:
+                    try:
+                        written.folders.append(
+                            _fetch(client, source, name, (out or folder) / name, map_id, include_ambiguous)
+                        )
+                    except ApiProblemError as problem:
+                        if problem.status != _REFUSED:
+                            raise
+                        written.refusals.append(str(problem))
         else:
             raise PlaceFolderError(f"expected a folder or the id of a batch, got {source!r}")
     except PlaceFolderError as error:
         raise typer.BadParameter(str(error), param_hint="SOURCE") from error
-    except ExportError as error:
-        session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
-        return ExitCode.ERROR
-    for target in written:
+    for target in written.folders:
         if json:
             session.print_json({"folder": str(target)})
         else:
             session.results.print(f"wrote {target}", markup=False)
-    return ExitCode.OK
+    for refusal in written.refusals:
+        session.messages.print(f"[bold red]Error:[/] {escape(refusal)}")
+    return ExitCode.ERROR if written.refusals else ExitCode.OK
+
+
+def _refresh_maps(client: PanolocClient, placed: PlaceFolder) -> str | None:
+    """Fetch what the service knows of the maps now, such as a georeference that came later; return what to say where it cannot be had."""
+    if not client.is_live():
+        return f"no service answers at {client.url}, so maps are taken as they were when the photos were placed; start it for newer ones"
+    try:
+        for map_id in placed.maps():
+            placed.put_map(client.get_map(map_id))
+    except ClientError as error:
+        return f"maps are taken as they were when the photos were placed, because {error}"
+    return None
 
 
 def _fetch(

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
@@ -19,6 +20,14 @@ class ExportError(ValueError):
     """A format cannot hold the photos; the message says why and what to do."""
 
 
+@dataclass(frozen=True)
+class Written:
+    """What came of exports. refusals: of those that are not there, each with the reason."""
+
+    folders: list[Path] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
+
+
 def formats_of(given: str | None) -> list[ExportFormat]:
     """Return the formats of a list with commas, each once. Raises typer.BadParameter."""
     wanted = [name.strip() for name in (given or "").split(",") if name.strip()]
@@ -30,21 +39,23 @@ def formats_of(given: str | None) -> list[ExportFormat]:
 
 def write_exports(
     placed: PlaceFolder, formats: list[ExportFormat], include_ambiguous: bool, out: Path, survey: Path | None = None
-) -> list[Path]:
+) -> Written:
     """Write each format into a folder of its own below `out`, and below that of its map where there are several.
 
-    Return the folders. survey: the scan itself, an E57 in the frame of the map.
-
-    Raises ExportError and PlaceFolderError.
+    A format that cannot hold the photos is named with the reason and keeps no other from being written. survey: the scan itself, an
+    E57 in the frame of the map. Raises PlaceFolderError.
     """
-    written = []
+    written = Written()
     maps = placed.maps()
     for map_id in maps:
         tour = placed.tour(map_id, include_ambiguous, survey)
         for name in formats:
             target = out / name if len(maps) == 1 else out / map_id / name
-            _export(tour, name, target)
-            written.append(target)
+            try:
+                _export(tour, name, target)
+                written.folders.append(target)
+            except ExportError as error:
+                written.refusals.append(str(error))
     return written
 
 

@@ -16,8 +16,8 @@ from rich.markup import escape
 from core.options import Method
 from service.batches.record import Result
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.placing.export_folder import ExportError, formats_of, write_exports
-from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError, Question
+from service.cli.placing.export_folder import formats_of, write_exports
+from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError, Question, are_options_refused
 from service.cli.progress import show_counts
 from service.cli.query_options import camera_object
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
@@ -32,7 +32,10 @@ _PATIENCE_S = 600.0
 
 def place(
     ctx: typer.Context,
-    photos: Annotated[Path, typer.Argument(exists=True, file_okay=False, help="Folder of photos, with folders in it.")],
+    photos: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Folder of photos, with folders in it."),
+    ],
     out: Annotated[
         Path, typer.Option(file_okay=False, help="Folder for results and exports; run again, it goes on there.")
     ],
@@ -63,18 +66,18 @@ def place(
     options |= {"hints": {"upright": True}} if upright else {}
     options |= {"cameras": [camera]} if camera else {}
     try:
-        placed = PlaceFolder.begin(out, Question(str(photos.resolve()), list(map_id or ()), tag, options))
-        with session.client(url) as client:
-            codes = _Placing(session, client, placed).run(parallel)
-        written = write_exports(placed, formats, include_ambiguous, out) if formats else []
+        question = Question(str(photos.resolve()), list(map_id or ()), tag, options)
+        with PlaceFolder.held(out, question) as placed:
+            with session.client(url) as client:
+                codes = _Placing(session, client, placed).run(parallel)
+            written = write_exports(placed, formats, include_ambiguous, out)
     except PlaceFolderError as error:
         raise typer.BadParameter(str(error), param_hint="--out") from error
-    except ExportError as error:
-        session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
-        return ExitCode.ERROR
-    for folder in written:
+    for folder in written.folders:
         session.messages.print(f"wrote {escape(str(folder))}")
-    return worst_of(codes)
+    for refusal in written.refusals:
+        session.messages.print(f"[bold red]Error:[/] {escape(refusal)}")
+    return ExitCode.ERROR if written.refusals else worst_of(codes)
 
 
 @dataclass
@@ -85,13 +88,16 @@ class _Placing:
     client: PanolocClient
     placed: PlaceFolder
     stopped: threading.Event = field(default_factory=threading.Event)
+    _has_answers: bool = False
 
     def run(self, parallel: int) -> list[ExitCode]:
         """Bring every photo to a result and tell of them; raises what says nothing of a photo, with the results so far kept."""
         names = self.placed.names()
-        results = {name: result for name in names if (result := self.placed.result(name)) is not None}
+        done = [name for name in names if self.placed.is_final(name)]
+        results = {name: result for name in done if (result := self.placed.result(name)) is not None}
+        self._has_answers = bool(results)
         if results:
-            self.session.messages.print(f"{len(results)} of {len(names)} photos are done already")
+            self.session.messages.print(f"{len(results)} of {counted(len(names))} are done already")
         waiting = [name for name in names if name not in results]
         statuses = Counter(result["status"] for result in results.values())
         with show_counts(self.session.messages, "placing", len(names)) as show:
@@ -129,7 +135,7 @@ class _Placing:
                 result = {"status": answer["status"], "answer": answer}
                 break
             except ApiProblemError as problem:
-                if problem.status in _NOT_OF_THE_PHOTO:
+                if problem.status in _NOT_OF_THE_PHOTO or self._is_of_all(problem):
                     raise
                 if problem.status not in _ONLY_TIME:
                     result = {"status": "failed", "error": problem.as_dict()}
@@ -138,8 +144,13 @@ class _Placing:
                     raise
                 if self.stopped.wait(problem.retry_after_s or 1.0):
                     raise
+        self._has_answers = True
         self.placed.put_result(name, result)
         return result
+
+    def _is_of_all(self, problem: ApiProblemError) -> bool:
+        """Tell whether options are refused with which no photo has been answered: they are what is wrong, not the photo."""
+        return are_options_refused(problem.problem) and not self._has_answers
 
     def _keep_maps(self) -> None:
         for map_id in self.placed.maps():
@@ -156,6 +167,11 @@ class _Placing:
             self.session.print_json({"num_photos": num_photos, "counts": dict(statuses), "unplaced": str(unplaced)})
             return
         counts = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in sorted(statuses.items()))
-        self.session.results.print(f"{num_photos} photos: {counts or 'none'}", markup=False)
+        self.session.results.print(f"{counted(num_photos)}: {counts or 'none'}", markup=False)
         if statuses["localized"] < num_photos:
             self.session.results.print(f"those without a pose: {unplaced}", markup=False)
+
+
+def counted(num_photos: int) -> str:
+    """Return a number of photos in words."""
+    return f"{num_photos} photo" if num_photos == 1 else f"{num_photos} photos"

@@ -6,9 +6,11 @@ maps/map_x.json, .ply   the maps with photos in them, and their points, so that 
 unplaced.txt            the photos without a pose, with the reason
 """
 
+import fcntl
 import json
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,9 @@ from service.batches.tour import TourDocument, maps_of
 from service.client import JsonObject
 
 _QUESTION = "place.json"
+_LOCK = ".lock"
+_OF_THE_PHOTO = (413, 415, 422)
+_OPTIONS_REFUSED = "/problems/invalid-options"
 
 
 class PlaceFolderError(ValueError):
@@ -43,20 +48,33 @@ class PlaceFolder:
         self.question = question
 
     @classmethod
-    def begin(cls, folder: Path, question: Question) -> "PlaceFolder":
-        """Make a folder, or go on with one in which the same was asked. Raises PlaceFolderError."""
+    @contextmanager
+    def held(cls, folder: Path, question: Question) -> Iterator["PlaceFolder"]:
+        """Make a folder, or go on with one in which the same was asked or nothing came out; nobody else works in it meanwhile.
+
+        Raises PlaceFolderError. The lock is the system's, so that a process that was killed holds none.
+        """
         if folder.resolve() == Path(question.photos):
             raise PlaceFolderError(
                 f"expected another folder than that of the photos, or exports would be taken for photos; try {folder / 'placed'}"
             )
-        found = _read(folder / _QUESTION)
-        if found is not None and found != asdict(question):
-            raise PlaceFolderError(
-                f"expected a new folder, or one with the same question, but {folder} has another; choose another --out"
-            )
         folder.mkdir(parents=True, exist_ok=True)
-        _write(folder / _QUESTION, asdict(question))
-        return cls(folder, question)
+        with (folder / _LOCK).open("ab") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise PlaceFolderError(
+                    f"expected a folder in which nobody works, but another `panoloc place` does in {folder}; wait until it has ended, or "
+                    "choose another --out"
+                ) from error
+            found = _read(folder / _QUESTION)
+            if found is None or (found != asdict(question) and not (folder / "results").exists()):
+                _write(folder / _QUESTION, asdict(question))
+            elif found != asdict(question):
+                raise PlaceFolderError(
+                    f"expected a new folder, or one with the same question, but {folder} has another; choose another --out"
+                )
+            yield cls(folder, question)
 
     @classmethod
     def open(cls, folder: Path) -> "PlaceFolder":
@@ -84,9 +102,19 @@ class PlaceFolder:
         """Keep the result of a photo."""
         _write(self._result_file(name), {"name": name, "file": _fingerprint(self.photo(name)), "result": result})
 
-    def put_map(self, place: JsonObject, points: bytes) -> None:
-        """Keep what exports need of a map."""
+    def is_final(self, name: str) -> bool:
+        """Tell whether a photo has a result that no other run could change: one, or a failure of the photo itself."""
+        result = self.result(name)
+        if result is None or result["status"] != "failed":
+            return result is not None
+        error = result["error"]
+        return error.get("status") in _OF_THE_PHOTO and not are_options_refused(error)
+
+    def put_map(self, place: JsonObject, points: bytes | None = None) -> None:
+        """Keep what exports need of a map. points: None for those that are here already."""
         _write(self.folder / "maps" / f"{place['id']}.json", place)
+        if points is None:
+            return
         _replace(self.folder / "maps" / f"{place['id']}.ply", points)
 
     def maps(self) -> list[str]:
@@ -141,6 +169,11 @@ class PlaceFolder:
 
     def _result_file(self, name: str) -> Path:
         return self.folder / "results" / f"{name}.json"
+
+
+def are_options_refused(problem: JsonObject) -> bool:
+    """Tell whether a problem document is about what was asked, not about the photo."""
+    return str(problem.get("type", "")).endswith(_OPTIONS_REFUSED)
 
 
 def _fingerprint(photo: Path) -> list[int]:

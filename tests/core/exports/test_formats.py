@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
+from xml.etree import ElementTree
 
 import numpy as np
 import pygltflib
@@ -99,6 +100,24 @@ def test_what_a_format_cannot_hold_is_left_out_with_its_reason(
     summary = json.loads((written(name, tour, tmp_path / "out") / "export.json").read_text())
     assert summary["num_photos"] == 0
     assert reason in summary["left_out"][0]["reason"]
+
+
+def test_photos_whose_names_differ_little_stay_different_photos(tmp_path: Path) -> None:
+    tour = golden_tour(tmp_path)
+    names = ("a b.jpg", "a_b.jpg", "a_b.png", "a+b.jpg", "hall/a_b.jpg", "A_B.jpg")
+    tour = replace(tour, photos=tuple(replace(tour.photos[0], name=name) for name in names))
+    rig = written("colmap-rig", tour, tmp_path / "rig")
+    kept = [line.split("; ")[1] for line in (rig / "names.csv").read_text().splitlines()[1:]]
+    assert kept == list(names)
+    for face in ("front", "down"):
+        cut = {str(path.relative_to(rig / "images" / face)) for path in (rig / "images" / face).rglob("*.jpg")}
+        assert cut == {line.split("; ")[0] for line in (rig / "names.csv").read_text().splitlines()[1:]}
+        assert len(cut) == len(names)
+    images = json.loads((written("stac", tour, tmp_path / "stac") / "items.json").read_text())["features"]
+    assert len({item["id"].lower() for item in images}) == len(names)
+    assert [item["assets"]["image"]["href"] for item in images] == list(names)
+    cameras = ElementTree.parse(written("metashape", tour, tmp_path / "metashape") / "cameras.xml").findall(".//camera")
+    assert len({camera.attrib["label"] for camera in cameras}) == len(names)
 
 
 def test_without_all_times_photos_are_numbered_in_their_order() -> None:

@@ -85,6 +85,7 @@ class FakeService:
     places: list[dict[str, Any]] = field(default_factory=lambda: [READY_MAP])
     fail_with: httpx.Response | None = None
     refuse_file: str | None = None
+    refusal: httpx.Response | None = None
     busy: int = 0
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
     down: bool = False
@@ -133,7 +134,7 @@ class FakeService:
 
     def _localize(self, request: httpx.Request) -> httpx.Response:
         if self.refuse_file and self.refuse_file.encode() in b"".join(self.parts["image"]):
-            return problem(422, "Not a panorama", "expected 2:1, got 3000 x 2000; crop it.")
+            return self.refusal or problem(422, "Not a panorama", "expected 2:1, got 3000 x 2000; crop it.")
         if self.busy > 0:
             self.busy -= 1
             return problem(429, "Too many requests wait", "try again", **{"Retry-After": "0"})
@@ -143,9 +144,9 @@ class FakeService:
         return httpx.Response(200, json=self.answer or answer_with(self.status))
 
 
-def problem(status: int, title: str, detail: str, **headers: str) -> httpx.Response:
+def problem(status: int, title: str, detail: str, kind: str = "x", **headers: str) -> httpx.Response:
     """Return a problem document as the service sends it."""
-    body = {"type": "x", "title": title, "status": status, "detail": detail, "request_id": "req_7"}
+    body = {"type": f"/problems/{kind}", "title": title, "status": status, "detail": detail, "request_id": "req_7"}
     return httpx.Response(status, json=body, headers={"content-type": "application/problem+json", **headers})
 
 

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from core.errors import DeadlineExceededError, PanoramaShapeError
-from service.errors import QueueFullError
+from service.errors import QueueFullError, StorageFullError
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.schemas import Batch
 from service.jobs import PoolState
+from service.storage import FolderStorage
 from tests.service.http.fake_pool import no_worker
 from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
 
@@ -187,6 +188,61 @@ async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
         body = await done(again, batch_id)
         assert body["counts"]["localized"] == 4
         assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00002", f"{batch_id}-00003"]
+
+
+async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+) -> None:
+    async with running_service(tmp_path, redis_server.url) as first:
+        map_id = await first.ready_map()
+        batch_id = (await post(first, map_id, ["a.png", "b.png", "c.png"])).json()["id"]
+        as_it_was = await done(first, batch_id)
+    results = tmp_path / "batches" / batch_id / "results"
+    (results / "00001.json").write_bytes((results / "00001.json").read_bytes().replace(b"0.93", b"0.39"))
+    (results / "00002.json").write_bytes(b'{"sta')
+    # As they were stored before they had digests.
+    (results / "00000.json").write_text(json.dumps(json.loads((results / "00000.json").read_bytes())["result"]))
+    async with running_service(tmp_path, redis_server.url) as again:
+        page = (await again.client.get(f"/batches/{batch_id}")).json()
+        assert [item["status"] for item in page["items"]] == ["localized", "waiting", "waiting"]
+        body = await done(again, batch_id)
+        assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00001", f"{batch_id}-00002"]
+        assert body["items"][0] == as_it_was["items"][0]
+        assert {item["answer"]["confidence"] for item in body["items"]} == {0.93}
+        (results / "00000.json").write_bytes(b"[]")
+        assert (await again.client.get(f"/batches/{batch_id}/export?format=tum")).status_code == 200
+        await done(again, batch_id)
+        assert len(again.pool.jobs) == 3
+
+
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), StorageFullError("no space", 0)])
+async def test_a_disk_that_fails_for_a_while_ends_no_batch(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    map_id = await running.ready_map()
+    monkeypatch.setattr("service.batches.runs._FIRST_PAUSE_S", 0.01)
+    left = {"names": 2, "read": 2, "replace": 2}
+    whole = {name: getattr(FolderStorage, name) for name in left}
+
+    def failing(name: str) -> Any:
+        def call(storage: FolderStorage, key: str, *data: bytes) -> Any:
+            wanted = {"names": key.endswith("/results"), "read": "/images/" in key, "replace": "/results/" in key}[name]
+            if wanted and left[name] > 0:
+                left[name] -= 1
+                raise error
+            return whole[name](storage, key, *data)
+
+        return call
+
+    running.pool.localize_gate.clear()
+    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
+    for name in left:
+        monkeypatch.setattr(FolderStorage, name, failing(name))
+    running.pool.localize_gate.set()
+    await done(running, batch_id)
+    assert left["replace"] == 0
+    body = (await running.client.get(f"/batches/{batch_id}")).json()
+    assert body["counts"]["localized"] == 2
 
 
 async def test_deleting_a_batch_cancels_it_and_leaves_nothing(running: RunningService) -> None:

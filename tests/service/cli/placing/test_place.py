@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from service.cli.placing.place_folder import PlaceFolder, Question
 from tests.service.cli.commands import Panoloc
-from tests.service.cli.fake_service import FakeService, answer_with, problem
+from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
 
 EXIT_ERROR, EXIT_USAGE, EXIT_NOT_LOCALIZED, EXIT_AMBIGUOUS = 1, 2, 3, 4
 
@@ -46,8 +47,11 @@ def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
     outcome = panoloc("place", photos, "--map", "map_1", "--export", "potree", "--out", out)
     assert outcome.code == EXIT_ERROR
     expected = [
-        ["hall.jpg", "ambiguous"],
-        ["rooms/a.jpg", "not_localized"],
+        [
+            "hall.jpg",
+            "ambiguous: fits several places about as well, its best guess with a confidence of 0.93; ask for ambiguous photos to have it",
+        ],
+        ["rooms/a.jpg", "not_localized: fits no place well enough, its best guess with a confidence of 0.93"],
         ["rooms/b.png", "failed: expected 2:1, got 3000 x 2000; crop it."],
     ]
     assert rows(out / "unplaced.txt") == expected
@@ -111,6 +115,83 @@ def test_what_says_nothing_of_the_photo_ends_the_run(
     assert outcome.code == EXIT_ERROR
     assert "map_9" in outcome.err
     assert not list((tmp_path / "out").rglob("results/*"))
+
+
+def test_options_that_are_refused_end_the_run_and_another_try_may_correct_them(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    fake.fail_with = problem(422, "Options are out of their range", "expected less than 180", kind="invalid-options")
+    outcome = panoloc("place", photos, "--map", "map_1", "--out", out, "--hfov", "170")
+    assert outcome.code == EXIT_ERROR
+    assert "less than 180" in outcome.err
+    assert not list(out.rglob("results/*"))
+    fake.fail_with = None
+    assert panoloc("place", photos, "--map", "map_1", "--out", out, "--hfov", "90").code == 0
+
+
+def test_a_failure_that_is_not_of_the_photo_is_tried_again_by_the_next_run(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    command = ("place", photos, "--map", "map_1", "--out", tmp_path / "out", "--parallel", "1")
+    fake.refuse_file = "is rooms/b.png"
+    fake.refusal = problem(504, "No answer before the deadline", "allow more time")
+    assert panoloc(*command).code == EXIT_ERROR
+    assert num_queries(fake) == 3
+    fake.refusal = problem(422, "The image is damaged", "send it whole")
+    assert panoloc(*command).code == EXIT_ERROR
+    assert num_queries(fake) == 4
+    fake.refuse_file = None
+    outcome = panoloc(*command)
+    assert (outcome.code, num_queries(fake)) == (EXIT_ERROR, 4)
+
+
+def test_two_runs_do_not_share_a_folder_and_one_that_was_killed_holds_none(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    with PlaceFolder.held(out, Question(str(photos), ["map_1"], None, {"method": "fast"})):
+        outcome = panoloc("place", photos, "--map", "map_1", "--out", out)
+        assert (outcome.code, num_queries(fake)) == (EXIT_USAGE, 0)
+        assert "another `panoloc place`" in outcome.err.replace("\n", " ")
+    assert (out / ".lock").exists()
+    assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
+
+
+def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    outcome = panoloc("place", photos, "--map", "map_1", "--out", out, "--export", "geojson,tum,stac")
+    assert outcome.code == EXIT_ERROR
+    assert "geojson: expected a map with" in outcome.err
+    assert "stac: expected a map with" in outcome.err
+    assert (out / "tum" / "poses.tum").exists()
+    fake.down = True
+    outcome = panoloc("export", out, "--export", "geojson")
+    assert outcome.code == EXIT_ERROR
+    assert "no service answers" in outcome.err
+    fake.down = False
+    place = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5, "heading_deg": 0.0}
+    fake.polls = [{**READY_MAP, "georeference": place}]
+    assert panoloc("export", out, "--export", "geojson").code == 0
+    assert len(json.loads((out / "geojson" / "photos.geojson").read_text())["features"]) == 3
+    fake.down = True
+    assert panoloc("export", out, "--export", "stac").code == 0
+
+
+def test_one_photo_is_counted_as_one_and_usage_names_what_is_wanted(
+    panoloc: Panoloc, photos: Path, tmp_path: Path
+) -> None:
+    (photos / "rooms" / "one").mkdir()
+    (photos / "hall.jpg").rename(photos / "rooms" / "one" / "hall.jpg")
+    assert (
+        "1 photo: 1 localized"
+        in panoloc("place", photos / "rooms" / "one", "--map", "map_1", "--out", tmp_path / "x").out
+    )
+    for command, wanted in (("place", "FOLDER"), ("register", "SCAN"), ("localize", "IMAGE"), ("export", "SOURCE")):
+        usage = next(line for line in panoloc(command, "--help").out.splitlines() if "Usage" in line)
+        assert wanted in usage.partition("[OPTIONS]")[2].strip(" {}[].\n"), command
 
 
 def test_photos_in_several_maps_are_written_map_by_map(

@@ -1,0 +1,27 @@
+"""Names of files, each once, also where systems take upper and lower case for the same."""
+
+from collections.abc import Iterable
+from pathlib import PurePosixPath
+
+
+def distinct_names(given: Iterable[str]) -> list[str]:
+    """Return a name for each one given, in its order: itself where it is free, else with `-2`, `-3` … before its ending.
+
+    A name that is given once is never changed for the sake of one that comes earlier and has to be.
+    """
+    names = list(given)
+    as_given = {_key(name) for name in names}
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        path, number, free = PurePosixPath(name), 1, name
+        while _key(free) in taken or (free != name and _key(free) in as_given):
+            number += 1
+            free = str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
+        taken.add(_key(free))
+        found.append(free)
+    return found
+
+
+def _key(name: str) -> str:
+    return name.casefold()
