@@ -16,6 +16,7 @@ from core.geometry.projection import pixel_directions, project
 from core.index.map_index import MapIndex
 from core.panorama.panorama import Panorama
 from core.results import Localization
+from core.scan.from_above import Area, draw_from_above
 from core.views.render_cloud import counted_colors
 from core.views.synthetic_view import render_views
 
@@ -91,28 +92,13 @@ def draw_map_preview(index: MapIndex, max_side: int = 900) -> Picture:
     """Draw the scan from above without what lies in the top 15 % (ceilings), with a dot at every start."""
     positions, colors = index.positions.cpu().numpy(), index.colors.cpu().numpy()
     lower, upper = np.quantile(positions, 0.001, axis=0), np.quantile(positions, 0.999, axis=0)
-    # Half the size, enlarged afterwards: a point is then two pixels wide and floors have fewer gaps.
-    scale = max_side / 2 / max(float((upper - lower)[:2].max()), 1e-3)
-    width, height = (np.maximum(16, np.ceil((upper - lower)[:2] * scale))).astype(int)
-    cut = positions[:, 2] <= lower[2] + 0.85 * (upper[2] - lower[2])
-    order = np.argsort(positions[cut, 2], kind="stable")
-    x, y = _to_picture(positions[cut][order], lower, scale, height)
-    picture = np.full((height, width, 3), 250, dtype=np.uint8)
-    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    picture[y[inside], x[inside]] = colors[cut][order][inside]
-    drawn = Image.fromarray(picture).resize((2 * width, 2 * height), Image.Resampling.NEAREST)
+    top_m = float(lower[2] + 0.85 * (upper[2] - lower[2]))
+    seen = draw_from_above(positions, colors, Area(lower[:2], upper[:2], top_m), max_side)
+    drawn = Image.fromarray(seen.picture)
     pen = ImageDraw.Draw(drawn)
-    for u, v in zip(*_to_picture(index.starts.cpu().numpy(), lower, scale, height), strict=True):
-        pen.ellipse((2 * int(u) - 2, 2 * int(v) - 2, 2 * int(u) + 3, 2 * int(v) + 3), fill=(30, 90, 220))
+    for u, v in seen.pixels_of(index.starts.cpu().numpy()).tolist():
+        pen.ellipse((u - 2, v - 2, u + 3, v + 3), fill=(30, 90, 220))
     return np.asarray(drawn, dtype=np.uint8)
-
-
-def _to_picture(
-    points: NDArray[np.float32], lower: NDArray[np.float64], scale: float, height: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return columns and rows of points seen from above: x to the right, y up."""
-    x = ((points[:, 0] - lower[0]) * scale).astype(np.int64)
-    return x, height - 1 - ((points[:, 1] - lower[1]) * scale).astype(np.int64)
 
 
 def _shrunk(panorama: Panorama) -> Picture:

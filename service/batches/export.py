@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 from core.errors import ExportRefusedError
 from core.options import ExportFormat
 from core.scan.format_detection import detect_format
+from service.batches.overview import photo_of, placement_document
 from service.batches.record import BatchRecord, Result, image_key
 from service.batches.tour import TourDocument, maps_of
 from service.errors import ExportFailedError, StoredFileMissingError
@@ -63,6 +64,26 @@ async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord 
         await asyncio.to_thread(tour.write_text, json.dumps(document), encoding="utf-8")
         await _run("core.exports", str(tour), wanted.format, str(target))
         return target.open("rb")
+
+
+async def draw_plan(
+    storage: Storage, record: BatchRecord, results: Mapping[int, Result], map_id: str, place: MapRecord | None
+) -> bytes:
+    """Return a PNG: the scan from above with the photos placed in a map. place: the map; None: it was deleted.
+
+    Raises StorageError and ExportFailedError.
+    """
+    with ExitStack() as stack:
+        photos = [photo_of(name, results.get(number), map_id) for number, name in enumerate(record.names)]
+        points = await asyncio.to_thread(_points, storage, place, stack)
+        folder = await asyncio.to_thread(storage.spool_folder)
+        document, target = folder / f"{new_id('placement')}.json", folder / f"{new_id('plan')}.png"
+        for path in (document, target):
+            stack.callback(path.unlink, missing_ok=True)
+        text = json.dumps(placement_document(map_id, points, photos))
+        await asyncio.to_thread(document.write_text, text, encoding="utf-8")
+        await _run("core.exports.overview", str(document), str(target))
+        return await asyncio.to_thread(target.read_bytes)
 
 
 def _tour_document(

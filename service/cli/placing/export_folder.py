@@ -22,10 +22,15 @@ class ExportError(ValueError):
 
 @dataclass(frozen=True)
 class Written:
-    """What came of exports. refusals: of those that are not there, each with the reason."""
+    """What came of exports. folders: also single files. refusals: of those that are not there, each with the reason."""
 
     folders: list[Path] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
+
+    def add(self, other: "Written") -> None:
+        """Take over what came of others."""
+        self.folders.extend(other.folders)
+        self.refusals.extend(other.refusals)
 
 
 def formats_of(given: str | None) -> list[ExportFormat]:

@@ -17,6 +17,7 @@ from core.options import Method
 from service.batches.record import Result
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.placing.export_folder import formats_of, write_exports
+from service.cli.placing.overview_files import draw_overviews
 from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError, Question, are_options_refused
 from service.cli.progress import show_counts
 from service.cli.query_options import camera_object
@@ -70,7 +71,8 @@ def place(
         with PlaceFolder.held(out, question) as placed:
             with session.client(url) as client:
                 codes = _Placing(session, client, placed).run(parallel)
-            written = write_exports(placed, formats, include_ambiguous, out)
+            written = draw_overviews(placed)
+            written.add(write_exports(placed, formats, include_ambiguous, out))
     except PlaceFolderError as error:
         raise typer.BadParameter(str(error), param_hint="--out") from error
     for folder in written.folders:

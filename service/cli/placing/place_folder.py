@@ -4,6 +4,7 @@ place.json              what was asked; another question needs another folder
 results/a.jpg.json      the result of FOLDER/a.jpg
 maps/map_x.json, .ply   the maps with photos in them, and their points, so that exports need no service
 unplaced.txt            the photos without a pose, with the reason
+plan.png, contact-sheet.jpg   where the photos stand in the scan, and what became of each
 """
 
 import fcntl
@@ -116,6 +117,11 @@ class PlaceFolder:
         if points is None:
             return
         _replace(self.folder / "maps" / f"{place['id']}.ply", points)
+
+    def points(self, map_id: str) -> Path | None:
+        """Return the file with the points of a map, None where they were not kept."""
+        points = self.folder / "maps" / f"{map_id}.ply"
+        return points if points.exists() else None
 
     def maps(self) -> list[str]:
         """Return the maps in which photos were placed."""

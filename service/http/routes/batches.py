@@ -9,10 +9,11 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from core.options import ExportFormat
-from service.batches.export import ExportRequest, map_of, open_export
+from service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from service.batches.record import BatchRecord, Result
 from service.errors import InvalidOptionsError
 from service.http.access import require
+from service.http.openapi import picture_response
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -85,6 +86,33 @@ async def get_export(
         "Content-Length": str(os.fstat(file.fileno()).st_size),
     }
     return StreamingResponse(_blocks(file), media_type="application/zip", headers=headers)
+
+
+@router.get(
+    "/batches/{batch_id}/plan.png",
+    summary="The scan from above, with the photos that are placed so far",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses={200: picture_response("The picture."), **error_responses(401, 403, 404, 422)},
+)
+async def get_plan(
+    request: Request,
+    batch_id: str,
+    map_id: Annotated[
+        str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)
+    ] = None,
+) -> Response:
+    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are further places
+    that an ambiguous one fits.
+    """
+    services = services_of(request)
+    record = services.batches.get(batch_id)
+    async with services.export_turns:
+        results = await services.batches.results(batch_id, range(len(record.names)))
+        drawn = map_of(record, results, map_id)
+        place = services.registry.get(drawn) if services.registry.has(drawn) else None
+        picture = await draw_plan(services.storage, record, results, drawn, place)
+    return Response(picture, media_type="image/png", headers={"Cache-Control": "private, no-cache"})
 
 
 @router.delete(

@@ -279,6 +279,17 @@ async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: 
     assert list((running.data_dir / "uploads").iterdir()) == []
 
 
+async def test_the_plan_of_a_batch_is_a_picture(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
+    await done(running, batch_id)
+    reply = await running.client.get(f"/batches/{batch_id}/plan.png")
+    assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png"), reply.text
+    assert reply.content.startswith(b"\x89PNG")
+    assert list((running.data_dir / "uploads").iterdir()) == []
+    assert (await running.client.get("/batches/batch_none/plan.png")).status_code == 404
+
+
 async def test_a_format_of_places_on_earth_needs_a_georeference(running: RunningService) -> None:
     map_id = await running.ready_map()
     batch_id = (await post(running, map_id, ["a.png"])).json()["id"]

@@ -6,9 +6,24 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from service.cli.placing.export_folder import Written
 from tests.service.cli.commands import fake, panoloc
 
 __all__ = ["fake", "panoloc"]
+
+
+@pytest.fixture(autouse=True)
+def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let runs draw no pictures, which takes a process each, except where a test is about them."""
+    if "pictures" not in request.fixturenames:
+        monkeypatch.setattr("service.cli.placing.place.draw_overviews", lambda placed: Written())
+
+
+@pytest.fixture
+def pictures() -> tuple[str, str]:
+    """Return the names of the pictures, and let runs draw them."""
+    return "plan.png", "contact-sheet.jpg"
+
 
 NAMES = ("hall.jpg", "rooms/a.jpg", "rooms/b.png")
 

@@ -194,6 +194,21 @@ def test_one_photo_is_counted_as_one_and_usage_names_what_is_wanted(
         assert wanted in usage.partition("[OPTIONS]")[2].strip(" {}[].\n"), command
 
 
+def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, pictures: tuple[str, str]
+) -> None:
+    out = tmp_path / "out"
+    fake.answers = {"is hall.jpg": {**answer_with("localized"), "map_id": "map_2"}}
+    fake.polls = [{"id": "map_1"}, {"id": "map_2"}]
+    assert panoloc("place", photos, "--tag", "house", "--out", out).code == 0
+    assert sorted(path.name for path in out.glob("*.*g")) == ["contact-sheet.jpg", "plan-map_1.png", "plan-map_2.png"]
+    # None of them is taken for a photo, and nothing is drawn in a map where no photo was found.
+    fake.answers, fake.answer = {}, answer_with("not_localized")
+    again = tmp_path / "again"
+    assert panoloc("place", photos, "--map", "map_1", "--out", again).code == EXIT_NOT_LOCALIZED
+    assert [path.name for path in again.glob("*.*g")] == ["contact-sheet.jpg"]
+
+
 def test_photos_in_several_maps_are_written_map_by_map(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:

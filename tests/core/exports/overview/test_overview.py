@@ -1,0 +1,122 @@
+"""Pictures of a placement: dots where photos were taken, and every photo with what became of it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from core.exports.overview.__main__ import main
+from core.exports.overview.contact_sheet import draw_contact_sheet
+from core.exports.overview.document import PhotoSeen, Placement, read_placement
+from core.exports.overview.lettering import COLOR_OF, PAPER, font_of, shortened
+from core.exports.overview.plan import draw_plan
+from core.geometry.pose import Pose
+from core.scan.ply.writer import write_ply
+from core.scan.point_cloud import PointCloud
+from tests.core.exports.tours import jpeg, rotation_of
+
+LARGE = np.array([431_250.0, 5_312_480.0, 412.0])
+
+
+def taken_at(x: float, y: float, heading_deg: float = 0.0) -> Pose:
+    return Pose(rotation_of(heading_deg, 0, 0), np.array([x, y, 1.5]))
+
+
+def has_color(picture: np.ndarray, column: float, row: float, color: tuple[int, int, int]) -> bool:
+    return bool(np.array_equal(picture[round(row), round(column)], color))
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    """Return a floor of 10 m by 5 m with a ceiling over it."""
+    x, y = np.meshgrid(np.linspace(0, 10, 400), np.linspace(0, 5, 200))
+    floor = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    positions = np.vstack([floor, floor + np.array([0, 0, 3])]).astype(np.float32)
+    colors = np.repeat(np.array([[150, 120, 90], [5, 5, 5]], np.uint8), x.size, axis=0)
+    path = tmp_path / "points.ply"
+    write_ply(path, PointCloud(positions, colors, np.zeros(3)))
+    return path
+
+
+def test_a_photo_is_a_dot_where_it_was_taken_with_an_arrow_where_it_looks(scan: Path) -> None:
+    photos = (
+        PhotoSeen(1, "a.jpg", "localized", 0.9, (taken_at(2.5, 2.5, 270),), None),
+        PhotoSeen(2, "b.jpg", "ambiguous", 0.4, (taken_at(7.5, 1.0), taken_at(7.5, 4.0)), None),
+        PhotoSeen(3, "c.jpg", "not_localized", 0.1, (), None),
+    )
+    picture = draw_plan(Placement("map_1", photos, scan))
+    scale = 1200 / 10
+    height = 600
+    assert picture.shape[1] == pytest.approx(1200, abs=4)
+    blue, orange = COLOR_OF["localized"], COLOR_OF["ambiguous"]
+    at = 2.5 * scale, height - 2.5 * scale
+    assert has_color(picture, *at, blue)
+    assert has_color(picture, at[0] - 18, at[1], blue)  # looks against x, to the left
+    assert not has_color(picture, at[0] + 18, at[1], blue)
+    likeliest, other = (7.5 * scale, height - 1.0 * scale), (7.5 * scale, height - 4.0 * scale)
+    assert has_color(picture, likeliest[0], likeliest[1] + 3, orange)
+    assert has_color(picture, other[0] + 3, other[1] + 3, PAPER)
+    assert has_color(picture, other[0], other[1] - 18, orange)  # looks north, up
+    floor = (np.abs(picture[:height].astype(int) - [150, 120, 90]).max(axis=2) < 8).mean()
+    assert floor > 0.8  # not the ceiling
+
+
+def test_a_plan_of_a_national_grid_and_one_without_points_have_their_photos(tmp_path: Path) -> None:
+    far = tuple(
+        PhotoSeen(number, "a.jpg", "localized", 0.9, (Pose(np.eye(3), LARGE + np.array([number, 0, 0])),), None)
+        for number in (1, 2)
+    )
+    for placement in (Placement("map_1", far, None), Placement("map_1", (), None)):
+        picture = draw_plan(placement)
+        assert (picture == COLOR_OF["localized"]).all(axis=2).sum() >= 100 * len(placement.photos)
+
+
+def test_the_contact_sheet_has_every_photo_and_an_empty_place_for_what_does_not_decode(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(jpeg(640, 320))
+    (tmp_path / "b.jpg").write_bytes(b"no photo")
+    Image.new("RGBA", (50, 200), (10, 200, 10, 255)).save(tmp_path / "c.png")
+    photos = (
+        PhotoSeen(1, "a.jpg", "localized", 0.9, (), tmp_path / "a.jpg"),
+        PhotoSeen(2, "b.jpg", "failed", None, (), tmp_path / "b.jpg"),
+        PhotoSeen(3, "c.png", "not_localized", 0.2, (), tmp_path / "c.png"),
+        PhotoSeen(4, "d.jpg", "waiting", None, (), None),
+    )
+    sheet = draw_contact_sheet(Placement("map_1", photos, None))
+    for photo in photos:
+        assert (sheet == COLOR_OF[photo.status]).all(axis=2).sum() > 2000
+    assert (sheet == (10, 200, 10)).all(axis=2).sum() == pytest.approx(40 * 160, rel=0.1)
+    many = tuple(PhotoSeen(number, "x.jpg", "waiting", None, (), None) for number in range(2000))
+    height, width = draw_contact_sheet(Placement("map_1", many, None)).shape[:2]
+    assert max(height, width) < 10_000
+
+
+def test_of_long_names_the_end_is_shown() -> None:
+    font = font_of(16)
+    assert shortened("hall.jpg", font, 500) == "hall.jpg"
+    short = shortened("x" * 100 + "/hall_0001.jpg", font, 120)
+    assert short.startswith("...")
+    assert short.endswith("0001.jpg")
+    assert font.getlength(short) <= 120
+
+
+def test_pictures_are_drawn_of_a_document(tmp_path: Path, scan: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(jpeg())
+    pose = {"frame": "webxr", "position_m": [2.0, 1.5, -1.0], "quaternion_xyzw": [0, 0, 0, 1]}
+    photo = {
+        "name": "a.jpg",
+        "image": str(tmp_path / "a.jpg"),
+        "status": "localized",
+        "confidence": 0.9,
+        "poses": [pose],
+    }
+    document = tmp_path / "placement.json"
+    document.write_text(json.dumps({"map": "map_1", "scan": str(scan), "photos": [photo]}))
+    (seen,) = read_placement(document).photos
+    assert np.allclose(seen.poses[0].position, [2, 1, 1.5])
+    targets = [tmp_path / "plan.png", tmp_path / "contact-sheet.jpg"]
+    assert main([str(document), *map(str, targets)]) == 0
+    for target, kind in zip(targets, ("PNG", "JPEG"), strict=True):
+        with Image.open(target) as image:
+            assert image.format == kind
