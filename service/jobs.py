@@ -197,8 +197,8 @@ class RegisterOutcome:
     starts: list[dict[str, Any]] = field(default_factory=list)
 
 
-MAX_SAMPLE_POINTS = 200_000
-"""How many points `RegisterOutcome.points_ply` may hold: enough for a viewer, 3 MB."""
+MAX_SAMPLE_POINTS = 10_000_000
+"""How many points `RegisterOutcome.points_ply` may hold: 150 MB. Of a scan thinned to fewer, the default, all."""
 
 
 @dataclass(frozen=True)

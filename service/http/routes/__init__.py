@@ -4,9 +4,9 @@ from fastapi import APIRouter
 
 from service.http.routes import (
     batches,
+    console,
     documentation,
     health,
-    home,
     localizations,
     localize,
     map_files,
@@ -14,6 +14,7 @@ from service.http.routes import (
     metrics,
     new_batches,
     new_scans,
+    problems,
 )
 
 ROUTERS: tuple[APIRouter, ...] = tuple(
@@ -29,6 +30,7 @@ ROUTERS: tuple[APIRouter, ...] = tuple(
         health,
         metrics,
         documentation,
-        home,
+        problems,
+        console,
     )
 )

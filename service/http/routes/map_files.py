@@ -2,10 +2,12 @@
 
 import asyncio
 import json
-from typing import Annotated, Any, Literal
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any, Literal, TypeVar
 
 from fastapi import APIRouter, Depends, Query, Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from service.errors import StoredFileMissingError
 from service.http.access import require
@@ -17,10 +19,13 @@ from service.maps.record import key_of
 from service.maps.selection import serving_ref
 from service.problems import error_responses
 from service.services import services_of
+from service.storage import Storage
 
 router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
 
+Found = TypeVar("Found")
 _PLY_TYPE = "application/ply"
+_MOST_JSON_POINTS = 200_000  # more would take seconds and gigabytes to write
 _ERRORS = error_responses(401, 403, 404, 409)
 _STARTS_EXAMPLE = {
     "map_id": "map_2xk7q0v9m3d1c8fa",
@@ -69,22 +74,30 @@ async def get_preview(request: Request, map_id: str) -> Response:
 async def get_points(
     request: Request,
     map_id: str,
-    max_points: Annotated[int, Query(ge=1, le=MAX_SAMPLE_POINTS, description="Points at most.")] = 100_000,
+    max_points: Annotated[
+        int, Query(ge=1, le=MAX_SAMPLE_POINTS, description=f"Points at most; as JSON {_MOST_JSON_POINTS:,}.")
+    ] = 100_000,
     format: Annotated[
         Literal["ply", "json"] | None,
         Query(description="Wins over `Accept`, where `application/ply` is the default and `application/json` known."),
     ] = None,
 ) -> Response:
-    """Return a fair sample of the map's points as binary PLY, or as JSON when asked for."""
-    data, ref = await _file(request, map_id, "points.ply")
-    sample = PlySample.parse(data, key_of(ref, "points.ply")).first(max_points)
+    """Return a fair sample of the map's points as binary PLY, or as JSON when asked for.
+
+    The points come in random order: a viewer that draws what has arrived shows the whole scan, ever more densely.
+    """
+    storage = services_of(request).storage
+    sample, ref = await _stored(request, map_id, "points.ply", partial(_open_sample, storage))
     wants_json = format == "json" or (format is None and _prefers_json(request.headers.get("accept", "")))
     headers = {**_caching(ref), "Vary": "Accept"}
     if wants_json:
-        text = await asyncio.to_thread(json.dumps, sample.to_json())
+        sample = sample.first(min(max_points, _MOST_JSON_POINTS))
+        text = await asyncio.to_thread(lambda: json.dumps(sample.to_json()))
         return Response(text, media_type="application/json", headers=headers)
+    sample = sample.first(max_points)
     headers["Content-Disposition"] = f'attachment; filename="{map_id}.ply"'
-    return Response(sample.to_ply(), media_type=_PLY_TYPE, headers=headers)
+    headers["Content-Length"] = str(sample.num_bytes)
+    return StreamingResponse(sample.blocks(), media_type=_PLY_TYPE, headers=headers)
 
 
 @router.get(
@@ -102,11 +115,21 @@ async def get_starts(request: Request, map_id: str) -> Response:
 
 
 async def _file(request: Request, map_id: str, name: str) -> tuple[bytes, MapRef]:
+    return await _stored(request, map_id, name, services_of(request).storage.read)
+
+
+def _open_sample(storage: Storage, key: str) -> PlySample:
+    with storage.local_copy(key) as path:
+        return PlySample.parse(path.open("rb"), key)
+
+
+async def _stored(request: Request, map_id: str, name: str, read: Callable[[str], Found]) -> tuple[Found, MapRef]:
+    """Return what `read` makes of a file of the revision that answers queries, by its key, and the revision."""
     services = services_of(request)
     ref = serving_ref(services.registry.get(map_id))
     while True:
         try:
-            return await asyncio.to_thread(services.storage.read, key_of(ref, name)), ref
+            return await asyncio.to_thread(read, key_of(ref, name)), ref
         except StoredFileMissingError:
             # The revision may have been replaced, or the map deleted, since the request came.
             former, ref = ref, serving_ref(services.registry.get(map_id))

@@ -1,0 +1,41 @@
+/** Requests to the service that this page came from. */
+
+import { key } from "./key.svelte.ts";
+import { problemOf, unreachable } from "./problem.ts";
+
+/** Send a request, with the key where there is one. Throws RequestError for everything but success. */
+export async function request(path: string, init: RequestInit = {}): Promise<Response> {
+  let response: Response;
+  try {
+    response = await fetch(relative(path), { ...init, headers: { ...key.headers(), ...init.headers } });
+  } catch (error) {
+    if (error instanceof DOMException && error.name === "AbortError") throw error;
+    throw unreachable();
+  }
+  if (response.ok) return response;
+  if (response.status === 401) key.ask();
+  throw problemOf(response.status, await response.text());
+}
+
+export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T> {
+  return (await request(path, { signal: signal ?? null })).json() as Promise<T>;
+}
+
+export async function patchJson<T>(path: string, body: unknown): Promise<T> {
+  const init = { method: "PATCH", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } };
+  return (await request(path, init)).json() as Promise<T>;
+}
+
+export async function remove(path: string): Promise<void> {
+  await request(path, { method: "DELETE" });
+}
+
+/** Return a picture or file; where keys are asked for, an address in the page could not bring one. */
+export async function getBlob(path: string, signal?: AbortSignal): Promise<Blob> {
+  return (await request(path, { signal: signal ?? null })).blob();
+}
+
+/** Return a path as seen from the page, which may lie below a prefix. */
+export function relative(path: string): string {
+  return `.${path}`;
+}

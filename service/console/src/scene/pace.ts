@@ -1,0 +1,38 @@
+/** How many points a frame may have: measured while they are drawn, because machines differ by a factor of a thousand. */
+
+const MOVING_MS = 36;
+const STILL_MS = 350;
+const FIRST_GUESS_PER_MS = 20_000;
+const LEAST_POINTS = 40_000;
+/** A frame that waits for the screen says nothing of how long it took. */
+const SHORTEST_MS = 20;
+
+export class Pace {
+  private perMs = FIRST_GUESS_PER_MS;
+  private frames: number[] = [];
+
+  get moving(): number {
+    return Math.max(LEAST_POINTS, this.perMs * MOVING_MS);
+  }
+
+  get still(): number {
+    return Math.max(4 * LEAST_POINTS, this.perMs * STILL_MS);
+  }
+
+  /** Note a frame of a movement: how many points it had, how long after the one before it came. */
+  note(numPoints: number, milliseconds: number): void {
+    this.frames.push(milliseconds);
+    if (this.frames.length > 60) this.frames.shift();
+    if (milliseconds > 1000) return;
+    const measured = numPoints / Math.max(milliseconds, 1);
+    // Faster than the screen: more would be drawn in the same time.
+    const seen = milliseconds < SHORTEST_MS ? Math.max(this.perMs, measured * 1.15) : measured;
+    this.perMs += 0.25 * (seen - this.perMs);
+  }
+
+  /** Frames per second of the last movement, for whoever measures. */
+  get framesPerSecond(): number {
+    const total = this.frames.reduce((sum, each) => sum + each, 0);
+    return total > 0 ? (1000 * this.frames.length) / total : 0;
+  }
+}

@@ -1,0 +1,126 @@
+/** Photos on their way to an answer, and those that have one: two at a time, so that the first answers come early. */
+
+import { RequestError, shown } from "../api/problem.ts";
+import { getJson } from "../api/service.ts";
+import type { Answer, PendingAnswer, Problem } from "../api/types.ts";
+import { type Upload, upload } from "../api/upload.ts";
+
+const AT_A_TIME = 2;
+const PAUSE_MS = 400;
+const NUM_POSES = 4;
+
+export interface QueryHints {
+  position_m?: [number, number, number];
+  radius_m?: number;
+  upright?: boolean;
+}
+
+export interface QueryTarget {
+  mapIds: string[];
+  tag: string;
+  hints: QueryHints | null;
+  hfovDeg: number | null;
+}
+
+export class Query {
+  readonly key = crypto.getRandomValues(new Uint32Array(1))[0]!;
+  readonly photo: File;
+  readonly target: QueryTarget;
+  state = $state<"waiting" | "sending" | "searching" | "done" | "failed">("waiting");
+  share = $state(0);
+  answer = $state<Answer | null>(null);
+  problem = $state<Problem | null>(null);
+  private sending: Upload<PendingAnswer> | null = null;
+  private isCancelled = false;
+
+  constructor(photo: File, target: QueryTarget) {
+    this.photo = photo;
+    this.target = target;
+  }
+
+  async run(): Promise<void> {
+    try {
+      this.state = "sending";
+      this.sending = upload<PendingAnswer>({
+        path: "/localize",
+        form: this.form(),
+        headers: { Prefer: "respond-async" },
+        onProgress: (share) => (this.share = share),
+      });
+      const { id } = await this.sending.done;
+      this.state = "searching";
+      this.answer = await this.fetched(id);
+      this.state = "done";
+    } catch (error) {
+      this.problem = shown(error);
+      this.state = "failed";
+    }
+  }
+
+  cancel(): void {
+    this.isCancelled = true;
+    this.sending?.cancel();
+  }
+
+  private form(): FormData {
+    const form = new FormData();
+    const { mapIds, tag, hints, hfovDeg } = this.target;
+    const cameras = hfovDeg ? [{ model: "pinhole", hfov_deg: hfovDeg }] : undefined;
+    const artifacts = ["score_map_2d", "score_map_3d", "overlay"];
+    form.append("options", JSON.stringify({ artifacts, top_k: NUM_POSES, hints: hints ?? undefined, cameras }));
+    if (tag) form.append("tag", tag);
+    else for (const id of mapIds) form.append("map_id", id);
+    form.append("image", this.photo, this.photo.name);
+    return form;
+  }
+
+  private async fetched(id: string): Promise<Answer> {
+    for (;;) {
+      if (this.isCancelled) throw new DOMException("The query was cancelled.", "AbortError");
+      let found: Answer | PendingAnswer | null = null;
+      try {
+        found = await getJson<Answer | PendingAnswer>(`/localizations/${encodeURIComponent(id)}`);
+      } catch (error) {
+        // A service that is away for a moment has the answer when it is back.
+        if (shown(error).status !== 0 && shown(error).status !== 503) throw error;
+      }
+      if (found?.status === "failed") throw found.error ? new RequestError(found.error) : new Error("The query failed.");
+      if (found && found.status !== "queued" && found.status !== "running") return found as Answer;
+      await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    }
+  }
+}
+
+let items = $state<Query[]>([]);
+
+export const queries = {
+  get items(): Query[] {
+    return items;
+  },
+  answered(answerId: string): Query | undefined {
+    return items.find((query) => query.answer?.id === answerId);
+  },
+  ofMap(mapId: string): Query[] {
+    return items.filter((query) => query.target.mapIds.includes(mapId) || query.answer?.map_id === mapId);
+  },
+  add(photos: File[], target: QueryTarget): Query[] {
+    const added = photos.map((photo) => new Query(photo, target));
+    items = [...added, ...items];
+    pump();
+    return added;
+  },
+  again(query: Query): void {
+    queries.remove(query);
+    queries.add([query.photo], query.target);
+  },
+  remove(query: Query): void {
+    query.cancel();
+    items = items.filter((each) => each !== query);
+  },
+};
+
+function pump(): void {
+  const underWay = items.filter((query) => query.state === "sending" || query.state === "searching").length;
+  const next = items.filter((query) => query.state === "waiting").reverse().slice(0, Math.max(0, AT_A_TIME - underWay));
+  for (const query of next) void query.run().finally(pump);
+}

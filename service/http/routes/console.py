@@ -1,0 +1,53 @@
+"""The console: the page that people open, built from `service/console` by `scripts/install`. No key is asked for it: what it
+shows it fetches with the key that its user enters."""
+
+import re
+from pathlib import Path
+
+from fastapi import APIRouter
+from starlette.exceptions import HTTPException
+from starlette.responses import FileResponse, HTMLResponse, Response
+
+router = APIRouter(include_in_schema=False)
+
+BUILT = Path(__file__).parents[2] / "console" / "built"
+_ASSET = re.compile(r"[\w-]+\.(?P<suffix>js|css|svg)")
+_MEDIA_TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
+_SECURITY = {
+    # Nothing but what the service itself sends runs or is shown; pictures and photos are shown from memory.
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+_NOT_BUILT = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>panoloc</title>
+<h1>panoloc</h1>
+<p>The service runs, but its console was not built: run <code>scripts/install</code> where the sources are, then reload this page.
+The <a href="/docs">HTTP API</a> works as ever.</p>
+</html>
+"""
+
+
+@router.get("/")
+async def page() -> Response:
+    """Return the console, or say how to build it."""
+    index = BUILT / "index.html"
+    headers = {**_SECURITY, "Cache-Control": "no-cache"}
+    if not index.is_file():
+        return HTMLResponse(_NOT_BUILT, headers=headers)
+    return FileResponse(index, media_type="text/html", headers=headers)
+
+
+@router.get("/console/{name}")
+async def asset(name: str) -> Response:
+    """Return a script, a style sheet or a picture of the console; their names change with what is in them."""
+    known = _ASSET.fullmatch(name)
+    file = BUILT / "console" / name
+    if known is None or not file.is_file():
+        raise HTTPException(404)
+    headers = {**_SECURITY, "Cache-Control": "public, max-age=31536000, immutable"}
+    return FileResponse(file, media_type=_MEDIA_TYPES[known["suffix"]], headers=headers)

@@ -1,0 +1,69 @@
+"""A real browser on the console of a real service; WebGL is drawn in software."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from tests.integration.running_service import eventually
+
+CHROMIUM = "/usr/bin/chromium"
+_ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"]
+WAIT_MS = 120_000
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """Start Debian's Chromium, as `scripts/install --dev` installs it."""
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=_ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@contextmanager
+def page_of(chromium: Browser, url: str, **context: Any) -> Iterator[Page]:
+    """Open a page; whatever it complains of, a refusal of its security policy included, fails the test."""
+    complaints: list[str] = []
+    with chromium.new_context(viewport={"width": 1100, "height": 720}, **context) as opened:
+        page = opened.new_page()
+        page.set_default_timeout(WAIT_MS)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("console", lambda said: complaints.append(said.text) if _is_complaint(said.type, said.text) else None)
+        page.goto(url)
+        yield page
+    assert complaints == []
+
+
+def scene_state(page: Page) -> dict[str, Any]:
+    """Return what the 3D view says of itself."""
+    return dict(page.evaluate("document.querySelector('canvas').stage.state()"))
+
+
+def wait_until_drawn(page: Page, num_points: int) -> None:
+    """Wait until all points are there and the view has come to rest."""
+    page.locator("canvas").wait_for()
+    assert eventually(lambda: scene_state(page)["numPoints"] == num_points, WAIT_MS / 1000), scene_state(page)
+    _wait_until_still(page)
+
+
+def picture_of(page: Page, folder: Path, name: str) -> NDArray[np.float32]:
+    """Return the 3D view (H, W, 3) in 0..1 once it has come to rest."""
+    _wait_until_still(page)
+    file = folder / f"{name}.png"
+    page.locator("canvas").screenshot(path=file)
+    return np.asarray(Image.open(file).convert("RGB"), np.float32) / np.float32(255)
+
+
+def _wait_until_still(page: Page) -> None:
+    assert eventually(lambda: bool(scene_state(page)["isStill"]), WAIT_MS / 1000), scene_state(page)
+
+
+def _is_complaint(kind: str, text: str) -> bool:
+    # A failed request is said here too; tests of failures make some.
+    return kind == "error" and "Failed to load resource" not in text

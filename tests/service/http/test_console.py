@@ -1,0 +1,66 @@
+"""The page that people open: served without a key, with nothing in it that others could make run."""
+
+from pathlib import Path
+
+import pytest
+
+from service.host.embedded_redis import EmbeddedRedis
+from service.http.routes import console
+from tests.service.http.running_service import RunningService, running_service
+
+pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture
+def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder as the build leaves it."""
+    folder = tmp_path / "built"
+    (folder / "console").mkdir(parents=True)
+    (folder / "index.html").write_text("<!doctype html><script src=./console/index-1a2b.js></script>")
+    (folder / "console" / "index-1a2b.js").write_text("void 0")
+    (folder / ".sources").write_text("0123")
+    monkeypatch.setattr(console, "BUILT", folder)
+    return folder
+
+
+async def test_scripts_come_from_the_service_alone_and_no_page_frames_the_console(
+    running: RunningService, built: Path
+) -> None:
+    reply = await running.client.get("/")
+    assert (reply.status_code, reply.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    policy = dict(part.strip().split(" ", 1) for part in reply.headers["content-security-policy"].split(";"))
+    assert policy["default-src"] == "'none'"
+    assert policy["script-src"] == policy["style-src"] == "'self'"
+    assert policy["frame-ancestors"] == "'none'"
+    assert reply.headers["x-content-type-options"] == "nosniff"
+    assert reply.headers["referrer-policy"] == "no-referrer"
+    assert reply.headers["cache-control"] == "no-cache"
+
+
+async def test_what_bears_its_digest_in_its_name_is_kept_by_browsers(running: RunningService, built: Path) -> None:
+    reply = await running.client.get("/console/index-1a2b.js")
+    assert (reply.text, reply.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
+    assert "immutable" in reply.headers["cache-control"]
+
+
+@pytest.mark.parametrize("name", ["none.js", "..%2Findex.html", "..%2F.sources", ".sources", "index-1a2b.js%00"])
+async def test_nothing_else_of_the_folder_is_served(running: RunningService, built: Path, name: str) -> None:
+    reply = await running.client.get(f"/console/{name}")
+    assert (reply.status_code, reply.headers["content-type"]) == (404, "application/problem+json")
+
+
+async def test_without_a_console_the_page_says_how_to_build_it(
+    running: RunningService, built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "BUILT", built / "none")
+    page = await running.client.get("/")
+    assert page.status_code == 200
+    assert "scripts/install" in page.text
+    assert 'href="/docs"' in page.text
+    assert (await running.client.get("/maps")).status_code == 200
+
+
+async def test_the_console_asks_for_no_key(tmp_path: Path, redis_server: EmbeddedRedis, built: Path) -> None:
+    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
+        for path in ("/", "/console/index-1a2b.js"):
+            assert (await running.client.get(path)).status_code == 200
