@@ -87,6 +87,7 @@ class RayCluster:
             return
         _choose_token()
         _stay_on_loopback()
+        _start_only_what_is_needed()
         ray.init(
             address="local",
             _node_ip_address="127.0.0.1",
@@ -97,7 +98,6 @@ class RayCluster:
             _temp_dir=str(self._folder),
             **quiet,
         )
-        _end_processes_that_nobody_needs(ray)
         self._guard_processes()
 
     def rehearse(self) -> None:
@@ -173,17 +173,22 @@ def _stay_on_loopback() -> None:
         _log.warning("Ray has changed: its ports may be open to the network; close them with a firewall")
 
 
-def _end_processes_that_nobody_needs(ray: Any) -> None:
-    """End autoscaler monitor, API server and log monitor: 177 MB that serve a dashboard which we do not have.
+def _start_only_what_is_needed() -> None:
+    """Leave out autoscaler monitor, API server and log monitor, which serve a dashboard that we do not have.
 
-    `ray.init` has no switch for them. Failing here costs memory, nothing else.
+    `ray.init` has no switch for them, and waits up to a minute for the API server: 177 MB, and half of the processor time of a start.
     """
-    node = getattr(ray._private.worker, "_global_node", None)
-    for name in ("kill_monitor", "kill_dashboard", "kill_log_monitor"):
-        try:
-            getattr(node, name)(check_alive=False)
-        except Exception as error:
-            _log.warning("could not end a Ray process that is not needed", extra={"call": name, "error": repr(error)})
+    from ray._private.node import Node
+
+    for name in ("start_monitor", "start_api_server", "start_log_monitor"):
+        if hasattr(Node, name):
+            setattr(Node, name, _start_nothing)
+        else:
+            _log.warning("Ray has changed: a process of it that nobody needs may run", extra={"call": name})
+
+
+def _start_nothing(node: Any, **_: Any) -> None:
+    """Stand in for a method of Ray's `Node`."""
 
 
 def _forget_controller() -> None:

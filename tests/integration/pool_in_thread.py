@@ -50,10 +50,10 @@ class PoolInThread:
     def begin(self, work: Coroutine[Any, Any, Result]) -> "Future[Result]":
         return asyncio.run_coroutine_threadsafe(work, self._loop)
 
-    def run(self, work: Coroutine[Any, Any, Result], timeout_s: float = 60) -> Result:
+    def run(self, work: Coroutine[Any, Any, Result], timeout_s: float = 240) -> Result:
         return self.begin(work).result(timeout_s)
 
-    def wait_until_ready(self, within_s: float = 60) -> None:
+    def wait_until_ready(self, within_s: float = 240) -> None:
         deadline = time.monotonic() + within_s
         while not self.pool.state().ready:
             assert time.monotonic() < deadline, self.pool.state()
@@ -78,7 +78,7 @@ class PoolInThread:
         gc.collect()  # what Ray leaves behind is warned of here, not in a test that comes later
 
 
-def query(name: str, maps: tuple[str, ...] = ("map_a",), timeout_s: float = 30, **script: Any) -> LocalizeJob:
+def query(name: str, maps: tuple[str, ...] = ("map_a",), timeout_s: float = 200, **script: Any) -> LocalizeJob:
     """Return a job whose image tells the scripted worker what to do."""
     return LocalizeJob(
         localization_id=f"loc_{name}",

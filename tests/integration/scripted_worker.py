@@ -36,7 +36,8 @@ class ScriptedWorker:
         script = json.loads(job.scan_name)
         if script.get("crash"):
             os.kill(os.getpid(), signal.SIGKILL)
-        time.sleep(script.get("seconds", 0.0))
+        while "until" in script and not Path(script["until"]).exists():
+            time.sleep(0.05)
         self._index(job.map).touch()
         stats = {"pid": os.getpid(), "nice": os.nice(0)}
         return WorkerReply(RegisterOutcome(stats, [], b""), worker=self._name)

@@ -121,7 +121,7 @@ def refusal_of(service: RunningService, scan: BadScan) -> tuple[int, str]:
     if answer.status_code != 202:
         return answer.status_code, answer.json()["detail"]
     path = f"/maps/{answer.json()['id']}"
-    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 60)
+    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 240)
     document = service.http.get(path).json()
     assert document["status"] == "failed", document
     return 422, document["error"]["detail"]

@@ -42,7 +42,7 @@ def test_a_photo_is_found_in_a_scan_of_every_kind(service: RunningService, panor
     posted = service.http.post("/maps", files={"file": (name, KINDS[name](BOX))}, data={"options": OPTIONS})
     assert posted.status_code == 202, posted.text
     path = f"/maps/{posted.json()['id']}"
-    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 120)
+    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 240)
     document = service.http.get(path).json()
     assert document["status"] == "ready", document["error"]
     answer = service.http.post(
@@ -62,7 +62,7 @@ def test_a_scan_in_utm_gives_headings_from_true_north(service: RunningService, p
     scan = las_of(BOX.scan(), CRS(UTM_32).to_wkt())
     posted = service.http.post("/maps", files={"file": ("room.laz", scan)}, data={"options": OPTIONS})
     path = f"/maps/{posted.json()['id']}"
-    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 120)
+    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 240)
     document = service.http.get(path).json()
     assert (document["status"], document["coordinate_system"]) == ("ready", UTM_32), document["error"]
     answer = service.http.post(

@@ -1,5 +1,6 @@
 """A Ray of our own listens to this machine alone, whatever address the machine has."""
 
+import contextlib
 import socket
 import tempfile
 from collections.abc import Iterator
@@ -23,19 +24,19 @@ def cluster() -> Iterator[RayCluster]:
         cluster = RayCluster(None, Path(folder), lifeline)
         with ThreadPoolExecutor(1) as thread:
             thread.submit(cluster.connect).result()
-            yield cluster
-            thread.submit(cluster.disconnect).result()
+            try:
+                yield cluster
+            finally:
+                thread.submit(cluster.disconnect).result()
         lifeline.close()
 
 
 def addresses_of(pids: set[int]) -> list[str]:
     """Return the addresses on which processes listen, as the kernel knows them."""
-    sockets = {
-        str(link.readlink())[8:-1]
-        for pid in pids
-        for link in Path(f"/proc/{pid}/fd").iterdir()
-        if str(link.readlink()).startswith("socket:[")
-    }
+    sockets = set()
+    for link in (link for pid in pids for link in Path(f"/proc/{pid}/fd").iterdir()):
+        with contextlib.suppress(FileNotFoundError):  # closed since
+            sockets.add(str(link.readlink()).removeprefix("socket:[").removesuffix("]"))
     found = []
     for family, table in ((socket.AF_INET, "tcp"), (socket.AF_INET6, "tcp6")):
         for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:

@@ -23,9 +23,11 @@ pytestmark = pytest.mark.integration
 def running() -> Iterator[PoolInThread]:
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
         running = PoolInThread(Path(folder))
-        running.wait_until_ready()
-        yield running
-        running.stop()
+        try:
+            running.wait_until_ready()
+            yield running
+        finally:
+            running.stop()
         assert [process_name(pid) for pid in descendants(os.getpid()) if "ray" in process_name(pid)] == []
 
 
@@ -42,7 +44,7 @@ def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: P
     begun = [running.begin(running.pool.localize(each)) for each in jobs]
     time.sleep(0.3)
     os.kill(pid, signal.SIGKILL)
-    found = [each.result(30).search for each in begun]
+    found = [each.result(240).search for each in begun]
     assert [figures["request_id"] for figures in found] == [each.request_id for each in jobs]
     assert any(figures["pid"] != pid for figures in found)
 
@@ -81,13 +83,15 @@ def test_a_lost_index_is_built_once_for_all_who_wait(running: PoolInThread) -> N
 
 
 def test_queries_are_answered_while_a_map_registers_and_its_process_ends(running: PoolInThread) -> None:
-    registering = running.begin(running.pool.register(registration("map_new", seconds=3)))
+    may_end = running.folder / "may-end"
+    registering = running.begin(running.pool.register(registration("map_new", until=str(may_end))))
     time.sleep(1)
     running.localize(query("beside"))
     assert not registering.done()
-    stats = registering.result(30).stats
+    may_end.touch()
+    stats = registering.result(240).stats
     assert stats["nice"] >= 10
-    assert eventually(lambda: stats["pid"] not in descendants(os.getpid()), 20)
+    assert eventually(lambda: stats["pid"] not in descendants(os.getpid()), 90)
 
 
 def test_a_registration_that_keeps_killing_its_process_ends_in_an_error(running: PoolInThread) -> None:

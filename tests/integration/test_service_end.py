@@ -2,8 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,10 +24,11 @@ def data_dir() -> Iterator[Path]:
         yield Path(folder) / "data"
 
 
-def test_it_lives_within_two_seconds_and_finishes_what_runs_when_asked_to_end(data_dir: Path) -> None:
-    service = RunningService(data_dir)
+def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_asked_to_end(data_dir: Path) -> None:
+    service = RunningService(data_dir, drain_s="240")
     try:
-        assert eventually(lambda: service.status("/health/live") == 200, 10)
+        assert eventually(lambda: service.status("/health/live") == 200, 90)
+        libraries = Path(f"/proc/{service.process.pid}/maps").read_text()
         # Processor time: what the clock says depends on who else works on this machine.
         lived_after_s = processor_time_s(service.process.pid)
         assert service.status("/health/ready") == 503
@@ -36,19 +38,29 @@ def test_it_lives_within_two_seconds_and_finishes_what_runs_when_asked_to_end(da
         # Enough to last longer than the three seconds after which Ray's own handler of SIGTERM would abort.
         with ThreadPoolExecutor(8) as clients:
             requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(8)]
-            time.sleep(0.5)
+            service.wait_until_taken(requests)
             service.process.send_signal(signal.SIGTERM)
-            time.sleep(0.1)
-            assert service.status("/health/ready") == 503
+            assert eventually(lambda: service.status("/health/ready") == 503, 90)
             turned_away = service.localize(small_room().panorama, map_id)
             assert [request.result().status_code for request in requests] == [200] * 8
         assert turned_away.status_code == 503
         assert int(turned_away.headers["Retry-After"]) >= 1
-        assert service.process.wait(30) == 0
+        assert service.process.wait(120) == 0
     finally:
         service.kill()
-    assert eventually(lambda: not any(is_running(pid) for pid in family), 10)
-    assert lived_after_s < 2
+    assert eventually(lambda: not any(is_running(pid) for pid in family), 90)
+    assert "torch" not in libraries
+    # Processors differ, and so does what others leave of them.
+    assert lived_after_s < 3 * time_of_frameworks_s()
+
+
+def time_of_frameworks_s() -> float:
+    """Return the processor time in which Python loads what the service stands on."""
+    before = os.times()
+    modules = "fastapi, httptools, httpx, prometheus_client, pydantic_settings, redis.asyncio, structlog, uvicorn"
+    subprocess.run([sys.executable, "-c", f"import {modules}"], check=True)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
 
 
 def processor_time_s(pid: int) -> float:
@@ -66,10 +78,10 @@ def test_without_its_raylet_it_refuses_what_runs_and_ends_with_a_message_for_its
         (raylet,) = [pid for pid in family if process_name(pid) == "raylet"]
         with ThreadPoolExecutor(12) as clients:
             requests = [clients.submit(service.localize, small_room().panorama, known["id"]) for _ in range(12)]
-            time.sleep(0.2)
+            service.wait_until_taken(requests)
             os.kill(raylet, signal.SIGKILL)
             answers = [request.result() for request in requests]
-        assert service.process.wait(20) == 1
+        assert service.process.wait(120) == 1
     finally:
         service.kill()
     # Some may have been answered before their worker was gone.
@@ -77,7 +89,7 @@ def test_without_its_raylet_it_refuses_what_runs_and_ends_with_a_message_for_its
     assert all(int(answer.headers["Retry-After"]) >= 1 for answer in answers if answer.status_code == 503)
     assert "the service ends" in service.log
     assert f"raylet (process {raylet}) has ended" in service.log
-    assert eventually(lambda: not any(is_running(pid) for pid in family), 10)
+    assert eventually(lambda: not any(is_running(pid) for pid in family), 90)
 
 
 def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data_dir: Path) -> None:
@@ -90,6 +102,6 @@ def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data
     finally:
         service.kill()
     assert len(family) > 5
-    assert eventually(lambda: not any(is_running(pid) for pid in family), 10), [
+    assert eventually(lambda: not any(is_running(pid) for pid in family), 90), [
         Path(f"/proc/{pid}/cmdline").read_text() for pid in family if is_running(pid)
     ]

@@ -45,7 +45,7 @@ class RealRedis:
             "warning",
         ]
         self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        assert eventually(self.answers, 10)
+        assert eventually(self.answers, 90)
 
     def answers(self) -> bool:
         try:
@@ -106,7 +106,7 @@ def test_a_worker_killed_under_eight_requests_costs_no_answer(running: Running) 
     killed = running.service.worker_pid()
     with ThreadPoolExecutor(8) as clients:
         requests = [clients.submit(running.service.localize, small_room().panorama, running.map_id) for _ in range(8)]
-        time.sleep(1)
+        running.service.wait_until_taken(requests)
         kill(killed, signal.SIGKILL)
         answers = [request.result() for request in requests]
     assert [answer.status_code for answer in answers] == [200] * 8
@@ -133,6 +133,6 @@ def test_while_redis_is_away_callers_are_told_when_to_return_and_afterwards_all_
     assert answer.headers["Content-Type"] == "application/problem+json"
     assert ready == 503
     assert running.service.status("/health/live") == 200
-    assert eventually(lambda: running.service.status("/health/ready") == 200, 20)
+    assert eventually(lambda: running.service.status("/health/ready") == 200, 90)
     assert running.service.localize(small_room().panorama, running.map_id).status_code == 200
     assert running.service.map(running.map_id)["status"] == "ready"
