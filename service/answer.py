@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from core.geopose import MapPose, geopose_of
 from core.georeference import coordinate_system
 from core.options import Frame
 from service.jobs import ARTIFACTS, FoundImage, FoundPose, LocalizeOutcome, RigidMotion
@@ -40,7 +41,7 @@ def answer_document(
         "pose": answer and _pose(answer, frame, known.get(answer.map.id)),
         "map_from_session": None if answer is None or motion is None else _motion(motion),
         "images": [_image(each if answer else replace(each, pose=None), frame, known) for each in outcome.images],
-        "geopose": None,
+        "geopose": answer and _geopose(answer, frame, known.get(answer.map.id)),
         "confidence": best.confidence if best else 0.0,
         "accuracy": answer and {
             "position_m": outcome.accuracy_position_m,
@@ -96,6 +97,14 @@ def _pose(found: FoundPose, frame: Frame, georeference: Document | None) -> Docu
         "camera_roll_deg": found.roll_deg,
         "north": "map" if north_deg is None else "true",
     }
+
+
+def _geopose(found: FoundPose, frame: Frame, georeference: Document | None) -> Document | None:
+    """Return where a pose is on Earth; None where the map, or the height above the ellipsoid, is not known to be anywhere."""
+    if georeference is None:
+        return None
+    position_m = _in_map_axes(found.position_m, frame)
+    return geopose_of(georeference, MapPose(position_m, found.yaw_deg, found.pitch_deg, found.roll_deg))
 
 
 def _north_deg(found: FoundPose, frame: Frame, georeference: Document | None) -> float | None:

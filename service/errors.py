@@ -9,6 +9,7 @@
     │   ├── ForeignPageError          a page of somebody else made a browser ask
     │   ├── MapNotFoundError          no map under this id or tag
     │   ├── LocalizationNotFoundError no localization under this id, or its time is over
+    │   ├── NoPoseError               the image fits no place of which its protocol has a pose
     │   ├── BatchNotFoundError        no batch under this id
     │   ├── BatchLimitError           as many batches as allowed
     │   ├── ArchiveError              an uploaded zip that cannot be unpacked, or must not be
@@ -78,6 +79,10 @@ class MapNotFoundError(RequestError):
 
 class LocalizationNotFoundError(RequestError):
     """There is no localization under this id, or its time is over."""
+
+
+class NoPoseError(RequestError):
+    """The image fits no place, or none of which the protocol has a pose."""
 
 
 class BatchNotFoundError(RequestError):

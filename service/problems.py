@@ -77,6 +77,12 @@ PROBLEMS: dict[type[Exception], Problem] = {
         404,
         "Localize again; answers live for a limited time.",
     ),
+    service.NoPoseError: Problem(
+        "no-pose",
+        "The image has no pose on Earth",
+        404,
+        "Send another image, or POST /localize for a pose in a map.",
+    ),
     service.BatchNotFoundError: Problem(
         "batch-not-found", "There is no such batch", 404, "Send the images again; batches live until they are deleted."
     ),

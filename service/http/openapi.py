@@ -8,6 +8,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from service.http.schemas import BatchOptions, LocalizeOptions, MapOptions, MapPatch, ProblemDocument, ScanOptions
+from service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
 
 _REF = "#/components/schemas/{model}"
 # Known to the document although no route of FastAPI's kind names them.
@@ -18,6 +19,8 @@ _MODELS: tuple[type[BaseModel], ...] = (
     MapPatch,
     LocalizeOptions,
     BatchOptions,
+    GeoPoseRequest,
+    GeoPoseReply,
 )
 
 

@@ -7,7 +7,8 @@ from service.jobs import MapRef
 from service.maps.record import MapRecord
 from service.maps.registry import MapRegistry
 
-_MAX_MAPS = 64
+MAX_MAPS = 64
+"""That one query searches."""
 _RETRY_AFTER_S = 2
 
 
@@ -32,8 +33,8 @@ class MapChoice:
         if bool(map_ids) == bool(tags):
             got = "both" if tags else "neither"
             raise _invalid("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
-        if len(set(map_ids)) > _MAX_MAPS:
-            raise _invalid("map_id", f"expected at most {_MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
+        if len(set(map_ids)) > MAX_MAPS:
+            raise _invalid("map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None)
 
     def resolve(self, registry: MapRegistry) -> ChosenMaps:
@@ -52,8 +53,8 @@ class MapChoice:
         serving = [ref for record in tagged if (ref := record.serving_ref) is not None]
         if not serving:
             return ChosenMaps((serving_ref(tagged[0]),))
-        if len(serving) > _MAX_MAPS:
-            raise _invalid("tag", f"expected at most {_MAX_MAPS} maps, got {len(serving)} with this tag; name the maps")
+        if len(serving) > MAX_MAPS:
+            raise _invalid("tag", f"expected at most {MAX_MAPS} maps, got {len(serving)} with this tag; name the maps")
         left_out = [record.id for record in tagged if record.serving is None]
         return ChosenMaps(tuple(serving), tuple(f"{map_id} bears the tag but is not ready" for map_id in left_out))
 

@@ -190,9 +190,12 @@ def test_a_camera_that_looks_up_has_a_positive_elevation_and_one_whose_right_sid
     assert pose_of(right_down, "ros")["camera_roll_deg"] == pytest.approx(45)
 
 
+PLACE = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5}
+
+
 def test_a_heading_counts_from_true_north_where_the_map_has_a_georeference() -> None:
     both = replace(localization(), best=replace(candidate(), pose=GOLDEN))
-    body = body_of(both, georeferences={"map_a": {"heading_deg": -40.0}})
+    body = body_of(both, georeferences={"map_a": {**PLACE, "heading_deg": -40.0}})
     assert (body["pose"]["heading_deg"], body["pose"]["north"]) == (pytest.approx(357.5, abs=1e-6), "true")
     assert body["images"][0]["pose"] == body["pose"]
     assert body["alternatives"][0]["map_id"] == "map_b"

@@ -6,6 +6,7 @@ from service.http.routes import (
     batches,
     console,
     documentation,
+    geopose,
     health,
     localizations,
     localize,
@@ -14,6 +15,7 @@ from service.http.routes import (
     metrics,
     new_batches,
     new_scans,
+    openflame,
     problems,
 )
 
@@ -25,12 +27,14 @@ ROUTERS: tuple[APIRouter, ...] = tuple(
         map_files,
         localize,
         localizations,
+        geopose,
         new_batches,
         batches,
         health,
         metrics,
         documentation,
         problems,
+        openflame,
         console,
     )
 )

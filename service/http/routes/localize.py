@@ -108,7 +108,7 @@ async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Resp
         pending = await services.localizations.begin(query, when_done=held.release)
         headers = {"Location": f"/localizations/{pending['id']}", "Retry-After": str(_RETRY_AFTER_S)}
         return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
-    answer = await _while_connected(request, services.localizations.answer(query))
+    answer = await while_connected(request, services.localizations.answer(query))
     held.release()
     return JSONResponse(answer)
 
@@ -145,7 +145,7 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
     return options
 
 
-async def _while_connected(request: Request, work: Coroutine[Any, Any, Document]) -> Document:
+async def while_connected(request: Request, work: Coroutine[Any, Any, Document]) -> Document:
     """Return what `work` returns; a caller who goes away ends it. Raises ClientDisconnect."""
     task = asyncio.create_task(work)
     watch = asyncio.create_task(_disconnected(request))

@@ -20,6 +20,7 @@ from core.options import (
 )
 from service.http.schemas.cameras import Camera
 from service.http.schemas.geometry import Answer, Box, Model, Vector
+from service.http.schemas.geopose import GeoPose
 from service.http.schemas.problem import ProblemDocument
 from service.http.schemas.session import TrackedSession
 from service.jobs import ARTIFACTS, Artifact, QueryOptions
@@ -196,7 +197,10 @@ class Localization(Answer):
         "is its own camera. Null where the query is `not_localized`."
     )
     images: list[ImageAnswer] = Field(description="One per image, in their order.")
-    geopose: dict[str, Any] | None
+    geopose: GeoPose | None = Field(
+        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null without a pose, for a map "
+        "without a georeference, and where its heights are not above the ellipsoid."
+    )
     confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
     accuracy: Accuracy | None
     alternatives: list[Alternative]

@@ -1,0 +1,149 @@
+"""The GeoPoseProtocol of OSCP, version 2: one image in, where it was taken on Earth out."""
+
+import base64
+import binascii
+import time
+from contextlib import ExitStack
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query, Request
+from starlette.responses import JSONResponse, Response
+
+from core.panorama.image_header import IMAGE, check_images
+from service.answer import Document
+from service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
+from service.http.access import caller_of, require
+from service.http.openapi import json_body, json_part
+from service.http.routes.localize import checked_options, while_connected
+from service.http.schemas.geopose import (
+    GEOPOSE_REPLY_EXAMPLE,
+    GEOPOSE_REQUEST_EXAMPLE,
+    CameraReading,
+    GeolocationReading,
+    GeoPoseReply,
+    GeoPoseRequest,
+)
+from service.http.schemas.localization import LocalizeOptions
+from service.http.validation import limited_by, parse_json
+from service.jobs import QueryImage
+from service.limits.bytes_in_flight import HeldBytes
+from service.localizations import LocalizeRequest
+from service.maps.on_earth import Place, maps_around
+from service.maps.selection import MapChoice
+from service.problems import error_responses
+from service.services import services_of
+from service.settings import Settings
+
+router = APIRouter(tags=["localization"])
+
+_MEDIA_TYPE = "application/vnd.oscp+json; version=2.0"
+_ENVELOPE_BYTES = 2**20
+_BASE64 = 4 / 3
+
+
+@router.post(
+    "/geopose",
+    summary="Find where an image was taken on Earth (OSCP GeoPoseProtocol 2)",
+    dependencies=[Depends(require("read"))],
+    response_model=None,
+    responses={
+        200: {
+            "description": "The pose.",
+            "content": {
+                "application/vnd.oscp+json": {"schema": json_part(GeoPoseReply), "example": GEOPOSE_REPLY_EXAMPLE}
+            },
+        },
+        **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504),
+    },
+    openapi_extra=json_body(GeoPoseRequest, GEOPOSE_REQUEST_EXAMPLE),
+)
+async def post_geopose(
+    request: Request,
+    map_id: Annotated[
+        list[str] | None,
+        Query(
+            description="Maps to search; left out: all with a place on Earth, around the geolocation where one is sent."
+        ),
+    ] = None,
+    tag: Annotated[str | None, Query(description="Instead: all maps that bear this tag.", max_length=64)] = None,
+) -> Response:
+    """Return the GeoPose of one image, if it is `localized`; 404 where it fits no place well enough, or several."""
+    services = services_of(request)
+    with ExitStack() as stack:
+        held = services.bytes_in_flight.hold(caller_of(request))
+        stack.callback(held.release)
+        asked = parse_json(GeoPoseRequest, await _body(request, services.settings, held), "body")
+        reading = asked.sensorReadings.image()
+        image = _image(reading, services.settings)
+        options = LocalizeOptions.model_validate({})
+        if map_id or tag:
+            maps = MapChoice.from_form(map_id or [], [tag] if tag else [])
+        else:
+            maps = maps_around(services.registry, _place(asked.sensorReadings.geolocationReadings))
+        query = LocalizeRequest((image,), maps, checked_options(options, services.settings), request.state.request_id)
+        answer = await while_connected(request, services.localizations.answer(query))
+    return JSONResponse(_reply(asked, answer), media_type=_MEDIA_TYPE)
+
+
+async def _body(request: Request, settings: Settings, held: HeldBytes) -> bytes:
+    most = int(settings.max_image_bytes * _BASE64) + _ENVELOPE_BYTES
+    data = bytearray()
+    async for chunk in request.stream():
+        held.take(len(chunk))
+        data += chunk
+        if len(data) > most:
+            raise UploadTooLargeError(
+                f"expected a request of at most {most:,} bytes (PANOLOC_MAX_IMAGE_BYTES as base64), got more; scale the image down"
+            )
+    return bytes(data)
+
+
+def _image(reading: CameraReading, settings: Settings) -> QueryImage:
+    camera = reading.camera()
+    try:
+        # Browsers put `data:image/jpeg;base64,` before it.
+        data = base64.b64decode(reading.imageBytes.rpartition(",")[2], validate=True)
+    except (binascii.Error, ValueError) as error:
+        at, message = (
+            "sensorReadings.cameraReadings.0.imageBytes",
+            f"expected base64, but {error}; encode the image file",
+        )
+        raise InvalidOptionsError(f"{at}: {message}", [{"field": at, "message": message}]) from error
+    if len(data) > settings.max_image_bytes:
+        raise UploadTooLargeError(
+            f"image: expected at most {settings.max_image_bytes:,} bytes (PANOLOC_MAX_IMAGE_BYTES), got {len(data):,}; scale it down"
+        )
+    with limited_by("PANOLOC_MAX_PIXELS"):
+        check_images([data], IMAGE, settings.max_pixels)
+    return QueryImage(data, camera=None if camera is None else camera.to_options())
+
+
+def _place(readings: list[GeolocationReading] | None) -> Place | None:
+    """Return the last place that the device took itself to be at."""
+    for reading in reversed(readings or []):
+        if reading.latitude is not None and reading.longitude is not None:
+            return Place(reading.latitude, reading.longitude, reading.accuracy or 0.0)
+    return None
+
+
+def _reply(asked: GeoPoseRequest, answer: Document) -> dict[str, Any]:
+    if answer["status"] != "localized":
+        words = "fits several places" if answer["status"] == "ambiguous" else "fits no place well enough"
+        raise NoPoseError(
+            f"expected an image of a place that is mapped, got one that {words}; turn to where more is seen"
+        )
+    if answer["geopose"] is None:
+        raise NoPoseError(
+            f"expected a map with a place on Earth and heights above the ellipsoid, but {answer['map_id']} has none; set its georeference "
+            "with PATCH /maps/{id}, or POST /localize for a pose in the map"
+        )
+    return {
+        "id": asked.id or answer["id"],
+        "timestamp": time.time_ns() // 1_000_000,
+        "type": "geopose",
+        "accuracy": {
+            "position": answer["accuracy"]["position_m"],
+            "orientation": answer["accuracy"]["orientation_deg"],
+        },
+        "geopose": answer["geopose"],
+    }

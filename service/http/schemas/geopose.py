@@ -1,0 +1,212 @@
+"""GeoPose on the wire: OGC GeoPose 1.0, the GeoPoseProtocol of OSCP (version 2), and the protocol of OpenFLAME."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from core.errors import OptionsError
+from service.errors import InvalidOptionsError
+from service.http.schemas.cameras import Camera
+from service.http.schemas.geometry import Answer
+
+_DEPTH = "DEPTH"
+# Names of the protocol, which are COLMAP's: how many numbers are focal lengths, and where the distortion is in OpenCV's order.
+_FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
+_FISHEYE = "OPENCV_FISHEYE"
+_NO_CAMERA = ("", "UNKNOWN_CAMERA")
+_SPHERES = ("EQUIRECTANGULAR", "SPHERICAL")
+
+
+class GeoPosition(Answer):
+    """WGS 84."""
+
+    lat: float = Field(description="Degrees.")
+    lon: float
+    h: float = Field(description="Metres above the ellipsoid.")
+
+
+class Rotation(Answer):
+    """A unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class GeoPose(Answer):
+    """OGC GeoPose 1.0, Basic-Quaternion: from the camera (x forward, y left, z up) to east, north, up where it is."""
+
+    position: GeoPosition
+    quaternion: Rotation
+
+
+class GeoPoseAccuracy(Answer):
+    """Radii that hold 68 %."""
+
+    position: float = Field(description="Metres.")
+    orientation: float = Field(description="Degrees.")
+
+
+class GeoPoseReply(Answer):
+    """The answer of the GeoPoseProtocol."""
+
+    id: str
+    timestamp: int = Field(description="Milliseconds since 1970.")
+    type: Literal["geopose"]
+    accuracy: GeoPoseAccuracy
+    geopose: GeoPose
+
+
+class _Lenient(BaseModel):
+    """What clients of many makes send: nothing but the image is needed, and what is not known here is not read."""
+
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+
+class CameraParameters(_Lenient):
+    """Intrinsics in COLMAP's words."""
+
+    model: str | None = Field(None, max_length=40, description="Such as PINHOLE, OPENCV or EQUIRECTANGULAR.")
+    modelParams: Annotated[list[float], Field(max_length=16)] | None = None  # noqa: N815
+
+
+class ImageOrientation(_Lenient):
+    """How a sensor's image has to be turned to stand upright."""
+
+    mirrored: bool = False
+    rotation: float = 0.0
+
+
+class CameraReading(_Lenient):
+    """One image."""
+
+    imageBytes: str = Field(description="A JPEG, PNG or WebP as base64.")  # noqa: N815
+    imageFormat: str | None = Field(None, max_length=40, description="Not relied on, but DEPTH is left out.")  # noqa: N815
+    size: Annotated[list[int], Field(max_length=4)] | None = Field(None, description="Width and height of `params`.")
+    imageOrientation: ImageOrientation | None = None  # noqa: N815
+    params: CameraParameters | None = None
+
+    def camera(self) -> Camera | None:
+        """Return what took the image; None: the image says so itself. Raises InvalidOptionsError."""
+        turned = self.imageOrientation
+        if turned is not None and (turned.mirrored or turned.rotation % 360 != 0):
+            raise _mistake(
+                "imageOrientation", "expected an upright image, got one to be turned or mirrored; turn it first"
+            )
+        model = (self.params.model if self.params and self.params.model else "").upper()
+        if model in _NO_CAMERA:
+            return None
+        if model in _SPHERES:
+            return Camera(model="equirectangular")
+        try:
+            return Camera.model_validate(_intrinsics(model, (self.params and self.params.modelParams) or [], self.size))
+        except (OptionsError, ValueError) as error:
+            raise _mistake("params", f"expected a camera that can be, but {error}") from error
+
+
+class GeolocationReading(_Lenient):
+    """Where the device takes itself to be."""
+
+    latitude: float | None = Field(None, ge=-90, le=90)
+    longitude: float | None = Field(None, ge=-180, le=180)
+    accuracy: float | None = Field(None, ge=0, description="Metres.")
+
+
+class SensorReadings(_Lenient):
+    """What the sensors of the device have read."""
+
+    cameraReadings: Annotated[list[CameraReading], Field(min_length=1, max_length=8)]  # noqa: N815
+    geolocationReadings: Annotated[list[GeolocationReading], Field(max_length=100)] | None = None  # noqa: N815
+
+    def image(self) -> CameraReading:
+        """Return the one image. Raises InvalidOptionsError for several: `POST /localize` takes sessions, with their poses."""
+        images = [each for each in self.cameraReadings if (each.imageFormat or "").upper() != _DEPTH]
+        if len(images) != 1:
+            raise _mistake(
+                "cameraReadings", f"expected one image besides depth, got {len(images)}; send one, or POST /localize"
+            )
+        return images[0]
+
+
+class GeoPoseRequest(_Lenient):
+    """The question of the GeoPoseProtocol of OSCP, version 2."""
+
+    id: str | None = Field(None, max_length=200)
+    type: str | None = Field(None, max_length=40)
+    sensorReadings: SensorReadings  # noqa: N815
+
+
+class OpenFlameAnswer(Answer):
+    """The answer of an OpenFLAME map server."""
+
+    success: bool
+    pose: list[list[float]] | None = Field(
+        description="4 x 4, row by row: from the camera (x right, y up, z backward) to the world of A-Frame (y, z, x of the map)."
+    )
+    confidence: float = Field(ge=0, le=1)
+
+
+class OpenFlameCapabilities(Answer):
+    """What an OpenFLAME map server can do."""
+
+    commonName: str  # noqa: N815
+    iconURL: str  # noqa: N815
+    services: list[dict[str, Any]]
+
+
+def _intrinsics(model: str, numbers: list[float], size: list[int] | None) -> dict[str, Any]:
+    num_focal = 2 if model == _FISHEYE else _FOCAL_LENGTHS.get(model)
+    if num_focal is None or len(numbers) < num_focal + 2:
+        raise OptionsError(
+            f"expected {', '.join((*_FOCAL_LENGTHS, _FISHEYE))} or EQUIRECTANGULAR with its numbers, got {model!r} with {len(numbers)}"
+        )
+    if size is None or len(size) < 2:
+        raise OptionsError(
+            "expected the size of the image that the numbers belong to, got none; send size: [width, height]"
+        )
+    focal, (cx, cy), distortion = numbers[:num_focal], numbers[num_focal:][:2], numbers[num_focal + 2 :]
+    if model in ("SIMPLE_RADIAL", "RADIAL"):
+        # Radial terms alone: OpenCV has the tangential ones after the second.
+        distortion = [*distortion[:2], *([0.0] * (4 - len(distortion[:2])))]
+    kind = "opencv_fisheye" if model == _FISHEYE else "opencv" if any(distortion) else "pinhole"
+    return {
+        "model": kind,
+        "width_px": size[0],
+        "height_px": size[1],
+        "fx_px": focal[0],
+        "fy_px": focal[-1],
+        "cx_px": cx,
+        "cy_px": cy,
+        "distortion": distortion if kind != "pinhole" else [],
+    }
+
+
+def _mistake(field: str, message: str) -> InvalidOptionsError:
+    at = f"sensorReadings.cameraReadings.{field}" if field != "cameraReadings" else "sensorReadings.cameraReadings"
+    return InvalidOptionsError(f"{at}: {message}", [{"field": at, "message": message}])
+
+
+GEOPOSE_EXAMPLE: dict[str, Any] = {
+    "position": {"lat": 47.699977515, "lon": -122.299983346, "h": 13.100000612},
+    "quaternion": {"x": -0.010196979, "y": 0.11383594, "z": 0.435420455, "w": 0.892942567},
+}
+GEOPOSE_REQUEST_EXAMPLE: dict[str, Any] = {
+    "id": "3a6a9c1e-6bf0-4d43-9b0f-1c4b3a0d7f52",
+    "timestamp": 1750939398316,
+    "type": "geopose",
+    "sensors": [{"id": "camera", "type": "camera"}],
+    "sensorReadings": {
+        "cameraReadings": [
+            {"sensorId": "camera", "imageFormat": "RGBA32", "size": [2048, 1024], "imageBytes": "(base64)"}
+        ],
+        "geolocationReadings": [{"latitude": 47.7, "longitude": -122.3, "accuracy": 20}],
+    },
+}
+GEOPOSE_REPLY_EXAMPLE: dict[str, Any] = {
+    "id": "3a6a9c1e-6bf0-4d43-9b0f-1c4b3a0d7f52",
+    "timestamp": 1750939399127,
+    "type": "geopose",
+    "accuracy": {"position": 0.02, "orientation": 0.3},
+    "geopose": GEOPOSE_EXAMPLE,
+}
