@@ -7,11 +7,11 @@ Each judgement discards candidates, so that the costly steps see few of them.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field
 
 import torch
 
-from core.config import LocalizerConfig, StepConfig, StoppingRule
+from core.config import LocalizerConfig
 from core.describe.spherical_patches import PatchGrid
 from core.index.map_index import MapIndex
 from core.judge.confidence import ConfidenceModel
@@ -21,22 +21,19 @@ from core.judge.hypotheses import (
     by_map,
     by_score,
     merged,
-    stacked_poses,
     with_close_rival,
-    with_refined,
     within_margin,
 )
 from core.judge.verdict import verdict
 from core.options import Hints
-from core.panorama.image_level import ImageLevel
 from core.panorama.panorama import Panorama
 from core.panorama.photo_atlas import shown_share
 from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery, by_colors, prepare_queries, search_limits, within_limits
-from core.refine.refinement import CandidatePoints, joined, refine
-from core.refine.rig_level import RigLevel
+from core.prepared_query import MapQuery, prepare_queries, search_limits
+from core.query_candidates import best_candidates, portions
+from core.refinement_steps import RefinementSteps
 from core.search.map_search import MapCandidates, SearchRotations, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
 from core.search.pose_limits import PoseLimits
@@ -65,6 +62,19 @@ class FastMethod:
         return _Run(self.config, self.rotations, self.confidence, clock).run(query, maps, hints)
 
 
+@dataclass
+class _Done:
+    """What earlier portions of candidates have come to, so that nothing is refined twice.
+
+    rough: candidates as they were before they were refined on what they see; settled: all of them after it, by score; finals: settled
+    ones, each with itself refined fully and the comparison there.
+    """
+
+    rough: list[Hypothesis] = field(default_factory=list)
+    settled: list[Hypothesis] = field(default_factory=list)
+    finals: list[tuple[Hypothesis, tuple[Hypothesis, Comparison]]] = field(default_factory=list)
+
+
 class _Run:
     """One query on its way through the steps."""
 
@@ -72,52 +82,93 @@ class _Run:
         self, config: LocalizerConfig, rotations: SearchRotations, confidence: ConfidenceModel, clock: StageClock
     ) -> None:
         self.config, self.rotations, self.confidence, self.clock = config, rotations, confidence, clock
+        self.refined = RefinementSteps(config, clock)
+        self._done = _Done()
 
     def run(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> MethodResult:
         """Take the steps."""
-        judge, clock = self.config.judge, self.clock
-        with clock.stage("prepare"):
+        with self.clock.stage("prepare"):
             queries = prepare_queries(query, maps, hints, self.config.refinement.finest_height, self.config)
         num_starts, num_poses, judged = 0, 0, list[Hypothesis]()
-        searches = search_limits(queries, self.config.photo_search)
-        for number, searched in enumerate(searches, start=1):
-            with clock.stage("search"):
+        hypotheses, comparison = list[Hypothesis](), None
+        for searched, count in self._searches(queries):
+            with self.clock.stage("search"):
                 found = self._search(queries, searched)
-                hypotheses = self._candidates(queries, found, is_last=number == len(searches))
+                candidates = best_candidates(queries, found, count)
             num_starts = max(num_starts, sum(part.num_starts for part in found))
             num_poses += sum(part.num_poses for part in found)
-            with clock.stage("refine"):
-                hypotheses = self._refine_on_starts(queries, hypotheses)
-            with clock.stage("judge"):
-                merged_ones = merged(hypotheses, judge.merged)
-                judged = by_score([*judged, *self._judge(queries, merged_ones, judge.first_height)], judge.distinct)
-            hypotheses, comparison = self._finish(queries, judged)
+            for portion in portions(candidates, self.config.search):
+                judged = self._refine_roughly(queries, portion, judged)
+                hypotheses, comparison = self._finish(queries, judged)
+                if self._is_sure(hypotheses):
+                    break
             if self._is_sure(hypotheses):
                 break
         cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
         return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses)
+
+    def _searches(self, queries: Sequence[MapQuery]) -> list[tuple[list[PoseLimits], int]]:
+        """Return the limits of one search after the other, and how many candidates it has; fewer where another may follow."""
+        *first, last = search_limits(queries, self.config.photo_search)
+        counts = self.config.photo_search.level_candidates, self.config.search.num_candidates
+        return [*((limits, counts[0]) for limits in first), (last, counts[1])]
+
+    def _refine_roughly(
+        self, queries: Sequence[MapQuery], candidates: Sequence[Hypothesis], judged: Sequence[Hypothesis]
+    ) -> list[Hypothesis]:
+        """Refine candidates on what their starts see, and return them by score among those that were judged before."""
+        judge = self.config.judge
+        with self.clock.stage("refine"):
+            refined = self.refined.on_starts(queries, candidates)
+        with self.clock.stage("judge"):
+            new = self._judge(queries, merged(refined, judge.merged), judge.first_height)
+            return by_score([*judged, *new], judge.distinct)
 
     def _finish(
         self, queries: Sequence[MapQuery], judged: Sequence[Hypothesis]
     ) -> tuple[list[Hypothesis], Comparison | None]:
         """Refine the best of the poses judged on what they see, and the best of these fully; return them, best first, and how
         the scan compares at the best."""
-        sizes, judge, clock = self.config.refinement, self.config.judge, self.clock
-        hypotheses = within_margin(judged, sizes.middle_candidates, sizes.middle_margin, judge.place)
-        with clock.stage("refine"):
-            hypotheses = self._refine_on_poses(queries, hypotheses)
-        with clock.stage("judge"):
-            hypotheses = [h for h in self._judge(queries, hypotheses, judge.height) if queries[h.map_number].allows(h)]
-        with clock.stage("refine"):
-            close = with_close_rival(hypotheses, sizes.fine_candidates, sizes.fine_margin, judge.place)
-            fine = [self._refine_fully(queries[h.map_number], h) for h in close]
-        with clock.stage("judge"):
-            allowed = [queries[h.map_number].judge_alone(h) for h in fine if queries[h.map_number].allows(h)]
-            finals = sorted(allowed, key=lambda final: -final[0].score)
-            best = [h for h, _ in finals]
+        sizes, place = self.config.refinement, self.config.judge.place
+        hypotheses = self._settled(queries, within_margin(judged, sizes.middle_candidates, sizes.middle_margin, place))
+        close = with_close_rival(hypotheses, sizes.fine_candidates, sizes.fine_margin, place)
+        finals = sorted(self._refined_fully(queries, close), key=lambda final: -final[0].score)
+        best = [h for h, _ in finals]
+        with self.clock.stage("judge"):
             left = [h for h in hypotheses if all(h is not other for other in close)]
             others = self._judge_rival(queries, best, self._with_rival(best, left, judged))
         return [*best, *others], finals[0][1] if finals else None
+
+    def _settled(self, queries: Sequence[MapQuery], chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Refine those of the chosen that were not yet on what they see; return all that ever were, by score."""
+        judge, done = self.config.judge, self._done
+        new = [h for h in chosen if all(h is not other for other in done.rough)]
+        with self.clock.stage("refine"):
+            refined = self.refined.on_poses(queries, new)
+        with self.clock.stage("judge"):
+            allowed = [h for h in self._judge(queries, refined, judge.height) if queries[h.map_number].allows(h)]
+        done.rough += new
+        done.settled = by_score([*done.settled, *allowed], judge.distinct)
+        return done.settled
+
+    def _refined_fully(
+        self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]
+    ) -> list[tuple[Hypothesis, Comparison]]:
+        """Return hypotheses refined at full resolution and judged, with the comparison; each only once in a query, for the best of
+        a first portion are often among those of the next."""
+        finals = []
+        for hypothesis in hypotheses:
+            query = queries[hypothesis.map_number]
+            known = next((final for settled, final in self._done.finals if settled is hypothesis), None)
+            if known is None:
+                with self.clock.stage("refine"):
+                    refined = self.refined.fully(query, hypothesis)
+                with self.clock.stage("judge"):
+                    known = query.judge_alone(refined)
+                self._done.finals.append((hypothesis, known))
+            if query.allows(known[0]):
+                finals.append(known)
+        return finals
 
     def _is_sure(self, hypotheses: Sequence[Hypothesis]) -> bool:
         """Return whether the best hypothesis leaves nothing to search for."""
@@ -135,84 +186,6 @@ class _Run:
             return search_photos(photos, maps, limits, self.config.photo_search, self.config.fine_views)
         panoramas = [p.described(self.config.descriptors) for p in pictures if isinstance(p, PreparedPanorama)]
         return search_maps(panoramas, maps, self.rotations, limits, self.config.search)
-
-    def _candidates(
-        self, queries: Sequence[MapQuery], found: Sequence[MapCandidates], is_last: bool
-    ) -> list[Hypothesis]:
-        """Return the best candidates over all maps; fewer where another search may follow."""
-        hypotheses = []
-        for query, part in zip(queries, found, strict=True):
-            columns = part.candidates.scores, part.candidates.starts, part.candidates.rotations
-            for score, start, turn in zip(*(column.tolist() for column in columns), strict=True):
-                pose = part.rotations[turn], query.index.starts[start]
-                hypotheses.append((score, Hypothesis(query.number, start, *pose)))
-        hypotheses.sort(key=lambda scored: -scored[0])
-        count = self.config.search.num_candidates if is_last else self.config.photo_search.level_candidates
-        return [hypothesis for _, hypothesis in hypotheses[:count]]
-
-    def _refine_on_starts(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on what the starts see, at half the rows of a view and at all of them."""
-        sizes, refined = self.config.refinement, []
-        for picture, group in by_colors(queries, hypotheses):
-            for coarse, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
-                height = sizes.start_view_height // (2 if coarse else 1)
-                level = picture.canonical_level(height, sizes.contrast_share, blur=coarse)
-                points = joined([queries[number].points_from_starts(part, coarse) for number, part in by_map(group)])
-                group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, self._rough_step())
-            refined += within_limits(queries, group)
-        return refined
-
-    def _refine_on_poses(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine on points that the poses themselves see, found anew in each round as what a pose sees changes with it."""
-        sizes, refined = self.config.refinement, []
-        for picture, group in by_colors(queries, hypotheses):
-            for rows, scale in sizes.middle_rounds:
-                points = joined([queries[number].points_from_poses(part) for number, part in by_map(group)])
-                level = picture.canonical_level(rows, sizes.contrast_share)
-                step = replace(self.config.step, robust_scale=scale)
-                group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
-                group = within_limits(queries, group)
-            refined += group
-        return refined
-
-    def _rough_step(self) -> StepConfig:
-        """Return the steps from the starts."""
-        sizes, step = self.config.refinement, self.config.step
-        if sizes.rough_damping is None or sizes.rough_max_relaxation is None:
-            return step
-        return replace(step, damping=sizes.rough_damping, relaxation=1.0, max_relaxation=sizes.rough_max_relaxation)
-
-    def _refine_fully(self, query: MapQuery, hypothesis: Hypothesis) -> Hypothesis:
-        """Refine at full resolution, with all points and the colours of this pose alone."""
-        self.clock.check()
-        sizes, share = self.config.refinement, self.config.refinement.fine_contrast_share
-        comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
-        for height, count, iterations in (
-            (sizes.fine_height, sizes.fine_points, sizes.fine_iterations),
-            (sizes.finest_height, sizes.finest_points, sizes.finest_iterations),
-        ):
-            points = query.full_points(hypothesis, comparison, count)
-            level = query.picture.level_for(comparison, height, share)
-            (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop)
-        return query.within_limits(hypothesis)
-
-    def _refine(
-        self,
-        picture: PreparedPanorama | PreparedPhotos,
-        level: ImageLevel | RigLevel,
-        points: CandidatePoints,
-        group: Sequence[Hypothesis],
-        iterations: int,
-        stop: StoppingRule,
-        step: StepConfig | None = None,
-    ) -> list[Hypothesis]:
-        """Refine hypotheses of maps that share colours; step: None for that of the configuration."""
-        step = step or self.config.step
-        if picture.labels is not None:
-            step = step.for_labels()
-        rotations, positions = stacked_poses(group)
-        maps = torch.tensor([h.map_number for h in group], device=rotations.device)
-        return with_refined(group, refine(level, points, rotations, positions, iterations, step, stop, maps))
 
     def _judge(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis], height: int) -> list[Hypothesis]:
         """Return hypotheses by falling score on renderings of `height` rows, one for each pose."""

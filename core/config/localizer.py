@@ -57,7 +57,11 @@ class LocalizerConfig:
         refinement, judge, photos = self.refinement, self.judge, self.photos
         return replace(
             self,
-            search=replace(self.search, num_candidates=self.photo_search.num_candidates),
+            search=replace(
+                self.search,
+                num_candidates=self.photo_search.num_candidates,
+                first_portion=self.photo_search.first_portion,
+            ),
             step=replace(self.step, robust_scale=photos.robust_scale),
             refinement=replace(
                 refinement,

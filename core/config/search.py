@@ -25,6 +25,10 @@ class SearchConfig:
     # Poses looked at for each candidate; the second number only where too few of the first differ.
     pools: tuple[int, ...] = (16, 100)
     min_pool: int = 256
+    # So many candidates are looked at first, alone, and some that are far from the best of them; None: all together.
+    first_portion: int | None = None
+    first_elsewhere: int = 3
+    elsewhere: PoseDistance = PoseDistance(1.5, 30.0)
     # Hints cut off no start or rotation nearer to their limits than half the spacing of either.
     hint_margin_m: float = 0.5
     hint_margin_deg: float = 12.0
@@ -51,5 +55,6 @@ class PhotoSearchConfig:
     patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     num_candidates: int = 48
+    first_portion: int = 6  # of them: where an answer is sure, the right one is seldom further behind
     pool: int = 2500  # poses that candidates are chosen from
     distinct: PoseDistance = PoseDistance(0.6, 18.0)

@@ -81,8 +81,12 @@ class PhotoAtlas:
         """Tell which directions (N, 3) in the axes of the rig some photo shows, or almost: within `margin`, radians."""
         windows = self.windows(_EXTENT_LEVEL)
         pixels = self.rig_directions(windows)[windows.valid > 0]
-        half_pixel = 0.71 * math.pi / _EXTENT_LEVEL
-        return (directions @ pixels.T).amax(1) >= math.cos(margin + half_pixel)
+        reach = margin + 0.71 * math.pi / _EXTENT_LEVEL  # half a pixel's diagonal
+        # Most directions are nowhere near: the cones around the photos tell them apart at once.
+        near = (directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6).any(1)
+        shown = near.clone()
+        shown[near] = (directions[near] @ pixels.T).amax(1) >= math.cos(reach)
+        return shown
 
     def windows(self, rows: int) -> PhotoWindows:
         """Return all windows at `rows` to a sphere, a power of two; of a photo that is coarser, its pixels enlarged."""

@@ -51,18 +51,19 @@ def test_a_picture_of_one_colour_is_whole_however_small_its_file() -> None:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads the peak of Linux")
 def test_the_largest_png_takes_less_than_a_gigabyte() -> None:
     program = """
-import io, numpy as np, resource
+import io, numpy as np, re
 from PIL import Image
 from core.panorama.reader import read_panorama
 file = io.BytesIO()
 Image.fromarray(np.full((7000, 14000, 3), 90, np.uint8)).save(file, "PNG", compress_level=1)
 data = file.getvalue()
 del file
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 panorama = read_panorama(data)
-print(panorama.color.shape[0], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+# Not ru_maxrss, which a process inherits from the one that started it.
+peak = re.search(r"VmHWM:\\s*(\\d+) kB", open("/proc/self/status").read())[1]
+print(panorama.color.shape[0], int(peak) // 1024)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)
     height, peak_mb = map(int, done.stdout.split())
     assert 512 <= height < 7000
-    assert peak_mb < 1400  # of which torch and the writing of the image take a half
+    assert peak_mb < 1000  # of which torch and the writing of the image take two thirds

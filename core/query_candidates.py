@@ -1,0 +1,36 @@
+"""The candidates that a search proposes over all maps of a query, and in which order they are looked at."""
+
+from collections.abc import Sequence
+
+from core.config import SearchConfig
+from core.judge.hypotheses import Hypothesis
+from core.prepared_query import MapQuery
+from core.search.map_search import MapCandidates
+
+
+def best_candidates(queries: Sequence[MapQuery], found: Sequence[MapCandidates], count: int) -> list[Hypothesis]:
+    """Return the best `count` candidates over all maps, best first; queries and what was found in their maps go together."""
+    hypotheses = []
+    for query, part in zip(queries, found, strict=True):
+        columns = part.candidates.scores, part.candidates.starts, part.candidates.rotations
+        for score, start, turn in zip(*(column.tolist() for column in columns), strict=True):
+            pose = part.rotations[turn], query.index.starts[start]
+            hypotheses.append((score, Hypothesis(query.number, start, *pose)))
+    hypotheses.sort(key=lambda scored: -scored[0])
+    return [hypothesis for _, hypothesis in hypotheses[:count]]
+
+
+def portions(candidates: Sequence[Hypothesis], config: SearchConfig) -> list[list[Hypothesis]]:
+    """Return candidates, best first, in the portions that are refined one after the other, until an answer is sure.
+
+    The first has the very best, and some that are far from the best one: a room that looks the same must not be left for later, when
+    nobody asks for it any more.
+    """
+    if config.first_portion is None or len(candidates) <= config.first_portion:
+        return [list(candidates)] if candidates else []
+    best = list(candidates[: config.first_portion])
+    rest = candidates[config.first_portion :]
+    near = sum(h.is_near(best[0], config.elsewhere) for h in best)
+    missing = max(0, config.first_elsewhere - (len(best) - near))
+    elsewhere = [h for h in rest if not h.is_near(best[0], config.elsewhere)][:missing]
+    return [best + elsewhere, [h for h in rest if all(h is not other for other in elsewhere)]]

@@ -1,0 +1,87 @@
+"""The refinement steps of the `fast` method: on what starts see, on what poses see, and at full resolution."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+
+from core.config import LocalizerConfig, StepConfig, StoppingRule
+from core.judge.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
+from core.panorama.image_level import ImageLevel
+from core.prepared_panorama import PreparedPanorama
+from core.prepared_photos import PreparedPhotos
+from core.prepared_query import MapQuery, by_colors, within_limits
+from core.refine.refinement import CandidatePoints, joined, refine
+from core.refine.rig_level import RigLevel
+from core.stage_clock import StageClock
+
+
+class RefinementSteps:
+    """The refinement steps of one query."""
+
+    def __init__(self, config: LocalizerConfig, clock: StageClock) -> None:
+        self.config, self.clock = config, clock
+
+    def on_starts(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Refine on what the starts see, at half the rows of a view and at all of them."""
+        sizes, refined = self.config.refinement, []
+        for picture, group in by_colors(queries, hypotheses):
+            for coarse, iterations in zip((True, False), sizes.coarse_iterations, strict=True):
+                height = sizes.start_view_height // (2 if coarse else 1)
+                level = picture.canonical_level(height, sizes.contrast_share, blur=coarse)
+                points = joined([queries[number].points_from_starts(part, coarse) for number, part in by_map(group)])
+                group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, self._rough_step())
+            refined += within_limits(queries, group)
+        return refined
+
+    def on_poses(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Refine on points that the poses themselves see, found anew in each round as what a pose sees changes with it."""
+        sizes, refined = self.config.refinement, []
+        for picture, group in by_colors(queries, hypotheses):
+            for rows, scale in sizes.middle_rounds:
+                points = joined([queries[number].points_from_poses(part) for number, part in by_map(group)])
+                level = picture.canonical_level(rows, sizes.contrast_share)
+                step = replace(self.config.step, robust_scale=scale)
+                group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
+                group = within_limits(queries, group)
+            refined += group
+        return refined
+
+    def _rough_step(self) -> StepConfig:
+        """Return the steps from the starts."""
+        sizes, step = self.config.refinement, self.config.step
+        if sizes.rough_damping is None or sizes.rough_max_relaxation is None:
+            return step
+        return replace(step, damping=sizes.rough_damping, relaxation=1.0, max_relaxation=sizes.rough_max_relaxation)
+
+    def fully(self, query: MapQuery, hypothesis: Hypothesis) -> Hypothesis:
+        """Refine at full resolution, with all points and the colours of this pose alone."""
+        self.clock.check()
+        sizes, share = self.config.refinement, self.config.refinement.fine_contrast_share
+        comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
+        for height, count, iterations in (
+            (sizes.fine_height, sizes.fine_points, sizes.fine_iterations),
+            (sizes.finest_height, sizes.finest_points, sizes.finest_iterations),
+        ):
+            points = query.full_points(hypothesis, comparison, count)
+            level = query.picture.level_for(comparison, height, share)
+            (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop)
+        return query.within_limits(hypothesis)
+
+    def _refine(
+        self,
+        picture: PreparedPanorama | PreparedPhotos,
+        level: ImageLevel | RigLevel,
+        points: CandidatePoints,
+        group: Sequence[Hypothesis],
+        iterations: int,
+        stop: StoppingRule,
+        step: StepConfig | None = None,
+    ) -> list[Hypothesis]:
+        """Refine hypotheses of maps that share colours; step: None for that of the configuration."""
+        step = step or self.config.step
+        if picture.labels is not None:
+            step = step.for_labels()
+        rotations, positions = stacked_poses(group)
+        maps = torch.tensor([h.map_number for h in group], device=rotations.device)
+        return with_refined(group, refine(level, points, rotations, positions, iterations, step, stop, maps))

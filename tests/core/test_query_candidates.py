@@ -1,0 +1,51 @@
+"""Which candidates are looked at first."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from core.config import SearchConfig
+from core.geometry.rotations import rotation_from_vector
+from core.judge.hypotheses import Hypothesis
+from core.query_candidates import portions
+
+CONFIG = replace(SearchConfig(), first_portion=3, first_elsewhere=2)
+
+
+def candidate(x_m: float, turn_deg: float = 0.0, map_number: int = 0) -> Hypothesis:
+    turn = rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(turn_deg)]))
+    return Hypothesis(map_number, 0, turn, torch.tensor([x_m, 0.0, 0.0]))
+
+
+def test_a_room_that_looks_the_same_is_looked_at_with_the_best() -> None:
+    here = [candidate(0.1 * k) for k in range(6)]
+    there, behind = candidate(9.0), candidate(0.0, turn_deg=120)
+    first, rest = portions([*here, there, behind], CONFIG)
+    assert first == [*here[:3], there, behind]
+    assert rest == here[3:]
+
+
+def test_candidates_in_another_map_are_elsewhere() -> None:
+    here, other = [candidate(0.1 * k) for k in range(5)], candidate(0.0, map_number=1)
+    first, _ = portions([*here, other], CONFIG)
+    assert first == [*here[:3], other]
+
+
+def test_none_are_fetched_from_behind_where_the_best_are_at_different_places() -> None:
+    found = [candidate(3.0 * k) for k in range(6)]
+    first, rest = portions(found, CONFIG)
+    assert first == found[:3]
+    assert rest == found[3:]
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_few_candidates_are_one_portion(count: int) -> None:
+    found = [candidate(float(k)) for k in range(count)]
+    assert portions(found, CONFIG) == ([found] if found else [])
+
+
+def test_without_a_first_portion_all_go_together() -> None:
+    found = [candidate(float(k)) for k in range(9)]
+    assert portions(found, SearchConfig()) == [found]
