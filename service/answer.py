@@ -103,7 +103,7 @@ def _geopose(found: FoundPose, frame: Frame, georeference: Document | None) -> D
     """Return where a pose is on Earth; None where the map, or the height above the ellipsoid, is not known to be anywhere."""
     if georeference is None:
         return None
-    position_m = _in_map_axes(found.position_m, frame)
+    position_m = in_map_axes(found.position_m, frame)
     return geopose_of(georeference, MapPose(position_m, found.yaw_deg, found.pitch_deg, found.roll_deg))
 
 
@@ -113,11 +113,11 @@ def _north_deg(found: FoundPose, frame: Frame, georeference: Document | None) ->
         return None
     if "coordinate_system" not in georeference:
         return float(georeference["heading_deg"])
-    place = coordinate_system(georeference["coordinate_system"]).place(_in_map_axes(found.position_m, frame))
+    place = coordinate_system(georeference["coordinate_system"]).place(in_map_axes(found.position_m, frame))
     return None if place is None else place.convergence_deg
 
 
-def _in_map_axes(position_m: list[float], frame: Frame) -> tuple[float, float, float]:
+def in_map_axes(position_m: list[float], frame: Frame) -> tuple[float, float, float]:
     """Return a position with z up; webxr has (x, z, −y) of the map, unity (x, z, y)."""
     first, second, third = position_m
     return {"webxr": (first, -third, second), "unity": (first, third, second)}.get(frame, (first, second, third))

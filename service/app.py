@@ -11,6 +11,7 @@ from service.http.guards.foreign_pages import ForeignPages
 from service.http.guards.slow_bodies import SlowBodies
 from service.http.lingering import LingeringClose
 from service.http.openapi import install_openapi
+from service.http.recent_errors import RecentErrors
 from service.http.request_context import RequestContext
 from service.http.routes import ROUTERS
 from service.http.routes.health import service_version
@@ -52,6 +53,7 @@ def create_app(
         title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan, openapi_url=None
     )
     app.state.services = services
+    app.state.recent_errors = RecentErrors()
     app.add_middleware(
         SlowBodies,
         timeout_s=settings.transfer_timeout_s,
@@ -61,7 +63,7 @@ def create_app(
     app.add_middleware(LingeringClose)
     if not settings.keys.required:
         app.add_middleware(ForeignPages, allowed=settings.allowed_host_names)
-    app.add_middleware(RequestContext, metrics=services.metrics)
+    app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)

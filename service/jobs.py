@@ -78,7 +78,7 @@ class LocalizeJob:
     """One query.
 
     images: at least one; of several each has its pose. maps: at least one, all ready. deadline_unix_s: after it nobody waits for the
-    answer any more.
+    answer any more. with_change_cells: what changed is wanted for `GET /maps/{id}/changes`.
     """
 
     localization_id: str
@@ -87,6 +87,7 @@ class LocalizeJob:
     maps: tuple[MapRef, ...]
     options: QueryOptions
     deadline_unix_s: float
+    with_change_cells: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class LocalizeOutcome:
     best: the most probable pose, of the first image, also when the status is `not_localized`; None only when nothing could be searched.
     alternatives: others, best first. map_from_session: at the best pose, both sides in the axes that the query asked for. images: one
     per image of the query, in its order. accuracy: 68 % radii. timings_s: seconds of the worker by stage. search: figures for the
-    caller's log. pictures: PNGs by name, those of `options.artifacts` that could be drawn.
+    caller's log. pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: see `service.worker.change_cells`.
     """
 
     status: Status
@@ -153,6 +154,7 @@ class LocalizeOutcome:
     pictures: dict[str, bytes] = field(default_factory=dict)
     map_from_session: RigidMotion | None = None
     images: tuple[FoundImage, ...] = ()
+    change_cells: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ class RegisterOutcome:
 
 
 MAX_SAMPLE_POINTS = 10_000_000
-"""How many points `RegisterOutcome.points_ply` may hold: 150 MB. Of a scan thinned to fewer, the default, all."""
+"""Of `RegisterOutcome.points_ply`: 150 MB. Of a scan thinned to fewer, the default, all."""
 
 
 @dataclass(frozen=True)

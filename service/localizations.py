@@ -14,6 +14,7 @@ from service.answer import Document, answer_document, without_copies
 from service.cache import Cache
 from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, ServiceError
 from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
+from service.maps.changes import ChangeLog
 from service.maps.registry import MapRegistry
 from service.maps.selection import ChosenMaps, MapChoice
 from service.metrics import Metrics
@@ -50,6 +51,7 @@ class Localizations:
         cache: Cache,
         storage: Storage,
         metrics: Metrics,
+        changes: ChangeLog,
     ) -> None:
         self._settings = settings
         self._registry = registry
@@ -57,6 +59,7 @@ class Localizations:
         self._cache = cache
         self._storage = storage
         self._metrics = metrics
+        self._changes = changes
         self._under_way: set[asyncio.Task[Document]] = set()
 
     async def answer(self, query: LocalizeRequest) -> Document:
@@ -140,6 +143,7 @@ class Localizations:
             body = await self._kept_if_possible(body, outcome, chosen)
         else:
             await self._keep_answer(body, outcome, chosen)
+        await self._note_changes(body, outcome)
         if self._settings.keep_images:
             await self._keep(localization_id, query.images)
         self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
@@ -171,6 +175,7 @@ class Localizations:
                 chosen.refs,
                 query.options,
                 deadline_unix_s,
+                with_change_cells=self._changes.is_kept,
             )
             try:
                 async with asyncio.timeout(max(0.0, deadline_unix_s - time.time()) + _OVERDUE_S):
@@ -185,11 +190,19 @@ class Localizations:
                 if chosen.refs == former.refs:
                     raise
 
+    async def _note_changes(self, body: Document, outcome: LocalizeOutcome) -> None:
+        """Keep what an answer saw changed; one that cannot be kept is an answer all the same."""
+        try:
+            await self._changes.note(body, outcome.change_cells)
+        except (ServiceError, OSError) as error:
+            _log.warning("what changed cannot be kept", error=str(error))
+
     async def _forget_deleted(self, chosen: ChosenMaps) -> None:
         """Keep no answer about a map that was deleted while it was computed; whoever waits for it still gets it."""
         for ref in chosen.refs:
             if not self._registry.has(ref.id):
                 await self._cache.forget_map(ref.id)
+                await self._changes.forget(ref.id)
 
     async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
         try:

@@ -9,12 +9,14 @@ from starlette.requests import HTTPConnection
 from service.batches.runs import BatchRuns
 from service.batches.store import BatchStore
 from service.cache import Cache
+from service.host.demo_room import DemoRoom
 from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
 from service.limits.bytes_in_flight import BytesInFlight
 from service.limits.connection_limits import ConnectionCount
 from service.limits.wrong_keys import WrongKeys
 from service.localizations import Localizations
+from service.maps.changes import ChangeLog
 from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
@@ -40,6 +42,8 @@ class Services:
     metrics: Metrics
     registrations: Registrations
     localizations: Localizations
+    changes: ChangeLog
+    demo_room: DemoRoom
     batches: BatchStore
     batch_runs: BatchRuns
     bytes_in_flight: BytesInFlight
@@ -55,7 +59,8 @@ class Services:
         """Put the services of an application together; nothing runs before `start`."""
         registry = MapRegistry(storage, settings.max_maps)
         metrics = Metrics(pool.state, registry.num_by_status)
-        localizations = Localizations(settings, registry, pool, cache, storage, metrics)
+        changes = ChangeLog(storage, settings.changes_ttl_s)
+        localizations = Localizations(settings, registry, pool, cache, storage, metrics, changes)
         batches = BatchStore(storage, settings.max_batches)
         return cls(
             settings,
@@ -66,6 +71,8 @@ class Services:
             metrics,
             Registrations(registry, pool, cache, metrics, settings.registration_limits),
             localizations,
+            changes,
+            DemoRoom(storage),
             batches,
             BatchRuns(batches, localizations, pool, settings.max_pixels),
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),

@@ -95,6 +95,11 @@ class Settings(BaseSettings):
     )
     max_timeout_s: float = Field(PAPER_TIMEOUT_S, gt=0, description="Longest `timeout_s` that a query may ask for.")
     result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
+    changes_ttl_s: int = Field(
+        30 * 24 * 3600,
+        ge=0,
+        description="Seconds for which `GET /maps/{id}/changes` counts what an answer saw; 0 keeps none of it.",
+    )
     index_ttl_s: int = Field(
         30 * 24 * 3600, ge=60, description="Seconds for which Redis keeps a map index after its last use."
     )

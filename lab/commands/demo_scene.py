@@ -11,16 +11,12 @@ from PIL import Image
 from core.camera.camera import Camera
 from core.geometry.pose import Pose, pose_error
 from core.scan.ply.writer import write_ply
+from lab.demo_room import CHANGED_FRACTION, JPEG_QUALITY, NUM_SCAN_POINTS, ROOM_AREA_M2, ROOM_FAMILY
 from lab.rooms import Scene, SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama, take_photo
 from lab.rooms.capture.shooting import Shooting
 from service.client import JsonObject
 
-ROOM_AREA_M2 = 24.0
-ROOM_FAMILY = "nordic"
-NUM_SCAN_POINTS = 400_000
 PANORAMA_WIDTH = 1536
-JPEG_QUALITY = 92
-CHANGED_FRACTION = 0.6
 PHOTO_SIZE, PHOTO_HFOV_DEG = (1600, 1200), 69.0
 NUM_PHOTO_TRIES = 12
 

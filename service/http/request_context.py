@@ -8,6 +8,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.http.error_handlers import problem_response
+from service.http.recent_errors import RecentErrors
 from service.jobs import new_id
 from service.metrics import Metrics
 
@@ -20,9 +21,10 @@ _UNMATCHED = "unmatched"
 class RequestContext:
     """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced; `request.state` holds it."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+    def __init__(self, app: ASGIApp, metrics: Metrics, errors: RecentErrors) -> None:
         self._app = app
         self._metrics = metrics
+        self._errors = errors
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
@@ -34,13 +36,17 @@ class RequestContext:
         scope.setdefault("state", {})["request_id"] = request_id
         structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(request_id=request_id)
-        began, status = time.monotonic(), 0
+        began, status, content_type = time.monotonic(), 0, ""
 
         async def send_with_id(message: Message) -> None:
-            nonlocal status
+            nonlocal status, content_type
             if message["type"] == "http.response.start":
                 status = message["status"]
-                MutableHeaders(scope=message)[_HEADER] = request_id
+                headers = MutableHeaders(scope=message)
+                headers[_HEADER] = request_id
+                content_type = headers.get("content-type", "")
+            elif status >= 400:
+                self._errors.note(scope["method"], scope["path"], content_type, message.get("body", b""))
             await send(message)
 
         try:

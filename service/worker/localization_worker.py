@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 
@@ -23,6 +23,7 @@ from service.errors import CacheDownError
 from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from service.storage import open_storage
+from service.worker.change_cells import change_cells
 from service.worker.map_catalog import MapCatalog
 from service.worker.outcomes import localize_outcome
 from service.worker.plan import WorkerSettings
@@ -132,7 +133,13 @@ class _RunningQuery:
             timeout_s=self._remaining_s(),
         )
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
-        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures, query)
+        cells = self._timed("pictures", lambda: self._change_cells(maps, localization))
+        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures, query, cells)
+
+    def _change_cells(self, maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
+        if localization.best is None or not self._job.with_change_cells:
+            return None
+        return change_cells(maps[localization.best.map_position], localization)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
         found = []
@@ -158,7 +165,7 @@ class _RunningQuery:
     def _timed(self, stage: str, work: Callable[[], Result]) -> Result:
         began = time.perf_counter()
         result = work()
-        self._timings_s[stage] = time.perf_counter() - began
+        self._timings_s[stage] = self._timings_s.get(stage, 0.0) + time.perf_counter() - began
         return result
 
 

@@ -25,11 +25,12 @@ def localize_outcome(
     timings_s: Mapping[str, float],
     pictures: dict[str, bytes],
     query: Query,
+    change_cells: dict[str, Any] | None = None,
 ) -> LocalizeOutcome:
     """Return what a query found.
 
     maps: in the order that `Candidate.map_position` counts. frame: axes of the poses. timings_s: seconds measured around the
-    search, added to its own. pictures: PNGs by name. query: what was localized.
+    search, added to its own. pictures: PNGs by name. query: what was localized. change_cells: what it saw changed.
     """
     best = localization.best
     return LocalizeOutcome(
@@ -46,6 +47,7 @@ def localize_outcome(
         pictures=pictures,
         map_from_session=_map_from_session(localization, query, frame),
         images=_found_images(localization, query, maps, frame),
+        change_cells=change_cells,
     )
 
 

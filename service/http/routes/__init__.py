@@ -5,6 +5,7 @@ from fastapi import APIRouter
 from service.http.routes import (
     batches,
     console,
+    demo,
     documentation,
     geopose,
     health,
@@ -32,6 +33,7 @@ ROUTERS: tuple[APIRouter, ...] = tuple(
         batches,
         health,
         metrics,
+        demo,
         documentation,
         problems,
         openflame,

@@ -5,13 +5,13 @@ import os
 from collections.abc import AsyncIterator, Iterable
 from typing import Annotated, Any, BinaryIO, Literal
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from core.options import ExportFormat
 from service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from service.batches.record import BatchRecord, Result
-from service.errors import InvalidOptionsError
+from service.errors import BatchNotFoundError, InvalidOptionsError
 from service.http.access import require
 from service.http.openapi import picture_response
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
@@ -23,6 +23,11 @@ router = APIRouter(tags=["batches"])
 _MAX_IGNORED = 100
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
+_IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
+_IMAGE_RESPONSE: dict[str, Any] = {
+    "description": "The bytes as they were uploaded.",
+    "content": {kind: {"schema": {"type": "string", "format": "binary"}} for _, kind in _IMAGE_HEADS},
+}
 _ZIP_RESPONSE: dict[str, Any] = {
     "description": "A zip of the files of the format, with `unplaced.txt` and `export.json`.",
     "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
@@ -53,6 +58,29 @@ async def get_batch(
     document = await batch_document(services, record, numbers)
     waiting = document["status"] != "done"
     return JSONResponse(document, headers={"Retry-After": "1"} if waiting else None)
+
+
+@router.get(
+    "/batches/{batch_id}/images/{number}",
+    summary="Fetch an image of a batch",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses={200: _IMAGE_RESPONSE, **error_responses(401, 403, 404, 422)},
+)
+async def get_image(
+    request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
+) -> Response:
+    """Return an image as it was uploaded; one that is no image comes as plain bytes."""
+    services = services_of(request)
+    record = services.batches.get(batch_id)
+    if number >= len(record.names):
+        raise BatchNotFoundError(
+            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have them"
+        )
+    data = await services.batches.image(batch_id, number)
+    media_type = next((kind for head, kind in _IMAGE_HEADS if data.startswith(head)), "application/octet-stream")
+    headers = {"Cache-Control": "private, max-age=3600, immutable", "X-Content-Type-Options": "nosniff"}
+    return Response(data, media_type=media_type, headers=headers)
 
 
 @router.get(

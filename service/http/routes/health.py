@@ -65,8 +65,9 @@ async def ready(request: Request) -> Response:
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200."""
-    return JSONResponse(await _details(services_of(request)))
+    """Return the same details as readiness, always with 200, and the last requests that ended in a problem."""
+    details = await _details(services_of(request))
+    return JSONResponse({**details, "recent_errors": request.app.state.recent_errors.newest()})
 
 
 async def _details(services: Services) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""What viewers show of a map: its picture from above, its points, its starts."""
+"""What viewers show of a map: its picture from above, its points, its starts, what changed."""
 
 import asyncio
 import json
@@ -13,6 +13,7 @@ from service.errors import StoredFileMissingError
 from service.http.access import require
 from service.http.openapi import picture_response
 from service.http.schemas import MapStarts
+from service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
 from service.jobs import MAX_SAMPLE_POINTS, MapRef
 from service.maps.point_sample import PlySample
 from service.maps.record import key_of
@@ -112,6 +113,24 @@ async def get_starts(request: Request, map_id: str) -> Response:
     starts = json.loads(data)
     body = {"map_id": ref.id, "revision": ref.revision, "num_starts": len(starts), "starts": starts}
     return JSONResponse(body, headers=_caching(ref))
+
+
+@router.get(
+    "/maps/{map_id}/changes",
+    summary="What changed since the scan, as answers saw it",
+    response_model=None,
+    responses={
+        200: {"model": MapChanges, "content": {"application/json": {"example": CHANGES_EXAMPLE}}},
+        **_ERRORS,
+    },
+)
+async def get_changes(request: Request, map_id: str) -> Response:
+    """Return the answers that count and the cells of space in which they saw a change, of the revision that answers queries."""
+    services = services_of(request)
+    record = services.registry.get(map_id)
+    stats = (record.serving.stats if record.serving else None) or {}
+    offset = [float(value) for value in stats.get("origin_offset", (0.0, 0.0, 0.0))]
+    return JSONResponse(await services.changes.document(serving_ref(record), offset))
 
 
 async def _file(request: Request, map_id: str, name: str) -> tuple[bytes, MapRef]:

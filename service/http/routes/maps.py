@@ -105,6 +105,7 @@ async def delete_map(request: Request, map_id: str) -> Response:
     # Not before: from now on no registration of it begins.
     await services.registrations.cancel(map_id)
     await asyncio.shield(services.cache.forget_map(map_id))
+    await asyncio.shield(services.changes.forget(map_id))
     return Response(status_code=204)
 
 

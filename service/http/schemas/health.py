@@ -1,5 +1,6 @@
 """What the service tells about itself."""
 
+from datetime import datetime
 from typing import Literal
 
 from pydantic import Field
@@ -23,6 +24,19 @@ class PoolHealth(Answer):
     resident_bytes: int = Field(description="Map indexes in the workers' memory.")
 
 
+class RecentError(Answer):
+    """A request that ended in a problem."""
+
+    at: datetime
+    method: str
+    path: str
+    type: str | None
+    title: str | None
+    status: int | None
+    detail: str | None
+    request_id: str | None = Field(description="As the log has it.")
+
+
 class Readiness(Answer):
     """What a probe without a key is told."""
 
@@ -39,4 +53,7 @@ class Health(Answer):
     redis: Literal["up", "down"]
     storage: Literal["writable", "not_writable"]
     workers: PoolHealth
+    recent_errors: list[RecentError] = Field(
+        default_factory=list, description="Of `/health` alone: the last 50, newest first, since the process started."
+    )
     maps: dict[str, int] = Field(description="Maps by status.", examples=[{"ready": 3, "queued": 1}])

@@ -1,0 +1,60 @@
+"""What answers saw changed since a map's scan."""
+
+from datetime import datetime
+from typing import Any
+
+from pydantic import Field
+
+from service.http.schemas.geometry import Answer, Vector
+
+
+class AnswerWithChange(Answer):
+    """One answer that counts."""
+
+    id: str = Field(description="Of the localization; its answer itself lives shorter.")
+    created_at: datetime
+    position_m: Vector = Field(description="Where the photo was taken.")
+    confidence: float
+    panorama_changed_fraction: float | None
+    map_changed_fraction: float | None
+
+
+class ChangedCell(Answer):
+    """A cube of space in which something changed."""
+
+    center_m: Vector
+    num_changed: int = Field(ge=1, description="Answers that saw a change here.")
+    num_seen: int = Field(ge=1, description="Answers that saw this cell at all.")
+    last_changed_at: datetime
+
+
+class MapChanges(Answer):
+    """What changed since the scan, as the answers of the last `lifetime_s` seconds saw it."""
+
+    map_id: str
+    revision: int = Field(description="Of the scan that answers queries; answers to others do not count.")
+    lifetime_s: int = Field(description="Seconds for which an answer counts (PANOLOC_CHANGES_TTL_S); 0: none is kept.")
+    cell_m: float | None = Field(description="Edge of a cell, metres; null without answers.")
+    answers: list[AnswerWithChange] = Field(description="Newest first.")
+    cells: list[ChangedCell] = Field(description="Those that most answers saw changed first.")
+
+
+CHANGES_EXAMPLE: dict[str, Any] = {
+    "map_id": "map_2xk7q0v9m3d1c8fa",
+    "revision": 1,
+    "lifetime_s": 2_592_000,
+    "cell_m": 0.15,
+    "answers": [
+        {
+            "id": "loc_9b1f0c6a7d2e4f35",
+            "created_at": "2026-11-21T12:00:00Z",
+            "position_m": [1.2, 0.3, 1.5],
+            "confidence": 0.93,
+            "panorama_changed_fraction": 0.18,
+            "map_changed_fraction": 0.11,
+        }
+    ],
+    "cells": [
+        {"center_m": [2.025, 0.975, 0.375], "num_changed": 1, "num_seen": 1, "last_changed_at": "2026-11-21T12:00:00Z"}
+    ],
+}

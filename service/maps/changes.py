@@ -1,0 +1,149 @@
+"""What answers saw changed since a map's scan, kept for a time of its own, so that it shows where several of them agree.
+
+In storage: `changes/{map}/{time}-{answer}/changes.json`, beside the maps, not in them: an answer that comes in while its map is being
+deleted leaves nothing in the folder of a map that is no more.
+"""
+
+import array
+import asyncio
+import base64
+import json
+import sys
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from service.answer import Document, in_map_axes
+from service.errors import StorageError
+from service.jobs import MapRef
+from service.storage import Storage
+
+MOST_ANSWERS = 200
+"""Of a map; older ones make room."""
+
+_FORMAT = 1
+Cell = tuple[int, int, int]
+
+
+class ChangeLog:
+    """Used from one event loop; the files are read and written in threads.
+
+    lifetime_s: seconds for which an answer counts; 0: nothing is kept.
+    """
+
+    def __init__(self, storage: Storage, lifetime_s: int) -> None:
+        self._storage = storage
+        self._lifetime_s = lifetime_s
+
+    @property
+    def is_kept(self) -> bool:
+        """Return whether answers are kept at all."""
+        return self._lifetime_s > 0
+
+    async def note(self, answer: Document, cells: dict[str, Any] | None) -> None:
+        """Keep what an answer saw; cells: see `service.worker.change_cells`, None: nothing."""
+        if self.is_kept and cells is not None and answer["map_id"] is not None:
+            await asyncio.to_thread(self._note, answer, cells)
+
+    async def document(self, ref: MapRef, origin_offset: list[float]) -> Document:
+        """Return what `GET /maps/{id}/changes` shows of the revision that answers queries."""
+        return await asyncio.to_thread(self._document, ref, origin_offset)
+
+    async def forget(self, map_id: str) -> None:
+        """Delete all of a map."""
+        await asyncio.to_thread(self._storage.delete_all, _folder_of(map_id))
+
+    def _note(self, answer: Document, cells: dict[str, Any]) -> None:
+        now = datetime.now(UTC)
+        kept = {
+            "format": _FORMAT,
+            "revision": answer["map_revision"],
+            "cells": cells,
+            "answer": {
+                "id": answer["id"],
+                "created_at": now.isoformat(timespec="seconds").replace("+00:00", "Z"),
+                "position_m": _position_of(answer["pose"]),
+                "confidence": answer["confidence"],
+                **answer["change"],
+            },
+        }
+        folder = _folder_of(answer["map_id"])
+        self._storage.replace(f"{folder}/{_stamp(now)}-{answer['id']}/changes.json", json.dumps(kept).encode())
+        self._drop_old(folder)
+
+    def _drop_old(self, folder: str) -> None:
+        names = self._storage.names(folder)
+        oldest = _stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
+        for name in names[:-MOST_ANSWERS] + [name for name in names[-MOST_ANSWERS:] if name < oldest]:
+            self._storage.delete_all(f"{folder}/{name}")
+
+    def _document(self, ref: MapRef, origin_offset: list[float]) -> Document:
+        seen: Counter[Cell] = Counter()
+        changed: Counter[Cell] = Counter()
+        last: dict[Cell, str] = {}
+        answers, cell_m = [], 0.0
+        for kept in self._kept(ref):
+            cell_m = kept["cells"]["cell_m"]
+            answers.append(kept["answer"])
+            seen.update(_unpacked(kept["cells"]["seen"]))
+            found = list(_unpacked(kept["cells"]["changed"]))
+            changed.update(found)
+            last |= dict.fromkeys(found, kept["answer"]["created_at"])
+        return {
+            "map_id": ref.id,
+            "revision": ref.revision,
+            "lifetime_s": self._lifetime_s,
+            "cell_m": cell_m or None,
+            "answers": answers[::-1],
+            "cells": [
+                {
+                    "center_m": [
+                        round((place + 0.5) * cell_m + offset, 3)
+                        for place, offset in zip(cell, origin_offset, strict=True)
+                    ],
+                    "num_changed": count,
+                    "num_seen": seen[cell],
+                    "last_changed_at": last[cell],
+                }
+                for cell, count in changed.most_common()
+            ],
+        }
+
+    def _kept(self, ref: MapRef) -> Iterator[dict[str, Any]]:
+        """Yield what is kept of a revision and not too old, oldest first."""
+        folder = _folder_of(ref.id)
+        oldest = _stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
+        for name in self._storage.names(folder):
+            if name < oldest:
+                continue
+            try:
+                kept = json.loads(self._storage.read(f"{folder}/{name}/changes.json"))
+            except (
+                StorageError,
+                ValueError,
+            ):  # just dropped by another answer, or not to be read: the others say enough
+                continue
+            if kept.get("format") == _FORMAT and kept["revision"] == ref.revision:
+                yield kept
+
+
+def _position_of(pose: Document) -> list[float]:
+    """Return where a photo was taken in the map's own axes, whatever axes the answer has."""
+    return list(in_map_axes(list(pose["map_from_camera"]["position_m"].values()), pose["frame"]))
+
+
+def _folder_of(map_id: str) -> str:
+    return f"changes/{map_id}"
+
+
+def _stamp(time: datetime) -> str:
+    return time.strftime("%Y%m%dT%H%M%S%f")
+
+
+def _unpacked(packed: str) -> Iterator[Cell]:
+    numbers = array.array("h", zlib.decompress(base64.b64decode(packed)))
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    return iter(zip(numbers[0::3], numbers[1::3], numbers[2::3], strict=True))

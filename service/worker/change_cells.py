@@ -1,0 +1,43 @@
+"""What one answer saw changed, as cells of space: small enough to be kept for weeks, coarse enough that several answers agree."""
+
+import base64
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.config import ChangeConfig
+from core.index.map_index import MapIndex
+from core.results import Localization
+
+_CELL_M = 0.15
+_MOST_CELLS_ACROSS = 30_000  # int16
+_LEAST_POINTS = 3  # of a cell, for its mean to say anything
+
+
+def change_cells(
+    index: MapIndex, localization: Localization, config: ChangeConfig | None = None
+) -> dict[str, Any] | None:
+    """Return the cells that the answer saw, and which of them changed; None where it knows of none.
+
+    `cell_m`: edge in metres. `seen`, `changed`: (n, 3) int16 of the cells' places, counted from the map's origin (its offset left out) in
+    units of `cell_m`, little-endian, deflated, base64; `changed` are some of `seen`.
+    """
+    scores = localization.point_scores
+    if scores is None or localization.status != "localized":
+        return None
+    positions = index.positions.cpu().numpy()
+    cell_m = max(_CELL_M, float(np.abs(positions).max()) / _MOST_CELLS_ACROSS)
+    known = ~np.isnan(scores)
+    cells, of_point, counts = np.unique(
+        np.floor(positions[known] / cell_m).astype(np.int16), axis=0, return_inverse=True, return_counts=True
+    )
+    means = np.bincount(of_point.ravel(), scores[known], len(cells)) / np.maximum(counts, 1)
+    enough = counts >= _LEAST_POINTS
+    changed = enough & (means < (config or ChangeConfig()).changed_below)
+    return {"cell_m": cell_m, "seen": _packed(cells[enough]), "changed": _packed(cells[changed])}
+
+
+def _packed(cells: NDArray[np.int16]) -> str:
+    return base64.b64encode(zlib.compress(cells.astype("<i2").tobytes())).decode("ascii")

@@ -1,0 +1,81 @@
+"""What the console asks for beside maps and answers: changes, images of batches, the demo room, the last errors."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from service.host import demo_room
+from service.http.schemas import Health
+from service.http.schemas.changes import MapChanges
+from service.jobs import LocalizeJob, LocalizeOutcome
+from tests.service.http.running_service import RunningService, png_of
+from tests.service.maps.test_changes import seen
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = running.pool.localize
+    jobs: list[LocalizeJob] = []
+
+    async def with_cells(job: LocalizeJob) -> LocalizeOutcome:
+        jobs.append(job)
+        return replace(await found(job), change_cells=seen((0, 0, 0), (1, 1, 1), changed=((1, 1, 1),)))
+
+    monkeypatch.setattr(running.pool, "localize", with_cells)
+    map_id = await running.ready_map()
+    empty = (await running.client.get(f"/maps/{map_id}/changes")).json()
+    assert (empty["answers"], empty["cells"], empty["cell_m"]) == ([], [], None)
+    answer = (await running.localize(map_id)).json()
+    changes = (await running.client.get(f"/maps/{map_id}/changes")).json()
+    MapChanges.model_validate(changes)
+    assert jobs[0].with_change_cells
+    assert [each["id"] for each in changes["answers"]] == [answer["id"]]
+    assert [cell["center_m"] for cell in changes["cells"]] == [[0.75, 0.75, 0.75]]
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert running.storage.names("changes") == []
+    assert (await running.client.get(f"/maps/{map_id}/changes")).status_code == 404
+
+
+async def test_images_of_a_batch_come_back_as_they_were(running: RunningService) -> None:
+    picture = png_of(8, 4)
+    files = [("image", ("a.png", picture)), ("image", ("notes.html", b"<script>alert(1)</script>"))]
+    map_id = await running.ready_map()
+    batch = (await running.client.post("/batches", files=files, data={"map_id": map_id})).json()
+    first = await running.client.get(f"/batches/{batch['id']}/images/0")
+    assert (first.content, first.headers["content-type"]) == (picture, "image/png")
+    other = await running.client.get(f"/batches/{batch['id']}/images/1")
+    assert (other.headers["content-type"], other.headers["x-content-type-options"]) == (
+        "application/octet-stream",
+        "nosniff",
+    )
+    assert (await running.client.get(f"/batches/{batch['id']}/images/2")).status_code == 404
+    assert (await running.client.get("/batches/batch_none/images/0")).status_code == 404
+
+
+async def test_the_last_problems_are_listed_with_their_request_ids(running: RunningService) -> None:
+    reply = await running.client.get("/maps/map_none")
+    health: dict[str, Any] = (await running.client.get("/health")).json()
+    Health.model_validate(health)
+    (error,) = health["recent_errors"]
+    assert (error["path"], error["status"], error["method"]) == ("/maps/map_none", 404, "GET")
+    assert error["request_id"] == reply.headers["x-request-id"]
+    assert "recent_errors" not in (await running.client.get("/health/ready")).json()
+
+
+async def test_a_demo_room_that_cannot_be_made_is_a_problem(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demo_room, "_MAKER", "lab.no_such_module")
+    reply = await running.client.get("/demo/room.ply")
+    assert (reply.status_code, reply.headers["content-type"]) == (500, "application/problem+json")
+    assert running.storage.names("uploads") == []
+
+
+async def test_a_demo_room_is_made_once(running: RunningService) -> None:
+    running.storage.put("demo/panorama.jpg", b"\xff\xd8\xff")
+    reply = await running.client.get("/demo/panorama.jpg")
+    assert (reply.content, reply.headers["content-type"]) == (b"\xff\xd8\xff", "image/jpeg")

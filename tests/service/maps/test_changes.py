@@ -1,0 +1,105 @@
+"""What answers saw changed is counted while it lives, by revision, and nothing of it outlives its map."""
+
+import base64
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.jobs import MapRef
+from service.maps.changes import MOST_ANSWERS, ChangeLog
+from service.storage import FolderStorage
+
+pytestmark = pytest.mark.anyio
+
+REF = MapRef("map_a", 1)
+NO_OFFSET = [0.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> ChangeLog:
+    return ChangeLog(FolderStorage(tmp_path), lifetime_s=3600)
+
+
+def packed(*cells: tuple[int, int, int]) -> str:
+    """Return cells as a worker packs them."""
+    return base64.b64encode(zlib.compress(b"".join(struct.pack("<3h", *cell) for cell in cells))).decode()
+
+
+def seen(*cells: tuple[int, int, int], changed: tuple[tuple[int, int, int], ...] = ()) -> dict[str, Any]:
+    """Return what a worker says of an answer."""
+    return {"cell_m": 0.5, "seen": packed(*cells), "changed": packed(*changed)}
+
+
+def answer(number: int = 1, revision: int = 1, frame: str = "ros") -> dict[str, Any]:
+    """Return the parts of an answer that are kept."""
+    return {
+        "id": f"loc_{number}",
+        "map_id": "map_a",
+        "map_revision": revision,
+        "pose": {"frame": frame, "map_from_camera": {"position_m": {"x": 1.0, "y": 2.0, "z": 3.0}}},
+        "confidence": 0.9,
+        "change": {"panorama_changed_fraction": 0.2, "map_changed_fraction": 0.1},
+    }
+
+
+async def test_cells_are_counted_over_answers_and_placed_in_the_maps_own_frame(log: ChangeLog) -> None:
+    await log.note(answer(1), seen((0, 0, 0), (1, -1, 0), changed=((1, -1, 0),)))
+    await log.note(answer(2), seen((1, -1, 0), (4, 4, 4), changed=((1, -1, 0), (4, 4, 4))))
+    found = await log.document(REF, [100.0, 0.0, 0.0])
+    assert [each["id"] for each in found["answers"]] == ["loc_2", "loc_1"]
+    counted = [(cell["center_m"], cell["num_changed"], cell["num_seen"]) for cell in found["cells"]]
+    assert counted == [([100.75, -0.25, 0.25], 2, 2), ([102.25, 2.25, 2.25], 1, 1)]
+
+
+async def test_where_a_photo_was_taken_is_said_in_the_maps_axes_whatever_axes_were_asked_for(log: ChangeLog) -> None:
+    await log.note(answer(frame="webxr"), seen())
+    assert (await log.document(REF, NO_OFFSET))["answers"][0]["position_m"] == [1.0, -3.0, 2.0]
+
+
+async def test_answers_to_a_former_scan_do_not_count(log: ChangeLog) -> None:
+    await log.note(answer(revision=1), seen((0, 0, 0), changed=((0, 0, 0),)))
+    assert (await log.document(MapRef("map_a", 2), NO_OFFSET))["cells"] == []
+
+
+async def test_an_answer_counts_for_its_lifetime(tmp_path: Path, log: ChangeLog) -> None:
+    await log.note(answer(), seen((0, 0, 0)))
+    (kept,) = (tmp_path / "changes" / "map_a").iterdir()
+    kept.rename(kept.with_name("20200101T000000000000-loc_1"))
+    assert (await log.document(REF, NO_OFFSET))["answers"] == []
+    await log.note(answer(2), seen((0, 0, 0)))
+    assert len(list((tmp_path / "changes" / "map_a").iterdir())) == 1
+
+
+async def test_the_oldest_answers_make_room(log: ChangeLog, tmp_path: Path) -> None:
+    for number in range(MOST_ANSWERS + 2):
+        (tmp_path / "changes" / "map_a" / f"29990101T{number:012}-loc_{number}").mkdir(parents=True)
+    await log.note(answer(), seen((0, 0, 0)))
+    assert len(list((tmp_path / "changes" / "map_a").iterdir())) == MOST_ANSWERS
+
+
+async def test_what_cannot_be_read_leaves_the_others(log: ChangeLog, tmp_path: Path) -> None:
+    await log.note(answer(1), seen((0, 0, 0)))
+    await log.note(answer(2), seen((0, 0, 0)))
+    first, _ = sorted((tmp_path / "changes" / "map_a").iterdir())
+    (first / "changes.json").write_text("{")
+    assert [each["id"] for each in (await log.document(REF, NO_OFFSET))["answers"]] == ["loc_2"]
+
+
+async def test_without_a_lifetime_nothing_is_kept(tmp_path: Path) -> None:
+    log = ChangeLog(FolderStorage(tmp_path), lifetime_s=0)
+    await log.note(answer(), seen((0, 0, 0)))
+    assert list(tmp_path.iterdir()) == []
+
+
+async def test_nothing_is_left_of_a_map_that_is_forgotten(log: ChangeLog, tmp_path: Path) -> None:
+    await log.note(answer(), seen((0, 0, 0)))
+    await log.forget("map_a")
+    assert not (tmp_path / "changes" / "map_a").exists()
