@@ -2,13 +2,16 @@
 
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
+from core.scan.e57.coloring import PanoramaColors, with_poses
 from core.scan.e57.description import MAX_XML_BYTES, check_description
+from core.scan.e57.images import spherical_images
 from core.scan.e57.scan_entry import E57Scan
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
@@ -17,10 +20,18 @@ _PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020
 
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield the points of all coloured scans of an E57 file in the file's frame.
+    """Yield the points of all coloured scans of an E57 file in its frame; without any, those that its panoramas see, in their colours.
 
     Raises ScanDamagedError for a short file or a wrong checksum, ScanContentError without scans, points or colour.
     """
+    with opened(context) as image_file:
+        context.coordinate_system = _coordinate_system(image_file.root())
+        yield from _iter_file(context, image_file)
+
+
+@contextmanager
+def opened(context: ReadingContext) -> Iterator[Any]:
+    """Give the `libe57.ImageFile` of a file whose header and description are checked. Raises as `read_e57` does."""
     _check_header(context)
     try:
         from pye57 import libe57
@@ -32,9 +43,8 @@ def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
     image_file = None
     try:
         image_file = libe57.ImageFile(str(context.path), "r")
-        context.coordinate_system = _coordinate_system(image_file.root())
-        yield from _iter_file(context, libe57, image_file)
-    except CoreError:
+        yield image_file
+    except (CoreError, OSError):
         raise
     except Exception as error:  # E57Exception, and what the bindings raise for nodes of an unexpected kind
         raise ScanDamagedError(
@@ -79,8 +89,12 @@ def _check_description(context: ReadingContext, xml_offset: int, xml_length: int
     check_description(xml[:xml_length])
 
 
-def _iter_file(context: ReadingContext, libe57: Any, image_file: Any) -> Iterator[RawChunk]:
-    scans = _colored_scans(context, libe57, image_file)
+def _iter_file(context: ReadingContext, image_file: Any) -> Iterator[RawChunk]:
+    scans = _scans(image_file)
+    if not any(scan.has_color for scan in scans):
+        yield from _colored_by_images(context, scans, image_file)
+        return
+    scans = _colored_scans(context, scans)
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
     dtype, factors = _color_scales(scans)
@@ -97,16 +111,49 @@ def _coordinate_system(root: Any) -> str | None:
     return str(root["coordinateMetadata"].value()).strip() or None
 
 
-def _colored_scans(context: ReadingContext, libe57: Any, image_file: Any) -> list[E57Scan]:
+def _colored_by_images(context: ReadingContext, scans: list[E57Scan], image_file: Any) -> Iterator[RawChunk]:
+    """Yield the points that the file's own panoramas see, in the colours that those show; reads the points twice."""
+    images, _ = spherical_images(image_file.root())
+    posed = with_poses(images)
+    if not posed:
+        raise no_color_error(", ".join(scans[0].field_names)[:200])
+    total = sum(scan.num_points for scan in scans)
+    context.check_point_count(total)
+    colors = PanoramaColors(posed)
+    for scan in scans:
+        for positions, _ in scan.iter_points(image_file):
+            colors.add(positions)
+    colors.close_gaps()
+    num_done = num_seen = 0
+    for scan in scans:
+        for positions, _ in scan.iter_points(image_file):
+            found, seen = colors.of(positions)
+            num_done, num_seen = num_done + len(positions), num_seen + int(seen.sum())
+            yield RawChunk(positions[seen], found[seen].astype(np.uint8), num_done / total)
+    left_out = f", {len(images) - len(posed)} images were not used" if len(posed) < len(images) else ""
+    context.note(
+        "colored_by_images",
+        f"The scan has no colours: {num_seen:,} of {total:,} points have those that {len(posed)} panoramas of the file show; what none of "
+        f"them sees was left out{left_out}.",
+        "info" if num_seen > total // 2 else "warning",
+    )
+
+
+def _scans(image_file: Any) -> list[E57Scan]:
+    """Return the scans that hold points. Raises ScanContentError where there is none."""
+    from pye57 import libe57
+
     root = image_file.root()
     nodes = root["data3D"] if root.isDefined("data3D") else ()
     scans = [E57Scan(libe57, nodes[number]) for number in range(len(nodes))]
     scans = [scan for scan in scans if scan.num_points]
     if not scans:
         raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
+    return scans
+
+
+def _colored_scans(context: ReadingContext, scans: list[E57Scan]) -> list[E57Scan]:
     colored = [scan for scan in scans if scan.has_color]
-    if not colored:
-        raise no_color_error(", ".join(scans[0].field_names)[:200])
     if len(colored) < len(scans):
         context.note(
             "scans_without_color",

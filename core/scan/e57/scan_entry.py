@@ -50,12 +50,16 @@ class E57Scan:
         return next(depth for depth in _COLOR_DEPTHS if largest <= depth)
 
     def iter_points(self, image_file: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Yield positions in the file's frame, NaN where the scanner calls them invalid, and colours, each (n, 3)."""
+        """Yield positions in the file's frame, NaN where the scanner calls them invalid, and colours, each (n, 3).
+
+        Of a scan without colours those are (n, 0).
+        """
         position_names = self._position_names()
         flags = [name for name in _INVALID_FLAGS if name in self.field_names]
-        rotation, translation = self._pose()
+        rotation, translation = pose_of(self._node)
+        color_names = _COLORS if self.has_color else ()
         capacity = min(CHUNK_ROWS, self.num_points)
-        columns = {name: np.empty(capacity) for name in (*position_names, *_COLORS, *flags)}
+        columns = {name: np.empty(capacity) for name in (*position_names, *color_names, *flags)}
         buffers = self._libe57.VectorSourceDestBuffer()
         for name, column in columns.items():
             buffers.append(self._libe57.SourceDestBuffer(image_file, name, column, capacity, True, True))
@@ -67,7 +71,9 @@ class E57Scan:
                 positions = self._cartesian(columns, position_names, num_rows)
                 for flag in flags:
                     positions[columns[flag][:num_rows] != 0] = np.nan
-                colors = np.stack([columns[name][:num_rows] for name in _COLORS], axis=1)
+                colors = np.empty((num_rows, len(color_names)))
+                for channel, name in enumerate(color_names):
+                    colors[:, channel] = columns[name][:num_rows]
                 yield positions @ rotation.T + translation, colors
         finally:
             reader.close()
@@ -93,28 +99,31 @@ class E57Scan:
         level = first * np.cos(third)  # ASTM E2807: range, azimuth from +x, elevation from the horizontal plane
         return np.stack([level * np.cos(second), level * np.sin(second), first * np.sin(third)], axis=1)
 
-    def _pose(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rotation (3, 3) and translation (3,) from the scan's frame to the file's."""
-        rotation, translation = np.eye(3), np.zeros(3)
-        if not self._node.isDefined("pose"):
-            return rotation, translation
-        pose = self._node["pose"]
-        if pose.isDefined("translation"):
-            translation = np.array([pose["translation"][axis].value() for axis in "xyz"], np.float64)
-        if pose.isDefined("rotation"):
-            rotation = _rotation_matrix(np.array([pose["rotation"][part].value() for part in "wxyz"], np.float64))
-        return rotation, translation
-
     @staticmethod
     def _limit_names(limits: Any) -> list[str]:
         names = [f"{color}Maximum" for color in _COLORS]
         return [name for name in names if limits.isDefined(name)]
 
 
+def pose_of(node: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return rotation (3, 3) and translation (3,) from the frame of a scan or an image to the file's; none is the file's own."""
+    rotation, translation = np.eye(3), np.zeros(3)
+    if not node.isDefined("pose"):
+        return rotation, translation
+    pose = node["pose"]
+    if pose.isDefined("translation"):
+        translation = np.array([pose["translation"][axis].value() for axis in "xyz"], np.float64)
+    if pose.isDefined("rotation"):
+        rotation = _rotation_matrix(np.array([pose["rotation"][part].value() for part in "wxyz"], np.float64))
+    return rotation, translation
+
+
 def _rotation_matrix(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     norm = float(np.linalg.norm(quaternion_wxyz))
     if not np.isfinite(norm) or norm < 1e-6:
-        raise ScanDamagedError("A scan of the E57 file has a pose without a rotation. Export the scan again.")
+        raise ScanDamagedError(
+            "A scan or an image of the E57 file has a pose without a rotation. Export the scan again."
+        )
     w, x, y, z = quaternion_wxyz / norm
     return np.array(
         [

@@ -19,6 +19,7 @@ from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.placing.export_folder import formats_of, write_exports
 from service.cli.placing.overview_files import draw_overviews
 from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError, Question, are_options_refused
+from service.cli.placing.survey_images import SurveyError, folder_of_photos
 from service.cli.progress import show_counts
 from service.cli.query_options import camera_object
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
@@ -35,7 +36,9 @@ def place(
     ctx: typer.Context,
     photos: Annotated[
         Path,
-        typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Folder of photos, with folders in it."),
+        typer.Argument(
+            metavar="FOLDER", exists=True, help="Folder of photos, with folders in it; or an E57 with panoramas in it."
+        ),
     ],
     out: Annotated[
         Path, typer.Option(file_okay=False, help="Folder for results and exports; run again, it goes on there.")
@@ -67,7 +70,8 @@ def place(
     options |= {"hints": {"upright": True}} if upright else {}
     options |= {"cameras": [camera]} if camera else {}
     try:
-        question = Question(str(photos.resolve()), list(map_id or ()), tag, options)
+        folder = folder_of_photos(photos, out)
+        question = Question(str(folder.resolve()), list(map_id or ()), tag, options)
         with PlaceFolder.held(out, question) as placed:
             with session.client(url) as client:
                 codes = _Placing(session, client, placed).run(parallel)
@@ -75,6 +79,8 @@ def place(
             written.add(write_exports(placed, formats, include_ambiguous, out))
     except PlaceFolderError as error:
         raise typer.BadParameter(str(error), param_hint="--out") from error
+    except SurveyError as error:
+        raise typer.BadParameter(str(error), param_hint="FOLDER") from error
     for folder in written.folders:
         session.messages.print(f"wrote {escape(str(folder))}")
     for refusal in written.refusals:

@@ -3,9 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from core.exports.tour import PlacedPhoto, Tour
+from core.geometry.pose import Pose
 from service.cli.placing.place_folder import PlaceFolder, Question
+from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
 
@@ -207,6 +211,24 @@ def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
     again = tmp_path / "again"
     assert panoloc("place", photos, "--map", "map_1", "--out", again).code == EXIT_NOT_LOCALIZED
     assert [path.name for path in again.glob("*.*g")] == ["contact-sheet.jpg"]
+
+
+def test_the_panoramas_of_a_survey_are_placed_as_a_folder_of_them_is(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("pye57")
+    placed = PlacedPhoto("hall.jpg", Pose(np.eye(3), np.zeros(3)), 64, 32, image=photos / "hall.jpg")
+    survey = written("e57", Tour("map_1", (placed,)), tmp_path / "survey") / "tour.e57"
+    command = ("place", survey, "--map", "map_1", "--out", tmp_path / "out", "--export", "tum")
+    assert "1 photo: 1 localized" in panoloc(*command).out
+    assert (tmp_path / "out" / "images" / "hall.jpg").read_bytes() == (photos / "hall.jpg").read_bytes()
+    assert panoloc(*command).code == 0
+    assert num_queries(fake) == 1
+    outcome = panoloc("place", photos / "notes.txt", "--map", "map_1", "--out", tmp_path / "more")
+    assert (outcome.code, "neither" in outcome.err) == (EXIT_USAGE, True)
+    (tmp_path / "broken.e57").write_bytes(survey.read_bytes()[:-1000])
+    outcome = panoloc("place", tmp_path / "broken.e57", "--map", "map_1", "--out", tmp_path / "more")
+    assert (outcome.code, "announces" in outcome.err) == (EXIT_USAGE, True)
 
 
 def test_photos_in_several_maps_are_written_map_by_map(

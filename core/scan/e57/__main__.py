@@ -1,0 +1,49 @@
+"""`python -m core.scan.e57 SCAN.e57 FOLDER`: writes the spherical images of a file into a folder, and prints how many there are.
+
+An image that lies there already, the same to the byte, is left alone, so that its time stays what it was. Damage is said in one line on
+standard error, with exit code 3.
+"""
+
+import json
+import re
+import sys
+from pathlib import Path, PurePosixPath
+
+from core.distinct_names import distinct_names
+from core.errors import CoreError
+from core.options import ScanOptions
+from core.scan.e57.images import SphericalImage, spherical_images
+from core.scan.e57.reader import opened
+from core.scan.reading_context import ReadingContext
+
+REFUSED = 3
+
+
+def main(arguments: list[str]) -> int:
+    """Extract the images and return the exit code."""
+    scan, folder = Path(arguments[0]), Path(arguments[1])
+    try:
+        context = ReadingContext(scan, ScanOptions(), scan.stat().st_size)
+        with opened(context) as image_file:
+            images, num_others = spherical_images(image_file.root())
+            folder.mkdir(parents=True, exist_ok=True)
+            for image, name in zip(images, _names(images), strict=True):
+                target, data = folder / name, image.read()
+                if not target.exists() or target.read_bytes() != data:
+                    target.write_bytes(data)
+    except (CoreError, OSError) as error:
+        print(error, file=sys.stderr)
+        return REFUSED
+    print(json.dumps({"num_images": len(images), "num_others": num_others}))
+    return 0
+
+
+def _names(images: list[SphericalImage]) -> list[str]:
+    """Return names of files: those of the images, without folders and what is not printable, with the ending of what they are."""
+    plain = [re.sub(r"[^\w.+ -]", "_", PurePosixPath(image.name).name).strip(". ") or "image" for image in images]
+    stems = [re.sub(r"(?i)\.(jpe?g|png)$", "", name)[-150:] for name in plain]
+    return distinct_names(f"{stem or 'image'}{image.suffix}" for stem, image in zip(stems, images, strict=True))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,162 @@
+"""Panoramas of an E57 file: they colour its points, and come out of it as photos."""
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from core.errors import ScanContentError
+from core.exports.tour import PlacedPhoto, Tour
+from core.geometry.pose import Pose
+from core.index.map_builder import build_map_index
+from core.localizer import Localizer
+from core.scan.e57.__main__ import REFUSED, main
+from core.scan.reading import read_scan
+from tests.core.exports.tours import written
+from tests.core.found_pose import assert_found
+from tests.core.painted_box import PaintedBox, rotation_of
+
+pye57 = pytest.importorskip("pye57")
+
+BOX = PaintedBox(seed=3)
+STATIONS = (
+    Pose(rotation_of(70.0, 3.0, -2.0), np.array([1.0, 2.0, 1.6])),
+    Pose(rotation_of(-140.0), np.array([3.5, 1.5, 1.4])),
+)
+LARGE = np.array([431_250.25, 5_312_480.5, 412.75])
+RED, BLUE = (200, 30, 30), (30, 30, 200)
+
+
+def without_colors(path: Path, positions: np.ndarray) -> Path:
+    """Write points alone as an E57 file, with a pose as stations have it."""
+    file = pye57.E57(str(path), mode="w")
+    shift = np.floor(positions.min(axis=0))
+    columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), (positions - shift).T, strict=True))
+    file.write_scan_raw(columns, name="station", rotation=np.array([1.0, 0, 0, 0]), translation=shift)
+    file.close()
+    return path
+
+
+def png(colors: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(colors).save(out, "PNG")
+    return out.getvalue()
+
+
+def survey(folder: Path, positions: np.ndarray, photos: list[tuple[str, Pose, np.ndarray]]) -> Path:
+    """Return our own export as E57: a survey without colours, and photos with their poses."""
+    placed = []
+    for number, (name, pose, colors) in enumerate(photos):
+        image = folder / f"{number}.png"
+        image.write_bytes(png(colors))
+        placed.append(PlacedPhoto(name, pose, colors.shape[1], colors.shape[0], image=image))
+    scan = without_colors(folder / "points.e57", positions)
+    tour = Tour("map_1", tuple(placed), survey=scan)
+    return written("e57", tour, folder / "out") / "tour.e57"
+
+
+def painted_survey(folder: Path, offset: np.ndarray) -> Path:
+    photos = [
+        (f"pano {number}.png", Pose(pose.rotation, pose.position + offset), BOX.panorama(pose, 512).color)
+        for number, pose in enumerate(STATIONS)
+    ]
+    return survey(folder, BOX.scan(24_000).positions.astype(np.float64) + offset, photos)
+
+
+def test_points_get_the_colours_of_the_panoramas_that_see_them(tmp_path: Path) -> None:
+    cloud = read_scan(painted_survey(tmp_path, LARGE))
+    assert "colored_by_images" in {note.code for note in cloud.diagnostics}
+    assert len(cloud) > 0.97 * 24_000
+    at = cloud.positions.astype(np.float64) + cloud.origin_offset - LARGE
+    difference = np.abs(cloud.colors.astype(int) - BOX.color_at(at)).max(axis=1)
+    assert np.median(difference) <= 4
+    assert np.mean(difference < 40) > 0.9  # pixels at the edges of pictures show what is beside
+
+
+@pytest.mark.slow
+def test_a_scan_that_its_own_panoramas_have_coloured_is_a_map(tmp_path: Path, localizer: Localizer) -> None:
+    index = build_map_index(read_scan(painted_survey(tmp_path, np.zeros(3))))
+    pose = Pose(rotation_of(200.0), np.array([2.4, 1.1, 1.5]))
+    assert_found(localizer.localize(BOX.panorama(pose), [index]), pose)
+
+
+def test_what_is_hidden_from_a_panorama_has_the_colour_that_another_one_shows_or_none(tmp_path: Path) -> None:
+    """A blue board two metres before a red wall; the second panorama stands between the two."""
+    y, z = (each.ravel() for each in np.meshgrid(np.linspace(-3, 3, 301), np.linspace(-3, 3, 301)))
+    wall = np.stack([np.full(y.size, 5.0), y, z], axis=1)
+    is_board = (np.abs(y) < 1) & (np.abs(z) < 1)
+    board = wall[is_board] - np.array([3.0, 0, 0])
+    rows, columns = np.meshgrid(np.arange(512), np.arange(1024), indexing="ij")
+    azimuth, elevation = np.pi - (columns + 0.5) * np.pi / 512, np.pi / 2 - (rows + 0.5) * np.pi / 512
+    across, up = np.tan(azimuth), np.tan(elevation) / np.cos(azimuth)
+    sees_board = (np.abs(azimuth) < np.pi / 2) & (np.abs(2 * across) < 1) & (np.abs(2 * up) < 1)
+    first = np.where(sees_board[..., None], BLUE, RED).astype(np.uint8)
+    photos = [("first.png", Pose(np.eye(3), np.zeros(3)), first)]
+    hidden = 5 * 1 / 2 * 0.9  # of the wall, behind the board, half its width
+
+    def found(folder: Path, photos: list[Any]) -> tuple[np.ndarray, np.ndarray]:
+        folder.mkdir()
+        cloud = read_scan(survey(folder, np.vstack([wall, board]), photos))
+        return cloud.positions.astype(np.float64) + cloud.origin_offset, cloud.colors
+
+    at, colors = found(tmp_path / "one", photos)
+    behind = (at[:, 0] > 4) & (np.abs(at[:, 1:]) < hidden).all(axis=1)
+    assert behind.sum() < 0.02 * (wall[:, 1:] < hidden).all(axis=1).sum()
+    second = np.where((np.abs(azimuth) > np.pi / 2)[..., None], BLUE, RED).astype(np.uint8)
+    photos.append(("second.png", Pose(np.eye(3), np.array([3.5, 0, 0])), second))
+    at, colors = found(tmp_path / "two", photos)
+    behind = (at[:, 0] > 4) & (np.abs(at[:, 1:]) < hidden).all(axis=1)
+    assert behind.sum() > 1000
+    assert np.mean((colors[behind] == RED).all(axis=1)) > 0.98
+    on_board = (at[:, 0] < 3) & (np.abs(at[:, 1:]) < 0.9).all(axis=1)
+    assert np.mean((colors[on_board] == BLUE).all(axis=1)) > 0.98
+
+
+def test_without_colours_and_without_panoramas_with_poses_a_scan_is_refused_as_before(tmp_path: Path) -> None:
+    positions = BOX.scan(1000).positions.astype(np.float64)
+    with pytest.raises(ScanContentError, match="no colour"):
+        read_scan(without_colors(tmp_path / "bare.e57", positions))
+    image = tmp_path / "pano.png"
+    image.write_bytes(b"\x89PNG and nothing that decodes")
+    photo = PlacedPhoto("pano.png", STATIONS[0], 16, 8, image=image)
+    tour = Tour("map_1", (photo,), survey=without_colors(tmp_path / "points.e57", positions))
+    with pytest.raises(ScanContentError, match=r"'pano.png' cannot be read"):
+        read_scan(written("e57", tour, tmp_path / "out") / "tour.e57")
+
+
+def test_images_come_out_as_they_went_in_and_stay_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    colors = np.zeros((8, 16, 3), np.uint8)
+    names = ("../hall.png", "hall.PNG", "first floor/hall", "")
+    photos = [(name or "x.png", STATIONS[0], colors + number) for number, name in enumerate(names)]
+    positions = BOX.scan(1000).positions.astype(np.float64)
+    # The export names photos by what they are; what comes out has to be named by what it is.
+    path = survey(
+        tmp_path,
+        positions,
+        [(name if name.lower().endswith("png") else f"{name}.png", pose, image) for name, pose, image in photos],
+    )
+    folder = tmp_path / "images"
+    assert main([str(path), str(folder)]) == 0
+    assert json.loads(capsys.readouterr().out) == {"num_images": 4, "num_others": 0}
+    assert sorted(file.name for file in folder.iterdir()) == ["hall-2.png", "hall-3.png", "hall.png", "x.png"]
+    assert (folder / "hall.png").read_bytes() == png(colors)
+    before = {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}
+    assert main([str(path), str(folder)]) == 0
+    assert {file.name: file.stat().st_mtime_ns for file in folder.iterdir()} == before
+    (tmp_path / "none.e57").write_bytes(path.read_bytes()[:-1024])
+    assert main([str(tmp_path / "none.e57"), str(folder)]) == REFUSED
+    assert "header announces" in capsys.readouterr().err
+
+
+def test_an_export_of_photos_without_a_scan_still_has_its_photos(tmp_path: Path) -> None:
+    tour = Tour("map_1", ())
+    path = written("e57", replace(tour, photos=()), tmp_path) / "tour.e57"
+    with pytest.raises(ScanContentError, match="no points"):
+        read_scan(path)
