@@ -8,7 +8,7 @@ import torch
 
 from core.config import LocalizerConfig
 from core.errors import OptionsError
-from core.fast_method import FastMethod
+from core.fast.fast_method import FastMethod
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement_by_photo

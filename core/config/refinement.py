@@ -41,7 +41,7 @@ class StepConfig:
 
 @dataclass(frozen=True)
 class RefinementConfig:
-    """Refinement coarse to fine (see `core.fast_method`). Iterations: at most; heights: rows of an image."""
+    """Refinement coarse to fine (see `core.fast.fast_method`). Iterations: at most; heights: rows of an image."""
 
     start_view_height: int = 64  # rows of the views from starts
     coarse_points: int = 1024  # seen from the start, spread evenly over the sphere

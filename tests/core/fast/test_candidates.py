@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from core.config import SearchConfig
+from core.fast.candidates import portions
 from core.geometry.rotations import rotation_from_vector
 from core.judge.hypotheses import Hypothesis
-from core.query_candidates import portions
 
 CONFIG = replace(SearchConfig(), first_portion=3, first_elsewhere=2)
 

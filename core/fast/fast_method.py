@@ -13,6 +13,8 @@ import torch
 
 from core.config import LocalizerConfig
 from core.describe.spherical_patches import PatchGrid
+from core.fast.candidates import best_candidates, portions
+from core.fast.refinement_steps import RefinementSteps
 from core.index.map_index import MapIndex
 from core.judge.confidence import ConfidenceModel
 from core.judge.hypotheses import (
@@ -32,8 +34,6 @@ from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, prepare_queries, search_limits
-from core.query_candidates import best_candidates, portions
-from core.refinement_steps import RefinementSteps
 from core.search.map_search import MapCandidates, SearchRotations, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
 from core.search.pose_limits import PoseLimits

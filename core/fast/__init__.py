@@ -1,0 +1,1 @@
+"""The `fast` method: the order of its steps, which candidates come first, and how they are refined."""
