@@ -1,13 +1,13 @@
 """Ray itself: a small local cluster of our own, or somebody's that we join.
 
-Everything here blocks and has to run in one thread that lives as long as the cluster: Ray ties its processes to the
-thread that started them (a parent-death signal belongs to a thread, not to a process).
+Everything here blocks and has to run in one thread that lives as long as the cluster: Ray's calls are not made for several.
 """
 
 import contextlib
 import logging
 import os
 import secrets
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,11 @@ from typing import Any
 from service.host.lifeline import Lifeline
 from service.host.process_tree import descendants, process_name
 from service.ray.ended_logs import remove_logs_of_ended
+from service.ray.own_node import OwnNode, stay_on_loopback
 from service.ray.rehearsal import rehearse
 
 _log = logging.getLogger(__name__)
 
-# Panoramas and pictures in flight; what does not fit goes to disk.
-_OBJECT_STORE_BYTES = 128 * 2**20
 _NAMESPACE = "panoloc"
 
 # Read by Ray's processes when they start. `setdefault`: an operator's own value wins.
@@ -61,6 +60,7 @@ class RayCluster:
         self._folder = folder
         self._lifeline = lifeline
         self._guarded: dict[int, str] = {}
+        self._node: OwnNode | None = None
 
     @property
     def is_ours(self) -> bool:
@@ -70,39 +70,40 @@ class RayCluster:
     def connect(self) -> None:
         """Start or join; 3 to 10 s. Raises whatever Ray raises (ConnectionError, RuntimeError, ValueError)."""
         make_record = logging.getLogRecordFactory()
+        _set_environment()
+        if self._address is None:
+            _choose_token()
+            # While it starts, this process imports Ray as well.
+            self._node = OwnNode(self._folder)
         ray = _import_ray()
         try:
-            self._init(ray)
+            ray.init(
+                address=self._address or self._own_address(),
+                _node_ip_address=None if self._address else "127.0.0.1",
+                namespace=_NAMESPACE,
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+                configure_logging=False,
+                ignore_reinit_error=True,
+            )
+            if self.is_ours:
+                self._guard_processes()
         finally:
             # Ray adds a field of its own to every log record of the process.
             logging.setLogRecordFactory(make_record)
 
-    def _init(self, ray: Any) -> None:
-        quiet: dict[str, Any] = {
-            "namespace": _NAMESPACE, "log_to_driver": False, "logging_level": logging.ERROR,
-            "configure_logging": False, "ignore_reinit_error": True,
-        }  # fmt: skip
-        if self._address is not None:
-            ray.init(address=self._address, **quiet)
-            return
-        _choose_token()
-        _stay_on_loopback()
-        _start_only_what_is_needed()
-        ray.init(
-            address="local",
-            _node_ip_address="127.0.0.1",
-            # Logical: a worker, a registration and a rebuild have to find a place on a machine with one core, too.
-            num_cpus=max(4, os.cpu_count() or 1),
-            include_dashboard=False,
-            object_store_memory=_OBJECT_STORE_BYTES,
-            _temp_dir=str(self._folder),
-            **quiet,
-        )
-        self._guard_processes()
+    def _own_address(self) -> str:
+        stay_on_loopback()
+        assert self._node is not None
+        return self._node.address()
 
     def rehearse(self) -> None:
-        """Try in another process whether `connect` would do. Raises RuntimeError; may be called in any thread."""
-        rehearse(self._address, self._folder.with_name("try"), self._lifeline)
+        """Try in another process whether joining would do. Raises RuntimeError; may be called in any thread.
+
+        A cluster of our own is always started in another process.
+        """
+        if self._address is not None:
+            rehearse(self._address, self._lifeline)
 
     def disconnect(self) -> None:
         """Leave the cluster; one of our own ends, with every process of it."""
@@ -111,14 +112,20 @@ class RayCluster:
         ray = _import_ray()
         ray.shutdown()
         _forget_controller()
+        for pid in (pid for pid, name in ending.items() if name == "raylet"):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGTERM)  # it ends its workers first
         deadline = time.monotonic() + 5
-        for pid in ending:
-            while _is_alive(pid) and time.monotonic() < deadline:
+        for pid, name in ending.items():
+            while name != "gcs_server" and _is_alive(pid) and time.monotonic() < deadline:
                 time.sleep(0.02)
             if _is_alive(pid):
                 with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, 9)
+                    os.kill(pid, signal.SIGKILL)
             self._lifeline.release(pid)
+        if self._node is not None:
+            self._node.end()
+            self._node = None
 
     def missing_process(self) -> str | None:
         """Return what ended although the cluster is ours and should run, None when all is well.
@@ -145,9 +152,13 @@ class RayCluster:
         self._guarded = found
 
 
-def _import_ray() -> Any:
+def _set_environment() -> None:
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
+
+
+def _import_ray() -> Any:
+    _set_environment()
     import ray
 
     logging.getLogger("ray").setLevel(logging.ERROR)
@@ -160,35 +171,8 @@ def _choose_token() -> None:
     A cluster of our own asks for a token by default; without ours, Ray would write one into the home folder, which
     a container's user may not have.
     """
+    os.environ.setdefault("RAY_AUTH_MODE", "token")
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-
-
-def _stay_on_loopback() -> None:
-    """Let Ray listen where it is told to: it takes 127.0.0.1 for this machine's address in the network, and opens its ports to that."""
-    from ray._private import services
-
-    if hasattr(services, "resolve_ip_for_localhost"):
-        services.resolve_ip_for_localhost = lambda host: host
-    else:
-        _log.warning("Ray has changed: its ports may be open to the network; close them with a firewall")
-
-
-def _start_only_what_is_needed() -> None:
-    """Leave out autoscaler monitor, API server and log monitor, which serve a dashboard that we do not have.
-
-    `ray.init` has no switch for them, and waits up to a minute for the API server: 177 MB, and half of the processor time of a start.
-    """
-    from ray._private.node import Node
-
-    for name in ("start_monitor", "start_api_server", "start_log_monitor"):
-        if hasattr(Node, name):
-            setattr(Node, name, _start_nothing)
-        else:
-            _log.warning("Ray has changed: a process of it that nobody needs may run", extra={"call": name})
-
-
-def _start_nothing(node: Any, **_: Any) -> None:
-    """Stand in for a method of Ray's `Node`."""
 
 
 def _forget_controller() -> None:

@@ -47,7 +47,7 @@ class RayPool:
         self._handle: Any = None
         self._waiting_for: str | None = "the worker pool"
         self._num_running = 0
-        self._is_doubtful = False
+        self._is_doubtful = not cluster.is_ours
         self._tidied_s = time.monotonic()
         self._draining = False
         self._watch: asyncio.Future[tuple[None, None]] | None = None
@@ -207,7 +207,7 @@ class RayPool:
     async def _bring_up(self) -> None:
         self._waiting_for = "Ray"
         if self._is_doubtful:
-            # A start that fails holds the interpreter for half a minute: liveness is silent for one of them, not for all.
+            # To join a cluster that is away holds the interpreter for half a minute, in which liveness would be silent.
             await asyncio.to_thread(self._cluster.rehearse)
         self._is_doubtful = True
         await self._in_ray_thread(self._cluster.connect)

@@ -1,9 +1,9 @@
-"""Tries in another process whether Ray starts: a start that fails holds the interpreter for half a minute, and leaves processes behind.
+"""Tries in another process whether a Ray cluster can be joined: joining one that is away holds the interpreter for half a minute.
 
-Called as `python -m service.ray.rehearsal FOLDER ADDRESS`; an empty address stands for a cluster of our own.
+Called as `python -m service.ray.rehearsal ADDRESS`.
 """
 
-import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +11,12 @@ from pathlib import Path
 from service.host.lifeline import Lifeline
 
 _LONGEST_S = 180.0
+_ANSWER_S = 10.0
 
 
-def rehearse(address: str | None, folder: Path, lifeline: Lifeline) -> None:
-    """Start or join Ray elsewhere, and end it again; blocking, and other threads go on. Raises RuntimeError where that fails."""
-    command = [sys.executable, "-m", __name__, str(folder), address or ""]
+def rehearse(address: str, lifeline: Lifeline) -> None:
+    """Join a cluster elsewhere, and leave it again; blocking, and other threads go on. Raises RuntimeError where that fails."""
+    command = [sys.executable, "-m", __name__, address]
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     ) as process:
@@ -28,18 +29,21 @@ def rehearse(address: str | None, folder: Path, lifeline: Lifeline) -> None:
         finally:
             process.wait()
             lifeline.release(process.pid)
-    shutil.rmtree(folder, ignore_errors=True)
     if process.returncode:
         reason = (said.strip().splitlines() or ["it said nothing"])[-1][:300]
-        raise RuntimeError(f"Ray does not start: {reason}")
+        raise RuntimeError(f"Ray cannot be joined: {reason}")
 
 
-def main(folder: str, address: str) -> None:
-    """Start or join Ray, and end it."""
+def main(address: str) -> None:
+    """Join Ray, and leave it."""
     from service.ray.cluster import RayCluster
 
+    host, _, port = address.rpartition(":")
+    if port.isdecimal():
+        # Where nobody listens, Ray would try for minutes.
+        socket.create_connection((host.strip("[]"), int(port)), _ANSWER_S).close()
     lifeline = Lifeline()
-    cluster = RayCluster(address or None, Path(folder), lifeline)
+    cluster = RayCluster(address, Path(), lifeline)
     cluster.connect()
     cluster.disconnect()
     lifeline.close()

@@ -36,6 +36,7 @@ class ScriptedCluster:
         self.failed_rehearsals: list[Exception] = []
         self.asked: list[str] = []
         self.threads: set[str] = set()
+        self.is_ours = True
 
     def connect(self) -> None:
         self._note("connect")

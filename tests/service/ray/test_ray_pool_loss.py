@@ -23,6 +23,7 @@ class FragileCluster:
         self.lost: str | None = None
         self.num_connects = 0
         self.is_left = False
+        self.is_ours = True
 
     def connect(self) -> None:
         self.num_connects += 1
