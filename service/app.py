@@ -61,8 +61,7 @@ def create_app(
         note_refusal=services.metrics.note_refusal,
     )
     app.add_middleware(LingeringClose)
-    if not settings.keys.required:
-        app.add_middleware(ForeignPages, allowed=settings.allowed_host_names)
+    app.add_middleware(ForeignPages, allowed=settings.allowed_host_names, is_needed=lambda: not settings.keys.required)
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)
     install_error_handlers(app)
     for router in ROUTERS:

@@ -12,6 +12,7 @@ from service.cache import Cache
 from service.host.demo_room import DemoRoom
 from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
+from service.keys.audit_log import AuditLog
 from service.limits.bytes_in_flight import BytesInFlight
 from service.limits.connection_limits import ConnectionCount
 from service.limits.wrong_keys import WrongKeys
@@ -49,6 +50,7 @@ class Services:
     bytes_in_flight: BytesInFlight
     connections: ConnectionCount
     wrong_keys: WrongKeys
+    audit: AuditLog
     started: bool = False
     began: float = field(default_factory=time.monotonic)
     export_turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_MOST_EXPORTS))
@@ -78,6 +80,7 @@ class Services:
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
             ConnectionCount(settings.connection_limits, metrics.note_refusal),
             WrongKeys(),
+            AuditLog(settings.data_dir),
         )
 
     async def start(self) -> None:

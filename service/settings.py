@@ -8,8 +8,9 @@ from pydantic import AliasChoices, Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from core.options import MAX_PIXELS, Method, ScanOptions
-from service.api_keys import ApiKeys
 from service.jobs import PAPER_TIMEOUT_S
+from service.keys.key_ring import KeyRing
+from service.keys.setting import callers_of_setting
 from service.limits.connection_limits import ConnectionLimits
 from service.limits.registration_limits import RegistrationLimits
 
@@ -108,8 +109,9 @@ class Settings(BaseSettings):
     api_keys: str = Field(
         "",
         repr=False,
-        description="Keys that callers have to present: `key` for everything, `key:read` for all but changing maps; "
-        "separated by commas, each of at least 8 characters. Empty: no key is asked for.",
+        description="Keys that callers have to present, besides those of `panoloc keys`: `key` for everything, `key:read` for all but "
+        "changing maps, `key:localize` for queries alone; separated by commas, each of at least 8 characters. Without any key none is "
+        "asked for.",
     )
     allowed_hosts: str = Field(
         "",
@@ -132,13 +134,13 @@ class Settings(BaseSettings):
     @field_validator("api_keys")
     @classmethod
     def _keys_can_be_read(cls, value: str) -> str:
-        ApiKeys.parse(value)
+        callers_of_setting(value)
         return value
 
     @cached_property
-    def keys(self) -> ApiKeys:
-        """Return the API keys and what each may do."""
-        return ApiKeys.parse(self.api_keys)
+    def keys(self) -> KeyRing:
+        """Return what decides which key counts: those of `api_keys`, and those that `panoloc keys` has made."""
+        return KeyRing(self.api_keys, self.data_dir)
 
     def timeout_s_of(self, method: Method) -> float:
         """Return the seconds for a query of this method that names none itself."""

@@ -27,7 +27,8 @@ class BatchRecord:
     """What was asked. Times are RFC 3339 in UTC.
 
     map_ids, tag: as in `service.maps.selection.MapChoice`. camera: of all images; None: each says so itself. names: of the images, each
-    once, in their order. ignored: files of an archive that are no images by their names.
+    once, in their order. ignored: files of an archive that are no images by their names. tenant: see
+    `service.keys.caller.Caller`.
     """
 
     id: str
@@ -38,10 +39,13 @@ class BatchRecord:
     camera: CameraDescription | None
     names: tuple[str, ...]
     ignored: tuple[str, ...] = ()
+    tenant: str | None = None
 
     def to_json(self) -> bytes:
         """Return the record as stored."""
         record = dataclasses.asdict(self)
+        if self.tenant is None:
+            del record["tenant"]  # versions of before it read what does not need it
         return json.dumps({"format": _FORMAT, "sha256": _digest(record), "record": record}).encode()
 
     @classmethod

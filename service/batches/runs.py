@@ -132,7 +132,9 @@ class BatchRuns:
         data = await _patiently(lambda: self._store.image(record.id, number), "an image cannot be read", _MAX_READS)
         check_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
-        query = LocalizeRequest((image,), MapChoice(record.map_ids, record.tag), record.options, request_id)
+        query = LocalizeRequest(
+            (image,), MapChoice(record.map_ids, record.tag, record.tenant), record.options, request_id
+        )
         num_deadlines = 0
         while True:
             try:

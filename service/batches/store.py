@@ -63,10 +63,10 @@ class BatchStore:
             self._records[batch_id] = record
             self._num_done[batch_id] = len(await self.done(batch_id))
 
-    def get(self, batch_id: str) -> BatchRecord:
-        """Return a batch. Raises BatchNotFoundError."""
+    def get(self, batch_id: str, tenant: str | None = None) -> BatchRecord:
+        """Return a batch; tenant: of the caller, None for one that sees all. Raises BatchNotFoundError."""
         record = self._records.get(batch_id)
-        if record is None:
+        if record is None or (tenant is not None and record.tenant != tenant):
             raise BatchNotFoundError(
                 f"expected the id of a batch, got {batch_id[:80]!r}, which is unknown or deleted; send the images again"
             )

@@ -8,7 +8,7 @@ import httpx
 import typer
 from rich.markup import escape
 
-from service.cli import localize, maps, register, serve
+from service.cli import keys, localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
 from service.cli.placing import export, place
 from service.cli.session import Session
@@ -52,6 +52,7 @@ app.command()(localize.localize)
 app.command()(place.place)
 app.command()(export.export)
 app.add_typer(maps.app, name="maps")
+app.add_typer(keys.app, name="keys")
 # Commands of other packages, as the lab's: each entry point adds its own.
 for package in importlib.metadata.entry_points(group="panoloc.commands"):
     package.load()(app)

@@ -1,28 +1,31 @@
-"""Asks callers for an API key, when the operator has set any."""
+"""Asks callers for an API key, when there are any, and says which maps and batches a caller sees."""
 
-import hashlib
 from collections.abc import Awaitable, Callable
 
 from fastapi import Request, Security
 from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
 
-from service.api_keys import Scope
+from service.batches.record import BatchRecord
 from service.errors import KeyMissingError, ScopeMissingError
+from service.keys.audit_log import Change
+from service.keys.caller import ALL_SCOPES, Caller, Scope
+from service.maps.record import MapRecord
+from service.maps.visible import VisibleMaps
 from service.services import services_of
 
-_bearer = HTTPBearer(auto_error=False, description="Asked for only where the operator has set PANOLOC_API_KEYS.")
+_bearer = HTTPBearer(auto_error=False, description="Asked for only where the operator has made keys.")
 _header = APIKeyHeader(
     name="X-API-Key", auto_error=False, description="The same key, for clients without bearer tokens."
 )
 
 
-def caller_of(request: Request) -> str:
-    """Return who a request counts for: its API key where keys are asked for, else its address."""
+def caller_of(request: Request) -> Caller:
+    """Return who a request comes from: its API key where keys are asked for and it has one, else its address."""
     keys = services_of(request).settings.keys
-    key = request.headers.get("X-API-Key") or request.headers.get("Authorization", "").rpartition(" ")[2]
-    if keys.required and keys.scopes_of(key) is not None:
-        return "key " + hashlib.sha256(key.encode()).hexdigest()
-    return f"address {request.client.host if request.client else ''}"
+    key = _presented(request)
+    caller = keys.find(key) if key is not None and keys.required else None
+    address = f"address {request.client.host if request.client else ''}"
+    return caller or Caller(address, frozenset() if keys.required else ALL_SCOPES)
 
 
 def require(scope: Scope) -> Callable[..., Awaitable[None]]:
@@ -30,21 +33,19 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
 
     async def check(
         request: Request,
+        # Read by `caller_of`; named here for the OpenAPI document.
         bearer: HTTPAuthorizationCredentials | None = Security(_bearer),  # noqa: B008
         header: str | None = Security(_header),
     ) -> None:
-        keys = services_of(request).settings.keys
-        if not keys.required:
+        caller = caller_of(request)
+        if scope in caller.scopes:
             return
-        key = bearer.credentials if bearer else header
-        if key is None:
+        if _presented(request) is None:
             raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
-        scopes = keys.scopes_of(key)
-        if scopes is None:
+        if not caller.id.startswith("key "):
             await services_of(request).wrong_keys.wait(request.client.host if request.client else "")
             raise KeyMissingError("expected a known API key, got an unknown one; ask the operator for a key")
-        if scope not in scopes:
-            raise ScopeMissingError(f"expected a key with the scope {scope!r}, got one without it; use another key")
+        raise ScopeMissingError(f"expected a key with the scope {scope!r}, got one without it; use another key")
 
     return check
 
@@ -61,8 +62,39 @@ async def require_for_details(
 
 async def sees_details(request: Request) -> bool:
     """Tell whether a caller of readiness gets more than a word: probes bring no key."""
-    settings = services_of(request).settings
-    return settings.open_pages or not settings.keys.required or caller_of(request).startswith("key ")
+    return services_of(request).settings.open_pages or "read" in caller_of(request).scopes
+
+
+def maps_seen(request: Request) -> VisibleMaps:
+    """Return the maps that the caller sees: his own, and those that are shared with him."""
+    return services_of(request).registry.seen_by(caller_of(request).tenant)
+
+
+def own_map(request: Request, map_id: str) -> MapRecord:
+    """Return a map that the caller may change. Raises MapNotFoundError, and ScopeMissingError for one that is only shared."""
+    record = maps_seen(request).get(map_id)
+    if not record.belongs_to(caller_of(request).tenant):
+        raise ScopeMissingError(
+            f"expected a map of your own, but {map_id} is only shared with you; ask its owner, or register the scan yourself"
+        )
+    return record
+
+
+def own_batch(request: Request, batch_id: str) -> BatchRecord:
+    """Return a batch of the caller. Raises BatchNotFoundError."""
+    return services_of(request).batches.get(batch_id, caller_of(request).tenant)
+
+
+def note_change(request: Request, change: Change, what: str) -> None:
+    """Write down who changed what."""
+    services_of(request).audit.note(caller_of(request).id, change, what, request.state.request_id)
+
+
+def _presented(request: Request) -> str | None:
+    scheme, _, credentials = request.headers.get("Authorization", "").partition(" ")
+    if scheme.lower() == "bearer" and credentials.strip():
+        return credentials.strip()
+    return request.headers.get("X-API-Key") or None
 
 
 _check_read = require("read")

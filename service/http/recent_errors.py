@@ -20,7 +20,8 @@ class RecentErrors:
 
     def note(self, method: str, path: str, content_type: str, body: bytes) -> None:
         """Keep a response when it is a problem document."""
-        if content_type != MEDIA_TYPE or len(body) > _MOST_BYTES:
+        # An answer may come in pieces; the last one may be empty.
+        if content_type != MEDIA_TYPE or not body or len(body) > _MOST_BYTES:
             return
         document = json.loads(body)
         where = {"at": now(), "method": method, "path": path[:200]}

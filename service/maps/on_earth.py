@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from core.georeference import coordinate_system
 from service.errors import InvalidOptionsError, MapNotFoundError
 from service.maps.record import MapRecord, coordinate_system_of
-from service.maps.registry import MapRegistry
 from service.maps.selection import MAX_MAPS, MapChoice
+from service.maps.visible import VisibleMaps
 
 _REACH_M = (
     1000.0  # of a map around the place that is known of it, and of a device's error beyond the one that it states
@@ -24,12 +24,12 @@ class Place:
     accuracy_m: float = 0.0
 
 
-def maps_around(registry: MapRegistry, place: Place | None) -> MapChoice:
+def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
     """Return the maps that answer and have a place on Earth; place: only those within a kilometre more than its accuracy.
 
     Raises MapNotFoundError where there is none, and InvalidOptionsError for more than a query may name.
     """
-    places = {record.id: place_of(record) for record in registry.all() if record.serving_ref is not None}
+    places = {record.id: place_of(record) for record in maps.all() if record.serving_ref is not None}
     known = {map_id: found for map_id, found in places.items() if found is not None}
     near = known
     if place is not None:
@@ -46,7 +46,7 @@ def maps_around(registry: MapRegistry, place: Place | None) -> MapChoice:
             f"expected at most {MAX_MAPS} maps to search, got {len(near)}; send a geolocation, or name maps as map_id"
         )
         raise InvalidOptionsError(f"map_id: {message}", [{"field": "map_id", "message": message}])
-    return MapChoice(tuple(near), None)
+    return MapChoice(tuple(near), None, maps.tenant)
 
 
 def place_of(record: MapRecord) -> Place | None:

@@ -49,7 +49,9 @@ class MapRecord:
     """One map. Times are RFC 3339 in UTC.
 
     newest: the revision uploaded last. serving: the one that answers queries: `newest` itself once that is ready, an
-    older one until then, None before the first is ready. coordinate_system: by EPSG code or WKT, where somebody said so.
+    older one until then, None before the first is ready.
+    owner: the tenant of the key that made it, None: seen by keys without a tenant alone. shared_with: further tenants, "*" for all.
+    coordinate_system: by EPSG code or WKT, where somebody said so.
     """
 
     id: str
@@ -61,6 +63,8 @@ class MapRecord:
     tags: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None
     coordinate_system: str | None = None
+    owner: str | None = None
+    shared_with: list[str] = field(default_factory=list)
 
     @property
     def newest_ref(self) -> MapRef:
@@ -72,6 +76,14 @@ class MapRecord:
         """Return the reference of the revision that answers queries."""
         return None if self.serving is None else MapRef(self.id, self.serving.number)
 
+    def belongs_to(self, tenant: str | None) -> bool:
+        """Tell whether a caller may change it. tenant: None for one that sees all."""
+        return tenant is None or self.owner == tenant
+
+    def is_seen_by(self, tenant: str | None) -> bool:
+        """Tell whether a caller may know of it."""
+        return self.belongs_to(tenant) or not {tenant, "*"}.isdisjoint(self.shared_with)
+
     def revision(self, number: int) -> Revision | None:
         """Return a revision by its number, None when its scan is not kept."""
         return next((each for each in (self.newest, self.serving) if each and each.number == number), None)
@@ -79,8 +91,9 @@ class MapRecord:
     def to_json(self) -> bytes:
         """Return the record as stored."""
         record = dataclasses.asdict(self)
-        if self.coordinate_system is None:
-            del record["coordinate_system"]  # versions of before it read what does not need it
+        for name in ("coordinate_system", "owner", "shared_with"):
+            if not record[name]:
+                del record[name]  # versions of before it read what does not need it
         for name in ("newest", "serving"):
             revision: Revision | None = getattr(self, name)
             if revision is not None:
@@ -124,6 +137,8 @@ def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str
         "diagnostics": shown.diagnostics,
         "georeference": record.georeference,
         "coordinate_system": coordinate_system_of(record),
+        "owner": record.owner,
+        "shared_with": record.shared_with,
     }
 
 

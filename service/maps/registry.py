@@ -20,6 +20,7 @@ import structlog
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StorageError
 from service.jobs import MapRef, now
 from service.maps.record import MapRecord, coordinate_system_of, folder_of, key_of, read_record, write_record
+from service.maps.visible import VisibleMaps
 from service.storage import Storage
 
 Result = TypeVar("Result")
@@ -92,13 +93,20 @@ class MapRegistry:
         """Return the maps that bear a tag, oldest first."""
         return [record for record in self.all() if tag in record.tags]
 
-    def page(self, tag: str | None, limit: int, cursor: str | None) -> tuple[list[MapRecord], str | None]:
+    def seen_by(self, tenant: str | None) -> VisibleMaps:
+        """Return the maps that a tenant sees; None: all."""
+        return VisibleMaps(self, tenant)
+
+    def page(
+        self, tag: str | None, limit: int, cursor: str | None, tenant: str | None = None
+    ) -> tuple[list[MapRecord], str | None]:
         """Return at most `limit` maps after a cursor, and the cursor of the next page.
 
         Maps that come or go between two pages disturb neither: the cursor names a place in the order, not a number.
         """
+        seen = self.seen_by(tenant)
         after = decode_cursor(cursor) if cursor is not None else ("", "")
-        found = [each for each in (self.all() if tag is None else self.with_tag(tag)) if _order(each) > after]
+        found = [each for each in (seen.all() if tag is None else seen.with_tag(tag)) if _order(each) > after]
         more = len(found) > limit
         return found[:limit], encode_cursor(*_order(found[limit - 1])) if more else None
 

@@ -26,16 +26,17 @@ class MapChoice:
 
     map_ids: tuple[str, ...]
     tag: str | None
+    tenant: str | None = None
 
     @classmethod
-    def from_form(cls, map_ids: list[str], tags: list[str]) -> "MapChoice":
-        """Check what a form says. Raises InvalidOptionsError."""
+    def from_form(cls, map_ids: list[str], tags: list[str], tenant: str | None) -> "MapChoice":
+        """Check what a form says. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
         if bool(map_ids) == bool(tags):
             got = "both" if tags else "neither"
             raise _invalid("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
         if len(set(map_ids)) > MAX_MAPS:
             raise _invalid("map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
-        return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None)
+        return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
 
     def resolve(self, registry: MapRegistry) -> ChosenMaps:
         """Return the revisions that answer now.
@@ -43,9 +44,10 @@ class MapChoice:
         Every map that is named has to be ready; of a tag's maps those that are. Raises MapNotFoundError,
         MapNotReadyError and MapUnusableError.
         """
+        seen = registry.seen_by(self.tenant)
         if self.tag is None:
-            return ChosenMaps(tuple(serving_ref(registry.get(map_id)) for map_id in self.map_ids))
-        tagged = registry.with_tag(self.tag)
+            return ChosenMaps(tuple(serving_ref(seen.get(map_id)) for map_id in self.map_ids))
+        tagged = seen.with_tag(self.tag)
         if not tagged:
             raise MapNotFoundError(
                 f"expected a tag that some map bears, got {self.tag[:80]!r}; GET /maps and `panoloc maps` list the maps"

@@ -13,6 +13,9 @@ FOR_COMMANDS = frozenset(
     }
 )
 FOR_THE_APPLICATION = FOR_COMMANDS | {
+    "core.distinct_names",
+    "core.geodesy",
+    "core.geopose",
     "core.georeference",
     "core.scan",
     "core.scan.format_detection",

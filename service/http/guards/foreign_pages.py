@@ -6,7 +6,7 @@ name that it thinks it speaks to, which is the other page's where its DNS was po
 
 import ipaddress
 import socket
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
@@ -19,15 +19,16 @@ _HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 class ForeignPages:
-    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all."""
+    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed: while no key is."""
 
-    def __init__(self, app: ASGIApp, allowed: Collection[str]) -> None:
+    def __init__(self, app: ASGIApp, allowed: Collection[str], is_needed: Callable[[], bool]) -> None:
         self._app = app
+        self._is_needed = is_needed
         self._allowed = {name.lower() for name in allowed} | {"localhost", socket.gethostname().lower()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
-        if scope["type"] == "http" and "*" not in self._allowed:
+        if scope["type"] == "http" and "*" not in self._allowed and self._is_needed():
             error = self._fault_of(scope["method"], Headers(scope=scope))
             if error is not None:
                 await problem_response(error, scope["state"]["request_id"])(scope, receive, send)

@@ -12,7 +12,7 @@ from core.options import ExportFormat
 from service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from service.batches.record import BatchRecord, Result
 from service.errors import BatchNotFoundError, InvalidOptionsError
-from service.http.access import require
+from service.http.access import note_change, own_batch, require
 from service.http.openapi import picture_response
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
 from service.problems import error_responses
@@ -37,7 +37,7 @@ _ZIP_RESPONSE: dict[str, Any] = {
 @router.get(
     "/batches/{batch_id}",
     summary="Show a batch and what became of its images",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_model=None,
     responses={
         200: {"model": Batch, "content": {"application/json": {"example": BATCH_EXAMPLE}}},
@@ -52,7 +52,7 @@ async def get_batch(
 ) -> Response:
     """Return counts and progress, and the images page by page."""
     services = services_of(request)
-    record = services.batches.get(batch_id)
+    record = own_batch(request, batch_id)
     first = _first_of(cursor)
     numbers = range(first, min(first + limit, len(record.names)))
     document = await batch_document(services, record, numbers)
@@ -63,7 +63,7 @@ async def get_batch(
 @router.get(
     "/batches/{batch_id}/images/{number}",
     summary="Fetch an image of a batch",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses={200: _IMAGE_RESPONSE, **error_responses(401, 403, 404, 422)},
 )
@@ -72,7 +72,7 @@ async def get_image(
 ) -> Response:
     """Return an image as it was uploaded; one that is no image comes as plain bytes."""
     services = services_of(request)
-    record = services.batches.get(batch_id)
+    record = own_batch(request, batch_id)
     if number >= len(record.names):
         raise BatchNotFoundError(
             f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have them"
@@ -86,7 +86,7 @@ async def get_image(
 @router.get(
     "/batches/{batch_id}/export",
     summary="Fetch the placed photos in the format of another system",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses={200: _ZIP_RESPONSE, **error_responses(401, 403, 404, 422)},
 )
@@ -103,7 +103,7 @@ async def get_export(
 ) -> Response:
     """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
     services = services_of(request)
-    record = services.batches.get(batch_id)
+    record = own_batch(request, batch_id)
     async with services.export_turns:
         results = await services.batches.results(batch_id, range(len(record.names)))
         request_of = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
@@ -119,7 +119,7 @@ async def get_export(
 @router.get(
     "/batches/{batch_id}/plan.png",
     summary="The scan from above, with the photos that are placed so far",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses={200: picture_response("The picture."), **error_responses(401, 403, 404, 422)},
 )
@@ -134,7 +134,7 @@ async def get_plan(
     that an ambiguous one fits.
     """
     services = services_of(request)
-    record = services.batches.get(batch_id)
+    record = own_batch(request, batch_id)
     async with services.export_turns:
         results = await services.batches.results(batch_id, range(len(record.names)))
         drawn = map_of(record, results, map_id)
@@ -146,7 +146,7 @@ async def get_plan(
 @router.delete(
     "/batches/{batch_id}",
     summary="Delete a batch with its images; one under way is cancelled",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     status_code=204,
     response_model=None,
     responses={204: {"description": "Nothing of it is left."}, **error_responses(401, 403, 404)},
@@ -154,9 +154,10 @@ async def get_plan(
 async def delete_batch(request: Request, batch_id: str) -> Response:
     """Cancel what is under way and delete images and results. There is no way back."""
     services = services_of(request)
-    services.batches.get(batch_id)
+    own_batch(request, batch_id)
     await services.batch_runs.cancel(batch_id)
     await services.batches.remove(batch_id)
+    note_change(request, "batch deleted", batch_id)
     return Response(status_code=204)
 
 

@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse, Response
 from core.panorama.image_header import IMAGE, check_images
 from service.answer import Document
 from service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
-from service.http.access import caller_of, require
+from service.http.access import caller_of, maps_seen, require
 from service.http.openapi import json_body, json_part
 from service.http.routes.localize import checked_options, while_connected
 from service.http.schemas.geopose import (
@@ -44,7 +44,7 @@ _BASE64 = 4 / 3
 @router.post(
     "/geopose",
     summary="Find where an image was taken on Earth (OSCP GeoPoseProtocol 2)",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_model=None,
     responses={
         200: {
@@ -70,16 +70,16 @@ async def post_geopose(
     """Return the GeoPose of one image, if it is `localized`; 404 where it fits no place well enough, or several."""
     services = services_of(request)
     with ExitStack() as stack:
-        held = services.bytes_in_flight.hold(caller_of(request))
+        held = services.bytes_in_flight.hold(caller_of(request).id)
         stack.callback(held.release)
         asked = parse_json(GeoPoseRequest, await _body(request, services.settings, held), "body")
         reading = asked.sensorReadings.image()
         image = _image(reading, services.settings)
         options = LocalizeOptions.model_validate({})
         if map_id or tag:
-            maps = MapChoice.from_form(map_id or [], [tag] if tag else [])
+            maps = MapChoice.from_form(map_id or [], [tag] if tag else [], caller_of(request).tenant)
         else:
-            maps = maps_around(services.registry, _place(asked.sensorReadings.geolocationReadings))
+            maps = maps_around(maps_seen(request), _place(asked.sensorReadings.geolocationReadings))
         query = LocalizeRequest((image,), maps, checked_options(options, services.settings), request.state.request_id)
         answer = await while_connected(request, services.localizations.answer(query))
     return JSONResponse(_reply(asked, answer), media_type=_MEDIA_TYPE)

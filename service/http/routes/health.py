@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from service.errors import CacheDownError, StorageFullError, StorageReadOnlyError
-from service.http.access import require_for_details, sees_details
+from service.http.access import caller_of, require_for_details, sees_details
 from service.http.schemas import Health, Liveness, Readiness
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -67,7 +67,9 @@ async def ready(request: Request) -> Response:
 async def health(request: Request) -> Response:
     """Return the same details as readiness, always with 200, and the last requests that ended in a problem."""
     details = await _details(services_of(request))
-    return JSONResponse({**details, "recent_errors": request.app.state.recent_errors.newest()})
+    # Problems name maps and batches: who does not see those of all tenants does not see their problems either.
+    errors = request.app.state.recent_errors.newest() if caller_of(request).tenant is None else []
+    return JSONResponse({**details, "recent_errors": errors})
 
 
 async def _details(services: Services) -> dict[str, object]:

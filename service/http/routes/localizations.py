@@ -13,7 +13,7 @@ from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE, PEN
 from service.problems import error_responses
 from service.services import services_of
 
-router = APIRouter(tags=["localization"], dependencies=[Depends(require("read"))])
+router = APIRouter(tags=["localization"], dependencies=[Depends(require("localize"))])
 
 _ERRORS = error_responses(401, 403, 404, 503)
 _EITHER: dict[str, Any] = {

@@ -66,7 +66,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 @router.post(
     "/localize",
     summary="Find where a panorama, a photo or a session was taken",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_model=None,
     responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)},
     openapi_extra=multipart(
@@ -93,7 +93,7 @@ async def localize(
 ) -> Response:
     """Return the pose of a panorama, a photo or a session, or say that it fits nowhere (`not_localized`), which is an answer too."""
     services = services_of(request)
-    held = services.bytes_in_flight.hold(caller_of(request))
+    held = services.bytes_in_flight.hold(caller_of(request).id)
     try:
         return await _answer(request, prefer, held)
     except BaseException:
@@ -124,7 +124,7 @@ async def _query(request: Request, settings: Settings, held: HeldBytes) -> Local
     }
     with await read_form(request.stream(), request.headers, rules, held=held) as form:
         options = parse_json(LocalizeOptions, form.single("options"), "options")
-        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
+        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
         images, masks = form.all(IMAGE.name), form.all(MASK.name)
     query = query_images(images, masks, options)
     with limited_by("PANOLOC_MAX_PIXELS"):

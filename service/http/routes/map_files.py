@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from service.errors import StoredFileMissingError
-from service.http.access import require
+from service.http.access import maps_seen, require
 from service.http.openapi import picture_response
 from service.http.schemas import MapStarts
 from service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
@@ -127,7 +127,7 @@ async def get_starts(request: Request, map_id: str) -> Response:
 async def get_changes(request: Request, map_id: str) -> Response:
     """Return the answers that count and the cells of space in which they saw a change, of the revision that answers queries."""
     services = services_of(request)
-    record = services.registry.get(map_id)
+    record = maps_seen(request).get(map_id)
     stats = (record.serving.stats if record.serving else None) or {}
     offset = [float(value) for value in stats.get("origin_offset", (0.0, 0.0, 0.0))]
     return JSONResponse(await services.changes.document(serving_ref(record), offset))
@@ -144,14 +144,13 @@ def _open_sample(storage: Storage, key: str) -> PlySample:
 
 async def _stored(request: Request, map_id: str, name: str, read: Callable[[str], Found]) -> tuple[Found, MapRef]:
     """Return what `read` makes of a file of the revision that answers queries, by its key, and the revision."""
-    services = services_of(request)
-    ref = serving_ref(services.registry.get(map_id))
+    ref = serving_ref(maps_seen(request).get(map_id))
     while True:
         try:
             return await asyncio.to_thread(read, key_of(ref, name)), ref
         except StoredFileMissingError:
             # The revision may have been replaced, or the map deleted, since the request came.
-            former, ref = ref, serving_ref(services.registry.get(map_id))
+            former, ref = ref, serving_ref(maps_seen(request).get(map_id))
             if ref == former:
                 raise
 

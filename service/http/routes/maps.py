@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from service.errors import CacheDownError
-from service.http.access import require
+from service.http.access import caller_of, maps_seen, note_change, own_map, require
 from service.http.openapi import json_body
 from service.http.schemas import Map, MapPage, MapPatch
 from service.http.schemas.maps import MAP_EXAMPLE
@@ -47,7 +47,7 @@ async def list_maps(
 ) -> Response:
     """Return maps, oldest first, page by page."""
     services = services_of(request)
-    records, next_cursor = services.registry.page(tag, limit, cursor)
+    records, next_cursor = services.registry.page(tag, limit, cursor, caller_of(request).tenant)
     return JSONResponse({"items": await documents(services, records), "next_cursor": next_cursor})
 
 
@@ -64,7 +64,7 @@ async def list_maps(
 async def get_map(request: Request, map_id: str) -> Response:
     """Return one map."""
     services = services_of(request)
-    return JSONResponse((await documents(services, [services.registry.get(map_id)]))[0])
+    return JSONResponse((await documents(services, [maps_seen(request).get(map_id)]))[0])
 
 
 @router.patch(
@@ -81,9 +81,10 @@ async def get_map(request: Request, map_id: str) -> Response:
 async def patch_map(request: Request, map_id: str) -> Response:
     """Change the fields that are given; the others stay as they are."""
     services = services_of(request)
-    services.registry.get(map_id)
+    own_map(request, map_id)
     changes = parse_json(MapPatch, await read_body(request.stream()), "body").changes()
     record = await services.registry.change(map_id, lambda record: replace(record, **changes))
+    note_change(request, "map changed", map_id)
     return JSONResponse((await documents(services, [record]))[0])
 
 
@@ -98,10 +99,11 @@ async def patch_map(request: Request, map_id: str) -> Response:
 async def delete_map(request: Request, map_id: str) -> Response:
     """Delete a map; a registration under way ends. There is no way back."""
     services = services_of(request)
-    services.registry.get(map_id)
+    own_map(request, map_id)
     # Without Redis its entries would stay: then nothing is deleted, and the caller tries again.
     await services.cache.check()
     await services.registry.remove(map_id)
+    note_change(request, "map deleted", map_id)
     # Not before: from now on no registration of it begins.
     await services.registrations.cancel(map_id)
     await asyncio.shield(services.cache.forget_map(map_id))

@@ -11,7 +11,7 @@ from service.batches.archive import UnpackedImage, UnpackLimits, unpack_images
 from service.batches.names import unique_names
 from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
-from service.http.access import require
+from service.http.access import caller_of, note_change, require
 from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
 from service.http.routes.batches import batch_document
 from service.http.routes.localize import checked_options
@@ -45,7 +45,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
 @router.post(
     "/batches",
     summary="Localize many images, one by one",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     status_code=202,
     response_model=None,
     responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 503)},
@@ -74,7 +74,7 @@ async def post_batch(request: Request) -> Response:
         request.stream(), request.headers, _rules(services.settings), folder, max_parts=_max_parts(services.settings)
     ) as form:
         options = parse_json(BatchOptions, form.single("options"), "options")
-        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"))
+        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
         maps.resolve(services.registry)
         images, ignored = await _images(form, services)
         try:
@@ -87,12 +87,14 @@ async def post_batch(request: Request) -> Response:
                 camera=options.cameras[0].to_options() if options.cameras else None,
                 names=tuple(unique_names(image.name for image in images)),
                 ignored=tuple(ignored),
+                tenant=maps.tenant,
             )
             await _store(services, record, images)
         finally:
             for image in images:
                 image.path.unlink(missing_ok=True)
     services.batch_runs.begin(record)
+    note_change(request, "batch made", record.id)
     headers = {"Location": f"/batches/{record.id}", "Retry-After": str(_RETRY_AFTER_S)}
     return JSONResponse(await batch_document(services, record, []), 202, headers)
 

@@ -11,7 +11,7 @@ from core import options
 from core.scan.format_detection import KNOWN_FORMATS, extension_of
 from core.scan.ply.header import check_ply_file
 from service.errors import InvalidOptionsError
-from service.http.access import require
+from service.http.access import caller_of, note_change, own_map, require
 from service.http.openapi import accepted_headers, binary_part, json_part, multipart
 from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
@@ -70,11 +70,13 @@ async def post_map(request: Request) -> Response:
                 tags=options.tags,
                 georeference=None if options.georeference is None else options.georeference.model_dump(mode="json"),
                 coordinate_system=options.coordinate_system,
+                owner=caller_of(request).tenant,
             )
             await services.registry.add(record)
         except BaseException:
             await services.registry.remove_revision(ref)
             raise
+    note_change(request, "map registered", record.id)
     return _accepted(request, record)
 
 
@@ -93,7 +95,7 @@ async def put_scan(request: Request, map_id: str) -> Response:
     Options that are left out are as they were for the revision before.
     """
     services = services_of(request)
-    services.registry.get(map_id)
+    own_map(request, map_id)
     with await _read(request, services) as form:
         given = parse_json(ScanOptions, form.single("options"), "options")
         scan = await _checked_scan(form, services)
@@ -105,6 +107,7 @@ async def put_scan(request: Request, map_id: str) -> Response:
         except BaseException:
             await services.registry.remove_revision(ref)
             raise
+    note_change(request, "scan replaced", map_id)
     await services.registrations.cancel(map_id, keep=record.newest_ref)
     reply = _accepted(request, services.registry.get(map_id))
     for each in (replaced, ref):

@@ -9,7 +9,7 @@ from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, check_images
 from service.answer import Document
-from service.http.access import caller_of, require
+from service.http.access import caller_of, maps_seen, require
 from service.http.openapi import files_part, multipart
 from service.http.query_images import query_images
 from service.http.routes.localize import checked_options, while_connected
@@ -69,7 +69,7 @@ register_url_convertor("map_id", _MapIdConvertor())
 @router.post(
     "/{map_id:map_id}/localize/image",
     summary="Find where an image was taken (OpenFLAME)",
-    dependencies=[Depends(require("read"))],
+    dependencies=[Depends(require("localize"))],
     response_model=None,
     responses={
         200: {"model": OpenFlameAnswer, "content": {"application/json": {"example": _FOUND_EXAMPLE}}},
@@ -90,7 +90,7 @@ async def localize_image(request: Request, map_id: str) -> Response:
     settings = services.settings
     rules = {"image": PartRule(settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"), _AFRAME_POSE: PartRule()}
     with ExitStack() as stack:
-        held = services.bytes_in_flight.hold(caller_of(request))
+        held = services.bytes_in_flight.hold(caller_of(request).id)
         stack.callback(held.release)
         with await read_form(request.stream(), request.headers, rules, held=held) as form:
             images = form.all(IMAGE.name)
@@ -99,7 +99,10 @@ async def localize_image(request: Request, map_id: str) -> Response:
         with limited_by("PANOLOC_MAX_PIXELS"):
             check_images(images, IMAGE, settings.max_pixels)
         asked = LocalizeRequest(
-            query, MapChoice((map_id,), None), checked_options(options, settings), request.state.request_id
+            query,
+            MapChoice((map_id,), None, caller_of(request).tenant),
+            checked_options(options, settings),
+            request.state.request_id,
         )
         answer = await while_connected(request, services.localizations.answer(asked))
     return JSONResponse(_reply(answer))
@@ -123,7 +126,7 @@ async def localize_image(request: Request, map_id: str) -> Response:
 )
 async def get_capabilities(request: Request, map_id: str) -> Response:
     """Return the name of the map, its picture, and where images are localized in it."""
-    record = services_of(request).registry.get(map_id)
+    record = maps_seen(request).get(map_id)
     service = {"name": "localization", "url": str(request.url_for("localize_image", map_id=map_id)), "types": ["image"]}
     icon = str(request.url_for("get_preview", map_id=map_id))
     return JSONResponse({"commonName": record.name, "iconURL": icon, "services": [service]})

@@ -105,6 +105,9 @@ class MapPatch(Model):
     tags: Tags = Field(default_factory=list)
     georeference: Georeference | None = None
     coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
+    shared_with: Tags = Field(
+        default_factory=list, description="Further tenants whose keys see the map, and localize in it; `*` for all."
+    )
 
     def changes(self) -> dict[str, Any]:
         """Return the fields that were given, JSON-safe."""

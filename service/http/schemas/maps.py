@@ -58,6 +58,8 @@ class Map(Answer):
     coordinate_system: str | None = Field(
         description="Of positions in the map, by EPSG code or WKT: as given, else as its scan says; null: neither."
     )
+    owner: str | None = Field(None, description="The tenant of the key that made it; null: of none.")
+    shared_with: list[str] = Field(default_factory=list, description="Further tenants that see it; `*` for all.")
 
 
 class MapPage(Answer):
@@ -110,6 +112,8 @@ MAP_EXAMPLE = {
     ],
     "georeference": None,
     "coordinate_system": None,
+    "owner": None,
+    "shared_with": [],
 }
 QUEUED_MAP_EXAMPLE = {
     **MAP_EXAMPLE,

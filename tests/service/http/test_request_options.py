@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from service.api_keys import ApiKeys, Scope
 from service.errors import InvalidOptionsError, MalformedRequestError
 from service.http.schemas import LocalizeOptions, MapOptions
 from service.http.schemas.localization_examples import OPTIONS_EXAMPLE
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.validation import parse_json
+from service.keys.caller import ALL_SCOPES
+from service.keys.key_ring import KeyRing
 from service.settings import Settings
 
 JSON = st.recursive(
@@ -91,13 +93,21 @@ def test_a_map_that_is_named_after_its_file_bears_a_name_that_could_be_given(fil
         assert given_name == name
 
 
-def test_a_key_may_do_what_its_scope_says() -> None:
-    keys = ApiKeys.parse("all-of-it, only-look:read, writes-too:write")
-    assert keys.scopes_of("all-of-it") == frozenset[Scope]({"read", "write"})
-    assert keys.scopes_of("only-look") == frozenset[Scope]({"read"})
-    assert keys.scopes_of("writes-too") == frozenset[Scope]({"read", "write"})
-    assert keys.scopes_of("only-loo") is None
-    assert not ApiKeys.parse("").required
+def test_a_key_may_do_what_its_scope_says(tmp_path: Path) -> None:
+    keys = KeyRing("all-of-it, only-look:read, writes-too:write, only-ask:localize", tmp_path)
+    assert scopes_of(keys, "all-of-it") == ALL_SCOPES
+    assert scopes_of(keys, "only-look") == {"read", "localize"}
+    assert scopes_of(keys, "only-ask") == {"localize"}
+    assert scopes_of(keys, "writes-too") == {"read", "localize", "write"}
+    assert keys.find("only-loo") is None
+    assert not KeyRing("", tmp_path).required
+
+
+def scopes_of(keys: KeyRing, key: str) -> frozenset[str]:
+    caller = keys.find(key)
+    assert caller is not None
+    assert caller.tenant is None
+    return frozenset[str](caller.scopes)
 
 
 @pytest.mark.parametrize("keys", ["short", "long-enough:admin", "ünicode-key"])

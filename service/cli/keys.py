@@ -1,0 +1,107 @@
+"""`panoloc keys`: make, list and revoke the keys of a service, in its data folder."""
+
+import getpass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from service.cli.exit_codes import ExitCode
+from service.cli.session import JsonOption, Session
+from service.keys.audit_log import AuditLog
+from service.keys.key_file import KeyFile, KeyFileError
+
+app = typer.Typer(
+    help="Make, list and revoke API keys, in the data folder of a service; it need not run.", no_args_is_help=True
+)
+
+
+class ScopeName(StrEnum):
+    """What a key may do; see `service.keys.caller.Scope`."""
+
+    read = "read"
+    localize = "localize"
+    write = "write"
+    admin = "admin"
+
+
+DataDirOption = Annotated[
+    Path, typer.Option(envvar="PANOLOC_DATA_DIR", file_okay=False, help="Data folder of the service.")
+]
+_DEFAULT_FOLDER = Path("panoloc-data")
+
+
+@app.command()
+def make(
+    ctx: typer.Context,
+    name: Annotated[str, typer.Argument(help="For people: whose key it is.")],
+    scope: Annotated[list[ScopeName], typer.Option(help="What it may do; repeat the option.")],
+    tenant: Annotated[
+        str | None,
+        typer.Option(help="Whose maps it sees and makes; left out: of this key alone. Several keys may share one."),
+    ] = None,
+    data_dir: DataDirOption = _DEFAULT_FOLDER,
+    json: JsonOption = False,
+) -> int:
+    """Make a key and show it, once: only its digest is kept. From the first key on, the service asks all callers for one."""
+    session: Session = ctx.obj
+    made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
+    AuditLog(data_dir).note(_user(), "key made", made.id)
+    if json:
+        session.print_json(
+            {"id": made.id, "name": name, "tenant": made.tenant, "scopes": list(made.scopes), "key": text}
+        )
+    else:
+        session.results.print(text, markup=False, highlight=False)
+        session.messages.print(f"{made.id}: keep it now, it is not shown again.", markup=False)
+    return ExitCode.OK
+
+
+@app.command("list")
+def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, json: JsonOption = False) -> int:
+    """List all keys that were ever made; their texts are not kept."""
+    session: Session = ctx.obj
+    try:
+        keys = KeyFile(data_dir).read()
+    except KeyFileError as error:
+        return _refused(session, error)
+    table = Table("id", "name", "tenant", "scopes", "made", "revoked")
+    for key in keys:
+        shown = (key.id, key.name, key.tenant, " ".join(key.scopes), key.created_at, key.revoked_at or "")
+        if json:
+            session.print_json(
+                dict(zip(("id", "name", "tenant", "scopes", "created_at", "revoked_at"), shown, strict=True))
+            )
+        table.add_row(*shown)
+    if not json:
+        session.results.print(table)
+    return ExitCode.OK
+
+
+@app.command()
+def revoke(
+    ctx: typer.Context,
+    key_ids: Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the keys.")],
+    data_dir: DataDirOption = _DEFAULT_FOLDER,
+) -> int:
+    """Let keys open nothing any more, within a second; what they made stays."""
+    session: Session = ctx.obj
+    for key_id in key_ids:
+        try:
+            KeyFile(data_dir).revoke(key_id)
+        except KeyFileError as error:
+            return _refused(session, error)
+        AuditLog(data_dir).note(_user(), "key revoked", key_id)
+        session.results.print(f"revoked {key_id}", markup=False)
+    return ExitCode.OK
+
+
+def _refused(session: Session, error: KeyFileError) -> int:
+    session.messages.print(f"Error: {error}", markup=False)
+    return ExitCode.ERROR
+
+
+def _user() -> str:
+    return f"user {getpass.getuser()}"

@@ -1,0 +1,109 @@
+"""The file of keys in the data folder: of each its digest and what it may do, never the key itself."""
+
+import contextlib
+import dataclasses
+import fcntl
+import json
+import os
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from service.keys.caller import ALL_SCOPES, Caller, Scope
+from service.keys.setting import digest_of
+
+NAME = "keys.json"
+_FORMAT = 1
+
+
+class KeyFileError(ValueError):
+    """The file is not as it was written, or there is no such key."""
+
+
+@dataclass(frozen=True)
+class StoredKey:
+    """One key. tenant: whose maps it sees and makes; keys of one tenant share theirs. Times are RFC 3339 in UTC."""
+
+    id: str
+    name: str
+    tenant: str
+    scopes: tuple[Scope, ...]
+    sha256: str
+    created_at: str
+    revoked_at: str | None = None
+
+    @property
+    def caller(self) -> Caller:
+        """Return who brings this key; `admin` sees the maps of all tenants and may do everything."""
+        if "admin" in self.scopes:
+            return Caller(f"key {self.id}", ALL_SCOPES)
+        return Caller(f"key {self.id}", frozenset(self.scopes), self.tenant)
+
+
+class KeyFile:
+    """Read by the service, changed by `panoloc keys`. Blocking."""
+
+    def __init__(self, data_dir: Path) -> None:
+        self.path = data_dir / NAME
+
+    def read(self) -> list[StoredKey]:
+        """Return all keys that were ever made, none where there is no file. Raises KeyFileError and OSError."""
+        try:
+            document = json.loads(self.path.read_bytes())
+            return [_key(stored) for stored in document["keys"]]
+        except FileNotFoundError:
+            return []
+        except (ValueError, KeyError, TypeError) as error:
+            raise KeyFileError(f"{self.path}: expected keys as `panoloc keys` writes them, but {error!r}") from error
+
+    def make(self, name: str, scopes: Sequence[Scope], tenant: str | None = None) -> tuple[StoredKey, str]:
+        """Add a key and return it with its text, which is shown once. tenant: None for one of its own."""
+        key_id, text = f"key_{secrets.token_hex(4)}", f"pk_{secrets.token_urlsafe(32)}"
+        made = StoredKey(key_id, name, tenant or key_id, tuple(scopes), digest_of(text), _now())
+        self._change(lambda keys: [*keys, made])
+        return made, text
+
+    def revoke(self, key_id: str) -> StoredKey:
+        """Let a key open nothing any more. Raises KeyFileError for an unknown one."""
+        revoked: list[StoredKey] = []
+
+        def without(keys: list[StoredKey]) -> list[StoredKey]:
+            found = [replace(key, revoked_at=key.revoked_at or _now()) if key.id == key_id else key for key in keys]
+            revoked.extend(key for key in found if key.id == key_id)
+            if not revoked:
+                raise KeyFileError(f"expected the id of a key, got {key_id[:80]!r}; `panoloc keys list` shows them")
+            return found
+
+        self._change(without)
+        return revoked[0]
+
+    def _change(self, update: Callable[[list[StoredKey]], list[StoredKey]]) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self._locked():
+            keys = [dataclasses.asdict(key) for key in update(self.read())]
+            part = self.path.with_suffix(".part")
+            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+                json.dump({"format": _FORMAT, "keys": keys}, file, indent=1)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(self.path)
+
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[None]:
+        with open(os.open(self.path.with_suffix(".lock"), os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+
+def _key(stored: dict[str, Any]) -> StoredKey:
+    key = StoredKey(**{**stored, "scopes": tuple(stored["scopes"])})
+    if not set(key.scopes) <= ALL_SCOPES:
+        raise ValueError(f"{key.id} has the scopes {key.scopes}")
+    return key
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -1,0 +1,71 @@
+"""The one place that decides which key counts: those of the setting, and those of the keys file as it is now."""
+
+import logging
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from service.keys.caller import Caller
+from service.keys.key_file import KeyFile, KeyFileError
+from service.keys.setting import callers_of_setting, digest_of
+
+_log = logging.getLogger(__name__)
+
+# A key that was revoked opens nothing after this.
+_LOOK_S = 1.0
+
+
+class KeyRing:
+    """Used from one event loop."""
+
+    def __init__(self, setting: str, data_dir: Path, look_s: float = _LOOK_S) -> None:
+        """setting: PANOLOC_API_KEYS. Raises ValueError where that cannot be read."""
+        self._of_setting = callers_of_setting(setting)
+        self._file = KeyFile(data_dir)
+        self._look_s = look_s
+        self._looked_s = -look_s
+        self._seen: tuple[int, int, int] | None = None
+        self._of_file: Mapping[str, Caller] = {}
+
+    @property
+    def required(self) -> bool:
+        """Tell whether callers have to present a key: also where all keys of the file are revoked, or it cannot be read."""
+        self._look()
+        return bool(self._of_setting) or self._seen is not None
+
+    def find(self, key: str) -> Caller | None:
+        """Return who brings this key, None for an unknown or revoked one."""
+        self._look()
+        digest = digest_of(key)
+        return self._of_setting.get(digest) or self._of_file.get(digest)
+
+    def _look(self) -> None:
+        if time.monotonic() - self._looked_s < self._look_s:
+            return
+        self._looked_s = time.monotonic()
+        seen = _version(self._file.path)
+        if seen == self._seen:
+            return
+        if seen is None:
+            # Opening the service to everybody takes more than a file that was moved away.
+            if self._of_file:
+                _log.error("the file of keys is gone, its keys open nothing", extra={"path": str(self._file.path)})
+            self._of_file = {}
+            return
+        self._seen = seen
+        try:
+            self._of_file = {key.sha256: key.caller for key in self._file.read() if key.revoked_at is None}
+        except (KeyFileError, OSError) as error:
+            _log.error("the file of keys cannot be read, its keys open nothing", extra={"error": str(error)})
+            self._of_file = {}
+
+
+def _version(path: Path) -> tuple[int, int, int] | None:
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return (0, 0, 0)
+    return (found.st_ino, found.st_mtime_ns, found.st_size)

@@ -1,0 +1,32 @@
+"""`panoloc keys`, which needs no running service."""
+
+import json
+from pathlib import Path
+
+from service.keys.key_ring import KeyRing
+from tests.service.cli.commands import Panoloc
+
+
+def test_a_key_is_made_shown_once_listed_and_revoked(panoloc: Panoloc, tmp_path: Path) -> None:
+    folder = ("--data-dir", tmp_path)
+    made = panoloc("keys", "make", "phones", "--scope", "localize", "--scope", "read", "--json", *folder)
+    assert made.code == 0
+    key = json.loads(made.out)
+    assert key["scopes"] == ["localize", "read"]
+    assert KeyRing("", tmp_path).find(key["key"]) is not None
+    listed = panoloc("keys", "list", "--json", *folder)
+    assert key["key"] not in listed.out
+    assert json.loads(listed.out)["id"] == key["id"]
+    assert panoloc("keys", "revoke", key["id"], *folder).code == 0
+    assert KeyRing("", tmp_path).find(key["key"]) is None
+    unknown = panoloc("keys", "revoke", "key_unknown", *folder)
+    assert unknown.code == 1
+    assert "panoloc keys list" in unknown.err
+    changes = [json.loads(line)["change"] for line in (tmp_path / "audit.jsonl").read_text().splitlines()]
+    assert changes == ["key made", "key revoked"]
+
+
+def test_a_scope_that_there_is_not_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None:
+    refused = panoloc("keys", "make", "phones", "--scope", "everything", "--data-dir", tmp_path)
+    assert refused.code == 2
+    assert not (tmp_path / "keys.json").exists()
