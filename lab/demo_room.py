@@ -20,7 +20,7 @@ ROOM_FAMILY = "nordic"
 NUM_SCAN_POINTS = 400_000
 CHANGED_FRACTION = 0.6
 JPEG_QUALITY = 92
-_PANORAMA_WIDTH = 2048
+_PANORAMA_WIDTH = 1536
 
 
 def make_demo_room(folder: Path) -> None:

@@ -15,6 +15,7 @@ from tests.integration.running_service import eventually
 CHROMIUM = "/usr/bin/chromium"
 _ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"]
 WAIT_MS = 120_000
+AXE = Path(__file__).parents[2] / "service" / "console" / "node_modules" / "axe-core" / "axe.min.js"
 
 
 @contextmanager
@@ -30,7 +31,7 @@ def browser() -> Iterator[Browser]:
 def page_of(chromium: Browser, url: str, **context: Any) -> Iterator[Page]:
     """Open a page; whatever it complains of, a refusal of its security policy included, fails the test."""
     complaints: list[str] = []
-    with chromium.new_context(viewport={"width": 1100, "height": 720}, **context) as opened:
+    with chromium.new_context(**{"viewport": {"width": 1100, "height": 720}, **context}) as opened:
         page = opened.new_page()
         page.set_default_timeout(WAIT_MS)
         page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -42,12 +43,12 @@ def page_of(chromium: Browser, url: str, **context: Any) -> Iterator[Page]:
 
 def scene_state(page: Page) -> dict[str, Any]:
     """Return what the 3D view says of itself."""
-    return dict(page.evaluate("document.querySelector('canvas').stage.state()"))
+    return dict(page.evaluate("document.querySelector('canvas[data-scene]').stage.state()"))
 
 
 def wait_until_drawn(page: Page, num_points: int) -> None:
     """Wait until all points are there and the view has come to rest."""
-    page.locator("canvas").wait_for()
+    page.locator("canvas[data-scene]").wait_for()
     assert eventually(lambda: scene_state(page)["numPoints"] == num_points, WAIT_MS / 1000), scene_state(page)
     _wait_until_still(page)
 
@@ -56,8 +57,20 @@ def picture_of(page: Page, folder: Path, name: str) -> NDArray[np.float32]:
     """Return the 3D view (H, W, 3) in 0..1 once it has come to rest."""
     _wait_until_still(page)
     file = folder / f"{name}.png"
-    page.locator("canvas").screenshot(path=file)
+    page.locator("canvas[data-scene]").screenshot(path=file)
     return np.asarray(Image.open(file).convert("RGB"), np.float32) / np.float32(255)
+
+
+def serious_faults(page: Page) -> list[str]:
+    """Return what axe finds that keeps people from reading or reaching something, as "rule: element"."""
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    found = page.evaluate("axe.run(document)")["violations"]
+    return [
+        f"{fault['id']}: {node['html'][:200]}"
+        for fault in found
+        if fault["impact"] in ("serious", "critical")
+        for node in fault["nodes"]
+    ]
 
 
 def _wait_until_still(page: Page) -> None:

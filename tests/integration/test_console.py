@@ -1,27 +1,44 @@
-"""What people do in the console, in a browser: from a dropped scan to standing where a photo was taken."""
+"""What people do in the console, in a browser: from a dropped scan to standing where a photo was taken, and what changed since."""
 
-import json
+import re
 import struct
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
-from tests.integration.console_page import browser, page_of, picture_of, scene_state, wait_until_drawn
+from tests.integration.console_page import (
+    WAIT_MS,
+    browser,
+    page_of,
+    picture_of,
+    scene_state,
+    serious_faults,
+    wait_until_drawn,
+)
 from tests.integration.running_service import RunningService
-from tests.integration.small_room import OPTIONS, small_room
+from tests.integration.small_room import small_room
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
 HOSTILE = "<img src=x onerror=alert(1)>"
+STAND_HERE, STEP_OUT = "Stand here", "Step out"
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    running = RunningService(tmp_path_factory.mktemp("console") / "data")
+    data_dir = tmp_path_factory.mktemp("console") / "data"
+    demo = data_dir / "demo"
+    demo.mkdir(parents=True)
+    # The room of the tests is made within a second, that of the demo within many.
+    (demo / "room.ply").write_bytes(small_room().scan)
+    (demo / "panorama.jpg").write_bytes(small_room().panorama)
+    running = RunningService(data_dir)
     running.wait_until_ready()
     yield running
     running.stop()
@@ -34,31 +51,28 @@ def chromium() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def room_id(service: RunningService) -> str:
-    return service.register(small_room().scan, json.dumps({**json.loads(OPTIONS), "name": HOSTILE, "tags": ["test"]}))
+def room_id(service: RunningService, chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Drop a scan with a hostile name, and return the id of the map that it becomes."""
+    scan = tmp_path_factory.mktemp("scans") / HOSTILE
+    scan.write_bytes(small_room().scan)
+    with page_of(chromium, str(service.http.base_url)) as page:
+        page.get_by_label("Choose scans to upload").set_input_files(scan)
+        card = page.get_by_role("link", name=HOSTILE)
+        expect(card.locator("img")).to_be_visible(timeout=WAIT_MS)
+        return str(card.get_attribute("href")).rpartition("/")[2]
+
+
+@pytest.fixture(scope="module")
+def panorama(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("photos") / "panorama.jpg"
+    file.write_bytes(small_room().panorama)
+    return file
 
 
 @pytest.fixture
 def page(service: RunningService, chromium: Browser) -> Iterator[Page]:
     with page_of(chromium, str(service.http.base_url)) as opened:
         yield opened
-
-
-def files(folder: Path) -> tuple[Path, Path]:
-    """Write scan and panorama of the room into a folder."""
-    scan, panorama = folder / "room.ply", folder / "panorama.jpg"
-    scan.write_bytes(small_room().scan)
-    panorama.write_bytes(small_room().panorama)
-    return scan, panorama
-
-
-def test_a_dropped_scan_becomes_a_map_with_a_picture(page: Page, tmp_path: Path) -> None:
-    scan, _ = files(tmp_path)
-    page.get_by_label("Choose scans to upload").set_input_files(scan)
-    card = page.get_by_role("link", name="room.ply")
-    expect(card).to_be_visible(timeout=120_000)
-    expect(card.locator("img")).to_be_visible(timeout=120_000)
-    expect(card).to_contain_text("points")
 
 
 def test_a_file_that_is_no_scan_is_refused_with_what_to_do_and_can_be_dismissed(page: Page, tmp_path: Path) -> None:
@@ -71,20 +85,21 @@ def test_a_file_that_is_no_scan_is_refused_with_what_to_do_and_can_be_dismissed(
     expect(note).to_have_count(0)
 
 
-def test_the_name_of_a_map_is_text(page: Page, room_id: str) -> None:
-    expect(page.get_by_role("link", name=HOSTILE)).to_be_visible()
+def test_a_dropped_scan_becomes_a_map_whose_name_is_text(page: Page, room_id: str) -> None:
+    card = page.get_by_role("link", name=HOSTILE)
+    expect(card.locator("img")).to_be_visible()
+    expect(card).to_contain_text("points")
     assert page.locator("img[src=x]").count() == 0
 
 
 def test_photo_and_points_meet_where_the_photo_was_taken(
-    page: Page, service: RunningService, room_id: str, tmp_path: Path
+    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
 ) -> None:
-    _, panorama = files(tmp_path)
     page.goto(f"{service.http.base_url}/#/maps/{room_id}")
     wait_until_drawn(page, _num_stored_points(service, room_id))
     page.get_by_label("Choose photos to localize").set_input_files(panorama)
-    page.get_by_role("button", name="Stand here").click()
-    expect(page.get_by_role("button", name="Step out")).to_be_visible()
+    page.get_by_role("button", name=STAND_HERE).click()
+    expect(page.get_by_role("button", name=STEP_OUT)).to_be_visible()
     assert scene_state(page)["isStanding"]
     slider = page.get_by_label("From points to photo")
     slider.fill("0")
@@ -94,6 +109,128 @@ def test_photo_and_points_meet_where_the_photo_was_taken(
     shift, agreement = best_shift(edges(points), edges(photo))
     assert np.hypot(*shift) <= 4, (shift, agreement)
     assert agreement > 0.3
+    assert serious_faults(page) == []
+
+
+def test_what_the_answer_saw_changed_is_shown_as_pictures_and_with_the_map(
+    page: Page, service: RunningService, room_id: str, panorama: Path
+) -> None:
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.get_by_label("Choose photos to localize").set_input_files(panorama)
+    for name in ("Photo", "Scan", "Side by side"):
+        page.get_by_label("What changed").get_by_role("button", name=name).click()
+        expect(page.get_by_label("What changed").locator("img")).to_be_visible()
+    page.get_by_role("button", name="Changes").click()
+    kept = page.get_by_label("Answers that count, newest first").get_by_role("listitem")
+    expect(kept.first).to_contain_text("%")
+    assert serious_faults(page) == []
+
+
+def test_places_that_fit_are_stepped_through(page: Page, service: RunningService, room_id: str, panorama: Path) -> None:
+    def with_rival(route: Route) -> None:
+        answer: dict[str, Any] = route.fetch().json()
+        if answer.get("pose") is not None:
+            rival = {"pose": answer["pose"], "confidence": 0.25, "map_id": room_id}
+            answer |= {"status": "ambiguous", "confidence": 0.5, "alternatives": [rival]}
+        route.fulfill(json=answer)
+
+    page.route(re.compile(r"/localizations/loc_\w+$"), with_rival)
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.get_by_label("Choose photos to localize").set_input_files(panorama)
+    places = page.get_by_role("group", name="Places that fit")
+    expect(places).to_contain_text("Place 1 of 2")
+    places.get_by_role("button", name="Next place").click()
+    expect(places).to_contain_text("Place 2 of 2 · 25")
+    expect(page.get_by_label("Answer", exact=True)).to_contain_text("Several places fit")
+
+
+def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
+    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
+) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("no image")
+    page.goto(f"{service.http.base_url}/#/localize")
+    page.get_by_role("checkbox", name=HOSTILE).check()
+    page.get_by_role("checkbox", name="Keep as a batch").check()
+    page.get_by_label("Choose photos to localize").set_input_files([panorama, notes])
+    placed = page.get_by_role("region", name="Placed photos")
+    expect(placed.get_by_role("button", name="panorama.jpg")).to_be_visible(timeout=WAIT_MS)
+    expect(page.get_by_role("region", name="Photos without a place")).to_contain_text("notes.txt")
+    expect(page.get_by_role("region", name="Plan").locator(".marker")).to_have_count(1)
+    page.get_by_role("button", name="Begin the tour").click()
+    expect(page.get_by_role("button", name=STEP_OUT)).to_be_visible()
+    page.get_by_label("Format").select_option("potree")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download").click()
+    with zipfile.ZipFile(download.value.path()) as archive:
+        assert "unplaced.txt" in archive.namelist()
+    assert serious_faults(page) == []
+    page.get_by_role("button", name="Delete this batch…").click()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_role("heading", name="Batches")).to_be_visible()
+
+
+def test_the_demo_room_takes_one_click_can_be_renamed_and_is_deleted_only_when_asked_twice(
+    page: Page, service: RunningService
+) -> None:
+    (page.get_by_role("button", name="Try the demo room")).click()
+    expect(page.get_by_role("heading", name="Demo room")).to_be_visible(timeout=WAIT_MS)
+    expect(page.get_by_role("button", name=STAND_HERE)).to_be_visible(timeout=WAIT_MS)
+    expect(page.get_by_label("Answer", exact=True).get_by_role("heading")).to_have_text("Almost certain")
+    map_id = page.url.split("/maps/")[1].partition("/")[0]
+    page.get_by_role("button", name="About").click()
+    page.get_by_role("button", name="Edit…").click()
+    page.get_by_label("Name", exact=True).fill("renamed")
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_role("heading", name="renamed")).to_be_visible()
+    assert service.map(map_id)["name"] == "renamed"
+    page.get_by_role("button", name="Delete this map…").click()
+    assert service.status(f"/maps/{map_id}") == 200
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_role("heading", name="Maps")).to_be_visible()
+    assert service.status(f"/maps/{map_id}") == 404
+
+
+def test_operations_tell_of_workers_and_of_problems_by_their_request_ids(page: Page, service: RunningService) -> None:
+    request_id = service.http.get("/maps/map_none").headers["x-request-id"]
+    page.goto(f"{service.http.base_url}/#/operations")
+    expect(page.get_by_role("list", name="State")).to_contain_text("Workers")
+    expect(page.get_by_role("region", name="Last problems").first).to_contain_text(request_id)
+    assert serious_faults(page) == []
+
+
+def test_a_service_that_goes_is_said_to_be_gone_until_it_is_back(page: Page) -> None:
+    gone = page.get_by_role("alert").filter(has_text="The service does not answer")
+    expect(page.get_by_role("banner")).to_contain_text("Ready")
+    page.context.set_offline(True)
+    expect(gone).to_be_visible(timeout=WAIT_MS)
+    page.context.set_offline(False)
+    expect(gone).to_have_count(0, timeout=WAIT_MS)
+    expect(page.get_by_role("banner")).to_contain_text("Ready")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_maps_and_photos_can_be_read_and_reached_by_everybody(
+    service: RunningService, chromium: Browser, room_id: str, scheme: str
+) -> None:
+    with page_of(chromium, str(service.http.base_url), color_scheme=scheme) as page:
+        expect(page.get_by_role("link", name=HOSTILE)).to_be_visible()
+        assert serious_faults(page) == []
+        page.goto(f"{service.http.base_url}/#/localize")
+        expect(page.get_by_role("checkbox", name=HOSTILE)).to_be_visible()
+        assert serious_faults(page) == []
+
+
+def test_a_phone_gets_a_plan_instead_of_three_dimensions(
+    service: RunningService, chromium: Browser, room_id: str
+) -> None:
+    url = f"{service.http.base_url}/#/maps/{room_id}"
+    with page_of(chromium, url, viewport={"width": 390, "height": 780}) as page:
+        expect(page.get_by_role("group", name=re.compile("^Plan of"))).to_be_visible()
+        expect(page.get_by_label("Choose photos to localize")).to_be_attached()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.get_by_label(re.compile("in 3D")).count() == 0
+        assert serious_faults(page) == []
 
 
 def edges(picture: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -124,6 +124,41 @@ export interface BatchItem {
   error: Problem | null;
 }
 
+export interface ChangedCell {
+  center_m: Vector3;
+  num_changed: number;
+  num_seen: number;
+  last_changed_at: string;
+}
+
+export interface AnswerWithChange {
+  id: string;
+  created_at: string;
+  position_m: Vector3;
+  confidence: number;
+  panorama_changed_fraction: number | null;
+  map_changed_fraction: number | null;
+}
+
+export interface MapChanges {
+  map_id: string;
+  revision: number;
+  lifetime_s: number;
+  cell_m: number | null;
+  answers: AnswerWithChange[];
+  cells: ChangedCell[];
+}
+
+export interface RecentError {
+  at: string;
+  method: string;
+  path: string;
+  title: string | null;
+  status: number | null;
+  detail: string | null;
+  request_id: string | null;
+}
+
 export interface Health {
   status: "ready" | "not_ready";
   waiting_for?: string[];
@@ -133,4 +168,5 @@ export interface Health {
   storage?: "writable" | "not_writable";
   workers?: { ready: boolean; waiting_for: string | null; num_workers: number; queue_depth: number; resident_bytes: number };
   maps?: Record<string, number>;
+  recent_errors?: RecentError[];
 }

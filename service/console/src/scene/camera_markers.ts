@@ -1,9 +1,8 @@
 /** Cameras in the scene: a dot where each stood, an arrow the way it looked, on top of the points. */
 
-import { BufferGeometry, Color, Float32BufferAttribute, Group, LineSegments, LineBasicMaterial, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 as V3 } from "three";
+import { Color, ConeGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 as V3 } from "three";
 import type { Camera } from "three";
 
-import type { Vector3 } from "../api/types.ts";
 import { type Place3, applied } from "./frames.ts";
 
 export interface Marker {
@@ -16,18 +15,15 @@ export interface Marker {
 
 /** Of the view's height, so that a marker can be hit from afar. */
 const SIZE = 0.018;
+const NEAREST_M = 0.25;
 
 export class CameraMarkers {
   readonly object = new Group();
   private markers: Marker[] = [];
   private readonly sphere = new SphereGeometry(1, 20, 14);
-  private readonly arrow = new BufferGeometry();
+  private readonly arrow = new ConeGeometry(0.8, 1.7, 20).translate(0, 2.6, 0);
 
   constructor() {
-    const tip: Vector3 = [4.2, 0, 0];
-    const wings: Vector3[] = [[3.1, 0.8, 0], [3.1, -0.8, 0]];
-    const lines: Vector3[] = [[1.2, 0, 0], tip, wings[0]!, tip, wings[1]!, tip];
-    this.arrow.setAttribute("position", new Float32BufferAttribute(lines.flat(), 3));
     this.object.renderOrder = 20;
   }
 
@@ -41,9 +37,9 @@ export class CameraMarkers {
       rim.scale.setScalar(marker.isChosen ? 1.45 : 1.2);
       const dot = new Mesh(this.sphere, new MeshBasicMaterial({ color, depthTest: false }));
       dot.scale.setScalar(marker.isChosen ? 1.1 : 0.85);
-      const arrow = new LineSegments(this.arrow, new LineBasicMaterial({ color, depthTest: false }));
+      const arrow = new Mesh(this.arrow, new MeshBasicMaterial({ color, depthTest: false }));
       const ahead = applied(marker.place.rotation, [1, 0, 0]);
-      arrow.quaternion.setFromUnitVectors(new V3(1, 0, 0), new V3(...ahead));
+      arrow.quaternion.setFromUnitVectors(new V3(0, 1, 0), new V3(...ahead));
       rim.renderOrder = 20;
       dot.renderOrder = arrow.renderOrder = 21;
       each.add(rim, dot, arrow);
@@ -52,16 +48,22 @@ export class CameraMarkers {
     }
   }
 
-  /** Keep all markers equally large on the screen. */
-  scaleTo(camera: Camera, tanHalfFov: number): void {
-    for (const each of this.object.children) each.scale.setScalar(Math.max(0.02, camera.position.distanceTo(each.position) * tanHalfFov * SIZE));
+  /** Keep all markers equally large on the screen; isInside: hide the one in whose place the viewer stands. */
+  scaleTo(camera: Camera, tanHalfFov: number, isInside: boolean): void {
+    for (const each of this.object.children) {
+      const distance = camera.position.distanceTo(each.position);
+      each.visible = !isInside || distance > NEAREST_M;
+      each.scale.setScalar(Math.max(0.02, distance * tanHalfFov * SIZE));
+    }
   }
 
   /** Return the marker under a point of the screen (-1..1 both ways), null where there is none. */
   at(pointer: [number, number], camera: Camera, aspect: number): Marker | null {
     let [nearest, best]: [Marker | null, number] = [null, 0.045];
     for (const marker of this.markers) {
-      const seen = new V3(...marker.place.position).project(camera);
+      const seen = new V3(...marker.place.position);
+      if (camera.position.distanceTo(seen) < NEAREST_M) continue;
+      seen.project(camera);
       const distance = Math.hypot((seen.x - pointer[0]) * aspect, seen.y - pointer[1]);
       if (seen.z < 1 && distance < best) [nearest, best] = [marker, distance];
     }

@@ -2,12 +2,15 @@
 
 import { BufferAttribute, BufferGeometry, GLSL3, Points, ShaderMaterial, Sphere, Vector3 as V3 } from "three";
 
+import { type SceneCell, tintPoints } from "./change_tint.ts";
 import type { PointArrays } from "./point_decoder.ts";
 
 const VERTEX = `
 in vec3 color;
+in float tint;
 uniform float spacing, pixelsPerRadian, cut, largest;
 uniform int numCoarse;
+uniform bool anyTint;
 out vec3 shade;
 void main() {
   vec4 seen = modelViewMatrix * vec4(position, 1.0);
@@ -17,7 +20,8 @@ void main() {
   if (gl_VertexID < numCoarse) seen.xyz *= 1.0 + 2.5 * spacing / away;
   gl_Position = position.z > cut ? vec4(2.0, 2.0, 2.0, 1.0) : projectionMatrix * seen;
   gl_PointSize = clamp(width * pixelsPerRadian / away, 1.0, largest);
-  shade = color;
+  float grey = dot(color, vec3(0.3, 0.59, 0.11));
+  shade = anyTint ? mix(mix(color, vec3(grey), 0.55), vec3(0.88, 0.17, 0.14), 0.85 * tint) : color;
 }`;
 const FRAGMENT = `
 in vec3 shade;
@@ -33,7 +37,9 @@ export class PointCloud {
   readonly object: Points<BufferGeometry, ShaderMaterial>;
   private readonly positions: BufferAttribute;
   private readonly colors: BufferAttribute;
+  private readonly tints: BufferAttribute;
   private readonly arrays: PointArrays;
+  private changes: { cells: SceneCell[]; side: number } = { cells: [], side: 0 };
   private numArrived = 0;
   private areaM2 = 0;
 
@@ -41,12 +47,14 @@ export class PointCloud {
     this.arrays = arrays;
     this.positions = new BufferAttribute(arrays.positions, 3);
     this.colors = new BufferAttribute(arrays.colors, 3, true);
+    this.tints = new BufferAttribute(new Uint8Array(arrays.positions.length / 3), 1, true);
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", this.positions);
     geometry.setAttribute("color", this.colors);
+    geometry.setAttribute("tint", this.tints);
     geometry.boundingSphere = new Sphere(new V3(), Infinity);
     geometry.setDrawRange(0, 0);
-    const uniforms = { spacing: { value: 0.01 }, pixelsPerRadian: { value: 500 }, cut: { value: Infinity }, largest: { value: 64 }, numCoarse: { value: 0 } };
+    const uniforms = { spacing: { value: 0.01 }, pixelsPerRadian: { value: 500 }, cut: { value: Infinity }, largest: { value: 64 }, numCoarse: { value: 0 }, anyTint: { value: false } };
     const material = new ShaderMaterial({ glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms });
     this.object = new Points(geometry, material);
     this.object.frustumCulled = false;
@@ -64,7 +72,15 @@ export class PointCloud {
       attribute.addUpdateRange(3 * first, 3 * (numArrived - first));
       attribute.needsUpdate = true;
     }
+    if (this.changes.cells.length) this.retint(first);
     if (first < SAMPLED) this.areaM2 = surfaceOf(this.arrays.positions, Math.min(numArrived, SAMPLED));
+  }
+
+  /** Tint points in cells in which something changed, and grey the others; without cells all have their own colours. */
+  tint(cells: SceneCell[], side: number): void {
+    this.changes = { cells, side };
+    this.object.material.uniforms["anyTint"]!.value = cells.length > 0;
+    if (cells.length) this.retint(0);
   }
 
   /** Draw at most `most` points from now on, as large as it takes for so many to close surfaces; return how many that are. */
@@ -81,6 +97,12 @@ export class PointCloud {
   /** Hide what lies above a height; Infinity shows everything. */
   set cut(height: number) {
     this.object.material.uniforms["cut"]!.value = height;
+  }
+
+  private retint(first: number): void {
+    tintPoints(this.tints.array as Uint8Array, this.arrays.positions, first, this.numArrived, this.changes.cells, this.changes.side);
+    this.tints.addUpdateRange(first, this.numArrived - first);
+    this.tints.needsUpdate = true;
   }
 
   dispose(): void {

@@ -4,6 +4,7 @@ import { Color, Matrix4, PerspectiveCamera, Scene, Vector3 as V3, WebGLRenderer 
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 import type { CameraOfImage, Vector3 } from "../api/types.ts";
+import type { SceneCell } from "./change_tint.ts";
 import { CameraMarkers, type Marker } from "./camera_markers.ts";
 import { directionAngles, type Place3, viewRotation } from "./frames.ts";
 import { LookAround } from "./look_around.ts";
@@ -37,6 +38,7 @@ export class Stage {
   private readonly canvas: HTMLCanvasElement;
   private cloud: PointCloud | null = null;
   private photo: PhotoSurface | null = null;
+  private changes: { cells: SceneCell[]; side: number } = { cells: [], side: 0 };
   private standing: Place3 | null = null;
   private bounds: { min: Vector3; max: Vector3 } = { min: [-1, -1, -1], max: [1, 1, 1] };
   private colors: StageColors;
@@ -74,6 +76,7 @@ export class Stage {
   setCloud(arrays: PointArrays, bounds: { min: Vector3; max: Vector3 }): void {
     this.dropCloud();
     this.cloud = new PointCloud(arrays);
+    this.cloud.tint(this.changes.cells, this.changes.side);
     this.scene.add(this.cloud.object);
     this.bounds = bounds;
     if (this.standing === null) this.leave();
@@ -89,6 +92,13 @@ export class Stage {
     this.touch();
   }
 
+  /** Tint the points in cells of space in which something changed. */
+  tint(cells: SceneCell[], side: number): void {
+    this.changes = { cells, side };
+    this.cloud?.tint(cells, side);
+    this.touch();
+  }
+
   /** Stand where a photo was taken, with the photo before the points where there is one. */
   async stand(place: Place3, photo: Blob | null, camera: CameraOfImage): Promise<void> {
     this.standing = place;
@@ -99,7 +109,6 @@ export class Stage {
     this.look.begin(yaw, pitch, isWhole ? null : place.rotation, isWhole ? INSIDE_FOV_DEG : this.fovOf(camera));
     if (isWhole) this.look.pitch = 0;
     if (this.cloud) this.cloud.cut = Infinity;
-    this.markers.object.visible = false;
     this.turned();
     if (photo === null) return;
     const texture = await photoTexture(photo);
@@ -120,14 +129,13 @@ export class Stage {
     this.look.end();
     this.removePhoto();
     this.orbit.enabled = true;
-    this.markers.object.visible = true;
     const { min, max } = this.bounds;
     const middle = new V3((min[0] + max[0]) / 2, (min[1] + max[1]) / 2, (min[2] + max[2]) / 2 - 0.1 * (max[2] - min[2]));
     const size = Math.hypot(max[0] - min[0], max[1] - min[1], max[2] - min[2]);
     this.camera.fov = OUTSIDE_FOV_DEG;
     this.camera.near = size / 500;
     this.camera.far = size * 20;
-    const away = 1.05 * size * Math.max(1, 1.1 / Math.max(0.3, this.camera.aspect));
+    const away = 1.18 * size * Math.max(1, 1.1 / Math.max(0.3, this.camera.aspect));
     this.camera.position.set(middle.x - 0.42 * away, middle.y - 0.62 * away, middle.z + 0.68 * away);
     this.camera.updateProjectionMatrix();
     this.orbit.target.copy(middle);
@@ -221,7 +229,7 @@ export class Stage {
     const tanHalf = Math.tan((this.camera.fov / 360) * Math.PI);
     const pixelsPerRadian = this.renderer.domElement.height / (2 * tanHalf);
     if (this.cloud) this.drawn = this.cloud.show(isStill ? this.pace.still : this.pace.moving, pixelsPerRadian);
-    this.markers.scaleTo(this.camera, tanHalf);
+    this.markers.scaleTo(this.camera, tanHalf, this.standing !== null);
     this.renderer.render(this.scene, this.camera);
     this.isFull = isStill;
     this.frame = isStill ? 0 : requestAnimationFrame(this.draw);
@@ -232,7 +240,7 @@ export class Stage {
   };
 
   private readonly up = (event: PointerEvent): void => {
-    if (this.pressed === null || this.standing !== null) return;
+    if (this.pressed === null) return;
     const box = this.canvas.getBoundingClientRect();
     const wasClick = Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) < 5;
     const at: [number, number] = [((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2];

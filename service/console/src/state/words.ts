@@ -14,6 +14,11 @@ export function confidenceWords(confidence: number): string {
   return "Very doubtful";
 }
 
+/** Nothing is certain: no figure says 100. */
+export function percentWords(confidence: number): string {
+  return confidence > 0.99 ? "> 99\u00a0%" : `${Math.round(100 * confidence)}\u00a0%`;
+}
+
 export function radiusWords(answer: Answer): string {
   const radius = answer.accuracy?.position_m;
   if (radius == null) return "How precise it is cannot be said.";

@@ -1,0 +1,52 @@
+/** The scan from above, painted pixel by pixel: it needs no WebGL, and a click on it is a place. */
+
+import type { MapStats, Vector3 } from "../api/types.ts";
+import type { PointArrays } from "../scene/point_decoder.ts";
+
+/** Of the scan's height that is painted: ceilings hide what is below them. */
+const SHOWN_HEIGHT = 0.82;
+const LONGER_SIDE_PX = 420;
+const MARGIN = 0.03;
+const SPREAD = [-1, 0, 1].flatMap((dx) => [-1, 0, 1].map((dy) => [dx, dy] as const));
+
+/** Where the plan lies: metres in the map's own frame, x to the right, y up. */
+export interface PlanFrame {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+}
+
+export function planFrame(stats: MapStats): PlanFrame {
+  const { min, max } = stats.bounds;
+  const margin = MARGIN * Math.max(max[0] - min[0], max[1] - min[1]);
+  return { left: min[0] - margin, top: max[1] + margin, width: max[0] - min[0] + 2 * margin, height: max[1] - min[1] + 2 * margin };
+}
+
+/** Paint points onto a canvas that is made as large as they need. */
+export function paintPlan(canvas: HTMLCanvasElement, { positions, colors }: PointArrays, count: number, origin: Vector3, stats: MapStats): void {
+  const frame = planFrame(stats);
+  const perMetre = LONGER_SIDE_PX / Math.max(frame.width, frame.height);
+  const [width, height] = [Math.max(1, Math.round(frame.width * perMetre)), Math.max(1, Math.round(frame.height * perMetre))];
+  canvas.width = width;
+  canvas.height = height;
+  const context = canvas.getContext("2d")!;
+  const picture = context.createImageData(width, height);
+  const heights = new Float32Array(width * height).fill(-Infinity);
+  const cut = stats.bounds.min[2] + SHOWN_HEIGHT * (stats.bounds.max[2] - stats.bounds.min[2]) - origin[2];
+  for (let at = 0; at < 3 * count; at += 3) {
+    const z = positions[at + 2]!;
+    if (z > cut) continue;
+    const column = Math.floor((positions[at]! + origin[0] - frame.left) * perMetre);
+    const row = Math.floor((frame.top - positions[at + 1]! - origin[1]) * perMetre);
+    // A point is three pixels wide, so that floors close.
+    for (const [dx, dy] of SPREAD) {
+      if (column + dx < 0 || column + dx >= width || row + dy < 0 || row + dy >= height) continue;
+      const pixel = (row + dy) * width + column + dx;
+      if (z <= heights[pixel]!) continue;
+      heights[pixel] = z;
+      picture.data.set([colors[at]!, colors[at + 1]!, colors[at + 2]!, 255], 4 * pixel);
+    }
+  }
+  context.putImageData(picture, 0, 0);
+}
