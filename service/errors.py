@@ -23,6 +23,7 @@
     ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
     │   ├── QueueFullError            as many requests wait as may
     │   ├── BytesInFlightError        as many bytes of uploads lie in memory as may
+    │   ├── UploadsError              as many uploads come as may
     │   ├── WrongKeysError            many unknown API keys from one address
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
@@ -40,7 +41,7 @@ Every message says what was expected, what came, and what to do. `service.proble
 problem; a class without a row there fails a test.
 """
 
-from typing import Any
+from typing import Any, Literal
 
 from core.errors import CoreError
 
@@ -145,11 +146,19 @@ class TryAgainError(ServiceError):
 
 
 class QueueFullError(TryAgainError):
-    """As many requests wait as may."""
+    """As many requests wait as may, or those that wait take longer than this one can wait. limit: which of the two."""
+
+    def __init__(self, message: str, retry_after_s: int, limit: Literal["queue", "deadline"] = "queue") -> None:
+        super().__init__(message, retry_after_s)
+        self.limit: Literal["queue", "deadline"] = limit
 
 
 class BytesInFlightError(TryAgainError):
     """As many bytes of uploads lie in memory as may."""
+
+
+class UploadsError(TryAgainError):
+    """As many scans and batches are uploaded as may be at the same time."""
 
 
 class WrongKeysError(TryAgainError):

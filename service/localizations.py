@@ -12,7 +12,7 @@ from core.errors import DeadlineExceededError
 from core.panorama.image_header import read_image_header
 from service.answer import Document, answer_document, without_copies
 from service.cache import Cache
-from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, ServiceError
+from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, QueueFullError, ServiceError
 from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
 from service.maps.changes import ChangeLog
 from service.maps.registry import MapRegistry
@@ -128,6 +128,8 @@ class Localizations:
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
         except EXPECTED_ERRORS as error:
+            if isinstance(error, QueueFullError):
+                self._metrics.note_refusal(error.limit)
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
         total_s = time.monotonic() - began

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Iterator
 
-from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.process_collector import ProcessCollector
 
@@ -50,10 +50,11 @@ class Metrics:
         self._upload_bytes = Counter("panoloc_upload_bytes", "Bytes of scans stored.", registry=self._registry)
         self._refusals = Counter(
             "panoloc_refusals",
-            "Refused before or while they were read, by the limit.",
+            "What went beyond a limit, by the limit.",
             ("limit",),
             registry=self._registry,
         )
+        self._uploads = Gauge("panoloc_uploads", "Uploads of scans and batches under way.", registry=self._registry)
         for result in ("ready", "failed", "cancelled"):
             self._registrations.labels(result)
         self._registry.register(_PoolCollector(pool_state, maps_by_status))
@@ -81,8 +82,12 @@ class Metrics:
         """Count the bytes of a stored scan."""
         self._upload_bytes.inc(num_bytes)
 
+    def note_num_uploads(self, number: int) -> None:
+        """Note how many scans and batches are being uploaded now."""
+        self._uploads.set(number)
+
     def note_refusal(self, limit: str) -> None:
-        """Count what was refused before or while it was read; limit: one of `service.limits.connection_limits.Refusal`."""
+        """Count what went beyond a limit; limit: one of `service.limits.connection_limits.Refusal`."""
         self._refusals.labels(limit).inc()
 
     def text(self) -> bytes:

@@ -120,6 +120,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.BytesInFlightError: Problem(
         "bytes-in-flight", "Too many bytes of uploads are in memory", 503, "Send it again after Retry-After seconds."
     ),
+    service.UploadsError: Problem(
+        "too-many-uploads", "Too many uploads at the same time", 503, "Send it again after Retry-After seconds."
+    ),
     service.WrongKeysError: Problem(
         "wrong-keys", "Too many unknown API keys", 429, "Ask the operator for a key; wait for Retry-After seconds."
     ),

@@ -15,6 +15,7 @@ from service.jobs import WorkerPool
 from service.keys.audit_log import AuditLog
 from service.limits.bytes_in_flight import BytesInFlight
 from service.limits.connection_limits import ConnectionCount
+from service.limits.uploads import UploadPlaces
 from service.limits.wrong_keys import WrongKeys
 from service.localizations import Localizations
 from service.maps.changes import ChangeLog
@@ -49,6 +50,7 @@ class Services:
     batch_runs: BatchRuns
     bytes_in_flight: BytesInFlight
     connections: ConnectionCount
+    uploads: UploadPlaces
     wrong_keys: WrongKeys
     audit: AuditLog
     started: bool = False
@@ -79,6 +81,9 @@ class Services:
             BatchRuns(batches, localizations, pool, settings.max_pixels),
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
             ConnectionCount(settings.connection_limits, metrics.note_refusal),
+            UploadPlaces(
+                settings.max_uploads, settings.max_uploads_per_caller, metrics.note_refusal, metrics.note_num_uploads
+            ),
             WrongKeys(),
             AuditLog(settings.data_dir),
         )

@@ -84,6 +84,9 @@ class Settings(BaseSettings):
     max_bytes_in_flight_per_caller: int = Field(
         384 * 2**20, ge=1, description="Of these, bytes of one caller: an API key where keys are set, else an address."
     )
+    max_uploads: int = Field(16, ge=1, description="Uploads of scans and batches at the same time; beyond that 503.")
+    max_uploads_per_caller: int = Field(8, ge=1, description="Of these, uploads of one caller.")
+    export_time_s: float = Field(600.0, gt=0, description="Seconds that an export or a plan of a batch may take.")
     max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
     max_batches: int = Field(100, ge=1, description="Batches at the same time; each lives until it is deleted.")
     max_batch_images: int = Field(2000, ge=1, description="Images of one batch.")

@@ -49,7 +49,7 @@ def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | Non
     return found[0] if found else next(iter(record.map_ids), "none")
 
 
-async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord | None) -> BinaryIO:
+async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord | None, time_s: float) -> BinaryIO:
     """Return the open zip, which has no name any more, so that nothing is left of it when it is closed.
 
     place: the map; None: it was deleted, so that there are no points and no georeference of it. Raises ExportRefusedError, StorageError and
@@ -62,12 +62,17 @@ async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord 
         for path in (tour, target):
             stack.callback(path.unlink, missing_ok=True)
         await asyncio.to_thread(tour.write_text, json.dumps(document), encoding="utf-8")
-        await _run("core.exports", str(tour), wanted.format, str(target))
+        await _run("core.exports", str(tour), wanted.format, str(target), time_s=time_s)
         return target.open("rb")
 
 
 async def draw_plan(
-    storage: Storage, record: BatchRecord, results: Mapping[int, Result], map_id: str, place: MapRecord | None
+    storage: Storage,
+    record: BatchRecord,
+    results: Mapping[int, Result],
+    map_id: str,
+    place: MapRecord | None,
+    time_s: float,
 ) -> bytes:
     """Return a PNG: the scan from above with the photos placed in a map. place: the map; None: it was deleted.
 
@@ -82,7 +87,7 @@ async def draw_plan(
             stack.callback(path.unlink, missing_ok=True)
         text = json.dumps(placement_document(map_id, points, photos))
         await asyncio.to_thread(document.write_text, text, encoding="utf-8")
-        await _run("core.exports.overview", str(document), str(target))
+        await _run("core.exports.overview", str(document), str(target), time_s=time_s)
         return await asyncio.to_thread(target.read_bytes)
 
 
@@ -128,12 +133,19 @@ def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
     return scan if detect_format(scan, None)[0] == "e57" else None
 
 
-async def _run(module: str, *arguments: str) -> None:
+async def _run(module: str, *arguments: str, time_s: float) -> None:
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", module, *arguments, stderr=asyncio.subprocess.PIPE, stdin=asyncio.subprocess.DEVNULL
     )
     try:
-        _, said = await process.communicate()
+        async with asyncio.timeout(time_s):
+            _, said = await process.communicate()
+    except TimeoutError as error:
+        process.kill()
+        await process.wait()
+        raise ExportFailedError(
+            f"expected an export within {time_s:g} s (PANOLOC_EXPORT_TIME_S), got none; export fewer photos, or let the operator allow more"
+        ) from error
     except BaseException:
         with contextlib.suppress(ProcessLookupError):
             process.kill()

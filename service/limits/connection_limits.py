@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 Refusal = Literal[
-    "connections", "connections-of-address", "header-bytes", "slow-header", "slow-body", "slow-reader", "bytes-in-flight"
+    "connections", "connections-of-address", "header-bytes", "slow-header", "slow-body", "slow-reader", "bytes-in-flight",
+    "uploads", "queue", "deadline", "registration",
 ]  # fmt: skip
 
 

@@ -118,6 +118,8 @@ class Registrations:
         except Exception as error:
             if not isinstance(error, EXPECTED_ERRORS):
                 _log.exception("a registration met an unexpected fault")
+            if isinstance(error, RegistrationLimitError):
+                self._metrics.note_refusal("registration")
             failure = problem_document(error, request_id)
             await self._once_there_is_room(ref, lambda: self._fail(ref, failure))
             return "failed"

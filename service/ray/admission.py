@@ -78,6 +78,7 @@ class Admission:
                 f"expected an answer within the {remaining_s:.0f} s of timeout_s, but {self.num_admitted} requests are before this one "
                 f"and it would take about {needed_s:.0f} s; try again in {retry_after_s} s, or allow more time",
                 retry_after_s,
+                "deadline",
             )
 
     def _work_ahead_s(self) -> float:

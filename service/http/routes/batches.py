@@ -14,6 +14,7 @@ from service.batches.record import BatchRecord, Result
 from service.errors import BatchNotFoundError, InvalidOptionsError
 from service.http.access import note_change, own_batch, require
 from service.http.openapi import picture_response
+from service.http.routes.localize import while_connected
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -104,11 +105,15 @@ async def get_export(
     """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
     services = services_of(request)
     record = own_batch(request, batch_id)
-    async with services.export_turns:
-        results = await services.batches.results(batch_id, range(len(record.names)))
-        request_of = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
-        place = services.registry.has(request_of.map_id) and services.registry.get(request_of.map_id)
-        file = await open_export(services.storage, request_of, place or None)
+
+    async def export() -> BinaryIO:
+        async with services.export_turns:
+            results = await services.batches.results(batch_id, range(len(record.names)))
+            wanted = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
+            place = services.registry.get(wanted.map_id) if services.registry.has(wanted.map_id) else None
+            return await open_export(services.storage, wanted, place, services.settings.export_time_s)
+
+    file = await while_connected(request, export())
     headers = {
         "Content-Disposition": f'attachment; filename="{batch_id}-{format}.zip"',
         "Content-Length": str(os.fstat(file.fileno()).st_size),
@@ -135,11 +140,15 @@ async def get_plan(
     """
     services = services_of(request)
     record = own_batch(request, batch_id)
-    async with services.export_turns:
-        results = await services.batches.results(batch_id, range(len(record.names)))
-        drawn = map_of(record, results, map_id)
-        place = services.registry.get(drawn) if services.registry.has(drawn) else None
-        picture = await draw_plan(services.storage, record, results, drawn, place)
+
+    async def draw() -> bytes:
+        async with services.export_turns:
+            results = await services.batches.results(batch_id, range(len(record.names)))
+            drawn = map_of(record, results, map_id)
+            place = services.registry.get(drawn) if services.registry.has(drawn) else None
+            return await draw_plan(services.storage, record, results, drawn, place, services.settings.export_time_s)
+
+    picture = await while_connected(request, draw())
     return Response(picture, media_type="image/png", headers={"Cache-Control": "private, no-cache"})
 
 

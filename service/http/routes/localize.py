@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Coroutine
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
@@ -10,7 +10,6 @@ from starlette.responses import JSONResponse, Response
 
 from core.options import MAX_IMAGES
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
-from service.answer import Document
 from service.errors import InvalidOptionsError
 from service.http.access import caller_of, require
 from service.http.openapi import accepted_headers, files_part, json_part, multipart
@@ -34,6 +33,7 @@ from service.services import services_of
 from service.settings import Settings
 
 router = APIRouter(tags=["localization"])
+Result = TypeVar("Result")
 
 _RETRY_AFTER_S = 1
 # So many images of a query may be as large as one may be: 32 frames of a phone together are smaller than that.
@@ -145,7 +145,7 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
     return options
 
 
-async def while_connected(request: Request, work: Coroutine[Any, Any, Document]) -> Document:
+async def while_connected(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
     """Return what `work` returns; a caller who goes away ends it. Raises ClientDisconnect."""
     task = asyncio.create_task(work)
     watch = asyncio.create_task(_disconnected(request))

@@ -17,6 +17,7 @@ from service.http.routes.batches import batch_document
 from service.http.routes.localize import checked_options
 from service.http.schemas.batches import QUEUED_BATCH_EXAMPLE, Batch, BatchOptions
 from service.http.spool import PartRule
+from service.http.upload_place import hold_upload_place
 from service.http.uploads import MAX_PARTS, Form, read_form
 from service.http.validation import parse_json
 from service.jobs import new_id, now
@@ -45,7 +46,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
 @router.post(
     "/batches",
     summary="Localize many images, one by one",
-    dependencies=[Depends(require("localize"))],
+    dependencies=[Depends(require("localize")), Depends(hold_upload_place)],
     status_code=202,
     response_model=None,
     responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 503)},

@@ -17,6 +17,7 @@ from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledFile
+from service.http.upload_place import hold_upload_place
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
@@ -41,7 +42,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
 @router.post(
     "/maps",
     summary="Register a scan",
-    dependencies=[Depends(require("write"))],
+    dependencies=[Depends(require("write")), Depends(hold_upload_place)],
     status_code=202,
     response_model=None,
     responses={**_ACCEPTED, **error_responses(400, 401, 403, 408, 409, 413, 415, 422, 503)},
@@ -83,7 +84,7 @@ async def post_map(request: Request) -> Response:
 @router.put(
     "/maps/{map_id}/scan",
     summary="Replace a map's scan by a newer one",
-    dependencies=[Depends(require("write"))],
+    dependencies=[Depends(require("write")), Depends(hold_upload_place)],
     status_code=202,
     response_model=None,
     responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 408, 413, 415, 422, 503)},

@@ -413,7 +413,7 @@ async def test_no_more_than_two_exports_are_written_at_the_same_time(
     await done(running, batch_id)
     under_way, most = 0, 0
 
-    async def counted(module: str, tour: str, name: str, target: str) -> None:
+    async def counted(module: str, tour: str, name: str, target: str, time_s: float) -> None:
         nonlocal under_way, most
         under_way += 1
         most = max(most, under_way)
