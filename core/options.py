@@ -45,6 +45,8 @@ FARTHEST_M = 1e8
 """Of any coordinate: nothing on Earth lies farther from the origin of its frame, geocentric ones included."""
 MIN_SPACING_M, MAX_SPACING_M = 0.05, 50.0
 """Of the distance of starts."""
+MIN_POINTS = 100
+"""Of a scan that becomes a map: fewer are a mistake of the export, not a place."""
 MAX_TOP_K = 20
 """Poses that one answer may hold; the search keeps 32 candidates, and those close together are one pose."""
 MAX_PIXELS = 100_000_000

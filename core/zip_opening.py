@@ -21,6 +21,17 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
         yield archive
 
 
+def unpacked_bytes(path: Path, most: int) -> int:
+    """Return the bytes that an archive announces to hold, `most` where that is more; of what is no archive, or holds less, its own size."""
+    size_bytes = path.stat().st_size
+    try:
+        with open_zip(path) as archive:
+            announced = sum(info.file_size for info in archive.infolist())
+    except zipfile.BadZipFile:
+        return size_bytes
+    return max(size_bytes, min(announced, most))
+
+
 def leads_out(name: str) -> bool:
     """Tell whether a file of this name would lie outside of the folder that its archive is unpacked into."""
     place = PurePosixPath(name.replace("\\", "/"))

@@ -52,6 +52,9 @@ class Storage(Protocol):
     def delete_all(self, prefix: str) -> None:
         """Delete everything below a prefix, in one step for whoever reads; does nothing when there is nothing."""
 
+    def delete(self, key: str) -> None:
+        """Delete one file with its digest; does nothing when there is none."""
+
     def spool_folder(self) -> Path:
         """Return a folder for uploads under way, from which `adopt` takes files without copying them."""
 
@@ -158,6 +161,12 @@ class FolderStorage:
         except FileNotFoundError:
             return
         shutil.rmtree(condemned, ignore_errors=True)
+
+    def delete(self, key: str) -> None:
+        """Delete a file, then its digest: without it the file would be read unchecked."""
+        with lacks_said():
+            for each in (key, key + _DIGEST_SUFFIX):
+                self._path(each).unlink(missing_ok=True)
 
     def spool_folder(self) -> Path:
         """Return the folder for uploads under way."""

@@ -35,7 +35,7 @@ _OTHER_MAGIC = {
     b"MZ": "a program",
     b"\x7fELF": "a program",
 }
-KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, GLB, glTF, OBJ, XYZ, TXT, CSV or PTS, or a zip of them"
+KNOWN_FORMATS = "PLY, PCD, LAS, LAZ, E57, PTX, GLB, glTF, OBJ, XYZ, TXT, CSV, ASC or PTS, or a zip of them"
 
 
 def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:

@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 
+MAX_COUNTED_BYTES = 4 * 2**30
+"""That an archive may announce for its limits, as many as the largest upload has by default: announced bytes cost nobody anything."""
+
 MAX_ATTEMPTS = 5
 """Attempts of one registration, also over restarts of the service: a scan that ends its process will do it again."""
 
 
 @dataclass(frozen=True)
 class RegistrationLimits:
-    """Limits that grow with the bytes of the scan's file.
+    """Limits that grow with the bytes of the scan's file, of an archive with what it unpacks to.
 
     The largest scan that was measured, 50 million points in 750 MB, takes minutes and less than 2 GB; a small one seconds.
     """

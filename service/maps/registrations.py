@@ -145,7 +145,8 @@ class Registrations:
         while True:
             await self._wait_until_possible()
             newest = self._registry.get(ref.id).newest
-            job = _job(newest, ref, request_id, self._limits.seconds(newest.scan_bytes))
+            scan_bytes = await self._registry.counted_bytes(newest)
+            job = _job(newest, ref, request_id, self._limits.seconds(scan_bytes))
             try:
                 return await self._pool.register(job, lambda: self._begin_attempt(ref))
             except TryAgainError as error:

@@ -19,7 +19,8 @@ import structlog
 
 from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StorageError
 from service.jobs import MapRef, now
-from service.maps.record import MapRecord, coordinate_system_of, folder_of, key_of, read_record, write_record
+from service.maps.record import MapRecord, Revision, coordinate_system_of, folder_of, key_of, read_record, write_record
+from service.maps.scan_size import counted_bytes
 from service.maps.visible import VisibleMaps
 from service.storage import Storage
 
@@ -140,6 +141,10 @@ class MapRegistry:
         key = key_of(ref, name)
         await self._in_turn(ref.id, asyncio.to_thread(self._storage.adopt, key, file, digest))
         return key
+
+    async def counted_bytes(self, revision: Revision) -> int:
+        """Return how large a scan is for the limits of its registration."""
+        return await asyncio.to_thread(counted_bytes, self._storage, revision)
 
     async def put_files(self, ref: MapRef, files: Mapping[str, bytes]) -> None:
         """Store files of a revision by name. Raises MapNotFoundError when it was replaced or deleted meanwhile."""

@@ -53,9 +53,17 @@ class MapCatalog:
         """Keep a copy of an index with its map, for as long as that is there; where there is no room, there is none."""
         try:
             self._storage.put(_index_key(map_ref, digest), encoded)
+            self._forget_other_indexes(map_ref, digest)
         except (TryAgainError, OSError) as error:
             _log.warning("a map index has no copy on disk", extra={"map_id": map_ref.id, "error": str(error)})
         self._forget_index_of_deleted(map_ref)
+
+    def _forget_other_indexes(self, map_ref: MapRef, digest: str) -> None:
+        """Remove copies of other configurations, which nobody asks for any more once this one was built."""
+        folder, kept = f"{folder_of(map_ref.id)}/{map_ref.revision}", f"index-{digest}.plmi"
+        for name in self._storage.names(folder):
+            if name.startswith("index-") and name.endswith(".plmi") and name != kept:
+                self._storage.delete(f"{folder}/{name}")
 
     def _forget_index_of_deleted(self, map_ref: MapRef) -> None:
         """Leave nothing of a revision that was replaced or deleted while its index was written."""

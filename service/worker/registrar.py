@@ -1,5 +1,6 @@
 """The worker that registers maps: reads the scan, builds its index, puts it into Redis. Runs in a process of its own."""
 
+import contextlib
 import dataclasses
 import os
 import socket
@@ -10,17 +11,22 @@ from typing import TypeVar
 
 import torch
 
+from core.errors import ScanContentError
 from core.index.map_builder import build_map_index, index_config_digest
 from core.index.map_codec import encode_map_index
 from core.index.map_diagnostics import map_diagnostics
 from core.index.map_index import MapIndex
+from core.options import MIN_POINTS
 from core.pictures import draw_map_preview, encode_png
+from core.scan.archive.unpacking import remove_remains
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
+from core.zip_opening import unpacked_bytes
 from service.cache import WorkerCache
-from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError
+from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError
 from service.host.process_resources import limit_process, num_usable_cpus
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
+from service.limits.registration_limits import MAX_COUNTED_BYTES
 from service.storage import open_storage
 from service.worker.map_catalog import MapCatalog
 from service.worker.outcomes import sample_ply, starts_of, stats_of
@@ -93,14 +99,26 @@ class Registrar:
             format=PurePosixPath(job.scan_name).suffix or None,
         )
         with self._catalog.scan_file(job) as path:
-            allowed, scan_bytes = limits.registration_limits, path.stat().st_size
+            allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
             # The pool looks after the time of a registration; this also ends a rebuild that computes for ever.
             self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
+            self._remove_remains()
             cloud = read_scan(
                 path, reading, lambda share: progress.report("reading", share), self._catalog.temporary_folder
             )
+        if len(cloud) < MIN_POINTS:
+            raise ScanContentError(
+                f"The scan has {len(cloud):,} points; expected at least {MIN_POINTS}, and thousands for a map that serves. "
+                "Export the whole scan."
+            )
         return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
+
+    def _remove_remains(self) -> None:
+        """Remove what registrations of archives that were killed have left behind."""
+        # Where nothing can be written now, maps whose index is lost are built all the same.
+        with contextlib.suppress(TryAgainError, OSError):
+            remove_remains(self._catalog.temporary_folder())
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:
         """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""

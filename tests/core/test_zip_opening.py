@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
+from core.zip_opening import is_encrypted, is_link, leads_out, open_zip, unpacked_bytes
 
 
 def zip_at(path: Path, names: list[str]) -> Path:
@@ -25,6 +25,18 @@ def test_a_list_of_files_that_is_too_long_is_refused_unread(tmp_path: Path, monk
     with open_zip(path) as archive:
         assert len(archive.namelist()) == 30
         assert archive.read("7.ply") == b"1"
+
+
+def test_an_archive_counts_with_what_it_holds_and_anything_else_with_itself(tmp_path: Path) -> None:
+    path = tmp_path / "a.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("table.xyz", b"0 0 0\n" * 10_000)
+    assert path.stat().st_size < 1000
+    assert unpacked_bytes(path, 10**9) == 60_000
+    assert unpacked_bytes(path, 5000) == 5000
+    assert unpacked_bytes(path, 1) == path.stat().st_size
+    (tmp_path / "scan.ply").write_bytes(b"ply" * 100)
+    assert unpacked_bytes(tmp_path / "scan.ply", 10**9) == 300
 
 
 def test_a_file_without_a_name_is_refused(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def unpacked(path: Path, report: Callable[[float], None], temporary: Path) -> It
 
     Raises ScanDamagedError and ScanContentError.
     """
-    _remove_remains(temporary)
+    remove_remains(temporary)
     folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{socket.gethostname()}-{os.getpid()}-", dir=temporary))
     try:
         _unpack(path, folder, report)
@@ -78,8 +78,8 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
         ) from error
 
 
-def _remove_remains(temporary: Path) -> None:
-    """Remove folders of processes of this machine that were killed while they read."""
+def remove_remains(temporary: Path) -> None:
+    """Remove folders of processes of this machine that were killed while they read; registrations of any scan begin with it."""
     for folder in temporary.glob(f"{_PREFIX}*"):
         match = re.match(rf"{_PREFIX}{re.escape(socket.gethostname())}-(\d+)-", folder.name)
         if match and not _is_alive(int(match.group(1))):

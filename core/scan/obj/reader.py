@@ -66,7 +66,16 @@ def _parts(
             textures[material.texture] = reader.read(path.read_bytes(), material.texture)
         chosen = statements.triangle_materials == number
         texture = None if material.texture is None else textures[material.texture]
-        parts.append(_part(statements, chosen, material, texture, vertex_colors))
+        part = _part(statements, chosen, material, texture, vertex_colors)
+        if texture is not None and part.paint.texture is None:
+            num_without = int((statements.triangle_uv[chosen] < 0).any(axis=1).sum())
+            context.note(
+                "texture_unused",
+                f"The material {name[:80]!r} has the texture {str(material.texture)[:80]!r}, but {num_without:,} of its "
+                f"{len(part.triangles):,} triangles have no texture coordinates: it is shown on none of them. Export the model with them.",
+                "warning",
+            )
+        parts.append(part)
     return parts
 
 

@@ -1,15 +1,18 @@
 """OBJ models with vertex colours, or with materials and textures beside them."""
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.errors import ScanContentError, ScanDamagedError
 from core.options import ScanOptions
 from core.scan.obj.materials import read_materials
 from core.scan.reading import read_scan
+from tests.core.scan.mesh_files import zip_of
 
 ScanFile = Callable[[str, bytes | str], Path]
 FLOOR = """# four corners with colours
@@ -95,3 +98,18 @@ def test_options_of_a_texture_are_parted_from_its_name(tmp_path: Path) -> None:
     path.write_text("newmtl a\nKd red\n")
     with pytest.raises(ScanDamagedError, match="Line 2 of the material file"):
         read_materials(path)
+
+
+def test_a_texture_that_no_face_can_have_is_told_of(scan_file: ScanFile) -> None:
+    picture = io.BytesIO()
+    Image.new("RGB", (4, 4), (90, 60, 30)).save(picture, "PNG")
+    files = {
+        "floor.obj": f"mtllib floor.mtl\n{FLOOR}".encode(),
+        "floor.mtl": b"newmtl whatever\nKd 0.5 0.2 0.1\nmap_Kd wood.png\n",
+        "wood.png": picture.getvalue(),
+    }
+    cloud = read_scan(scan_file("floor.zip", zip_of(files)), ScanOptions(max_points_used=3000))
+    (note,) = [note for note in cloud.diagnostics if note.code == "texture_unused"]
+    assert note.severity == "warning"
+    assert "'whatever'" in note.message
+    assert "2 of its 2 triangles have no texture coordinates" in note.message

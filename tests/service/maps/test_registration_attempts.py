@@ -1,7 +1,10 @@
 """A scan that ends the service each time it is registered is given up; one that waits its turn is not."""
 
 import asyncio
+import io
+import zipfile
 from collections.abc import Coroutine
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -135,5 +138,21 @@ def test_the_time_that_a_registration_has_grows_with_its_scan(tmp_path: Path) ->
         await killed(Service(tmp_path, pool))
         limits = RegistrationLimits()
         assert [job.time_limit_s for job in pool.jobs] == [limits.time_s + 5 * limits.time_s_per_mb]
+
+    run(scenario())
+
+
+def test_the_time_of_an_archive_follows_what_it_unpacks_to(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        service = Service(tmp_path, pool := Pool())
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("table.xyz", bytes(50_000_000))
+        service.storage.put("maps/m/1/scan.zip", out.getvalue())
+        packed = replace(RECORD, newest=replace(REVISION, scan_key="maps/m/1/scan.zip", scan_bytes=len(out.getvalue())))
+        await service.registry.add(packed)
+        await killed(service)
+        (job,) = pool.jobs
+        assert job.time_limit_s == RegistrationLimits().seconds(50_000_000)
 
     run(scenario())

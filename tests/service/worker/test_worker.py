@@ -1,6 +1,10 @@
 """The worker and the registrar without Ray: a real index, a real Redis, a folder; only the search is made up."""
 
 import hashlib
+import os
+import socket
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +19,7 @@ import torch
 
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
-from core.options import IndexOptions, ScanOptions
+from core.options import MIN_POINTS, IndexOptions, ScanOptions
 from core.panorama.panorama import Panorama
 from core.results import Candidate, Localization, SearchSummary
 from core.scan.ply.writer import encode_ply
@@ -257,6 +261,40 @@ def test_a_scan_that_changed_on_disk_is_not_registered(place: Place) -> None:
     reply = place.registrar.register(place.job)
     assert reply.failure is not None
     assert reply.failure.kind == "StoredFileDamagedError"
+
+
+def test_remains_of_a_killed_process_go_with_the_next_registration_of_any_scan(place: Place) -> None:
+    uploads = place.folder / "data" / "uploads"
+    uploads.mkdir(parents=True, exist_ok=True)
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    remains = uploads / f"panoloc-zip-{socket.gethostname()}-{gone.pid}-x"
+    own = uploads / f"panoloc-zip-{socket.gethostname()}-{os.getpid()}-x"
+    for folder in (remains, own):
+        (folder / "scans").mkdir(parents=True)
+    place.registrar._remove_remains()
+    assert (remains.exists(), own.exists()) == (False, True)
+
+
+def test_a_scan_of_a_handful_of_points_is_no_map(place: Place) -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (MIN_POINTS - 1, 3)).astype(np.float32)
+    scan = encode_ply(PointCloud(points, np.full((len(points), 3), 99, np.uint8)))
+    FolderStorage(place.folder / "data").put(place.job.scan_key, scan)
+    failure = place.registrar.register(place.job).failure
+    assert failure is not None
+    assert failure.kind == "ScanContentError"
+    assert f"99 points; expected at least {MIN_POINTS}" in failure.message
+
+
+def test_a_copy_of_an_index_takes_the_place_of_those_of_other_configurations(place: Place) -> None:
+    storage = FolderStorage(place.folder / "data")
+    catalog = MapCatalog(storage)
+    for digest in ("0123", "4567"):
+        catalog.store_index(MAP, digest, digest.encode())
+    assert catalog.stored_index(MAP, "4567") == b"4567"
+    assert catalog.stored_index(MAP, "0123") is None
+    left = {path.name for path in (place.folder / "data" / "maps" / MAP.id / "1").iterdir()}
+    assert left == {"scan.ply", "scan.ply.sha256", "index-4567.plmi", "index-4567.plmi.sha256"}
 
 
 @pytest.mark.slow
