@@ -11,7 +11,9 @@ from service.http.schemas.geometry import Answer, Vector
 class AnswerWithChange(Answer):
     """One answer that counts."""
 
-    id: str = Field(description="Of the localization; its answer itself lives shorter.")
+    id: str | None = Field(
+        description="Of the localization, whose answer itself lives shorter; null to keys of one tenant, who share maps with others."
+    )
     created_at: datetime
     position_m: Vector = Field(description="Where the photo was taken.")
     confidence: float

@@ -2,8 +2,8 @@
 
 const MOVING_MS = 36;
 const STILL_MS = 350;
-const FIRST_GUESS_PER_MS = 20_000;
-const LEAST_POINTS = 40_000;
+const FIRST_GUESS_PER_MS = 3000;
+const LEAST_POINTS = 30_000;
 /** A frame that waits for the screen says nothing of how long it took. */
 const SHORTEST_MS = 20;
 
@@ -23,11 +23,10 @@ export class Pace {
   note(numPoints: number, milliseconds: number): void {
     this.frames.push(milliseconds);
     if (this.frames.length > 60) this.frames.shift();
-    if (milliseconds > 1000) return;
     const measured = numPoints / Math.max(milliseconds, 1);
     // Faster than the screen: more would be drawn in the same time.
-    const seen = milliseconds < SHORTEST_MS ? Math.max(this.perMs, measured * 1.15) : measured;
-    this.perMs += 0.25 * (seen - this.perMs);
+    if (milliseconds < SHORTEST_MS) this.perMs = Math.max(this.perMs, Math.min(1.3 * this.perMs, 2 * measured));
+    else this.perMs += (milliseconds > 4 * MOVING_MS ? 0.7 : 0.25) * (measured - this.perMs);
   }
 
   /** Frames per second of the last movement, for whoever measures. */
