@@ -12,10 +12,11 @@ from core.options import ExportFormat
 from service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from service.batches.record import BatchRecord, Result
 from service.errors import BatchNotFoundError, InvalidOptionsError
-from service.http.access import note_change, own_batch, require
+from service.http.access import maps_seen, note_change, own_batch, require
 from service.http.openapi import picture_response
 from service.http.routes.localize import while_connected
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
+from service.maps.record import MapRecord
 from service.problems import error_responses
 from service.services import Services, services_of
 
@@ -110,7 +111,7 @@ async def get_export(
         async with services.export_turns:
             results = await services.batches.results(batch_id, range(len(record.names)))
             wanted = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
-            place = services.registry.get(wanted.map_id) if services.registry.has(wanted.map_id) else None
+            place = _map_seen(request, wanted.map_id)
             return await open_export(services.storage, wanted, place, services.settings.export_time_s)
 
     file = await while_connected(request, export())
@@ -145,7 +146,7 @@ async def get_plan(
         async with services.export_turns:
             results = await services.batches.results(batch_id, range(len(record.names)))
             drawn = map_of(record, results, map_id)
-            place = services.registry.get(drawn) if services.registry.has(drawn) else None
+            place = _map_seen(request, drawn)
             return await draw_plan(services.storage, record, results, drawn, place, services.settings.export_time_s)
 
     picture = await while_connected(request, draw())
@@ -190,6 +191,12 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
         "items": [_item(record, number, results.get(number)) for number in page],
         "next_cursor": str(page[-1] + 1) if more else None,
     }
+
+
+def _map_seen(request: Request, map_id: str) -> MapRecord | None:
+    """Return a map, None where it was deleted, or is none of those that the caller sees, whoever named it."""
+    maps = maps_seen(request)
+    return maps.get(map_id) if maps.has(map_id) else None
 
 
 def _item(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:

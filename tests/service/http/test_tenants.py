@@ -1,13 +1,17 @@
 """Keys of several tenants: each sees its own maps and those shared with it, and every change has its line."""
 
+import io
 import json
+import zipfile
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
+from PIL import Image
 
 from service.host.embedded_redis import EmbeddedRedis
 from service.keys.caller import Scope
@@ -111,6 +115,24 @@ async def test_a_batch_is_there_for_its_tenant_alone(house: House) -> None:
     assert (await house.ask("school", "DELETE", path)).status_code == 404
     assert (await house.ask("school", "POST", "/batches", data={"map_id": map_id}, files=files)).status_code == 404
     assert (await house.ask("museum", "DELETE", path)).status_code == 204
+
+
+async def test_an_export_and_a_plan_show_nothing_of_maps_of_others_by_name(house: House) -> None:
+    own, other = await house.ready_map("museum"), await house.ready_map("school")
+    made = await house.ask("museum", "POST", "/batches", data={"map_id": own}, files={"image": ("a.png", png_of(8, 4))})
+    path = f"/batches/{made.json()['id']}"
+    exports = {}
+    for map_id in (own, other, "map_none"):
+        reply = await house.ask("museum", "GET", f"{path}/export?format=colmap&map_id={map_id}")
+        with zipfile.ZipFile(io.BytesIO(reply.content)) as archive:
+            exports[map_id] = len(archive.read("points3D.txt").splitlines())
+    assert exports == {own: 11, other: 1, "map_none": 1}
+    shown = []
+    for map_id in (other, "map_none"):
+        reply = await house.ask("museum", "GET", f"{path}/plan.png?map_id={map_id}")
+        with Image.open(io.BytesIO(reply.content)) as plan:
+            shown.append(np.asarray(plan.convert("RGB"))[:500])  # without the name below
+    assert np.array_equal(shown[0], shown[1])
 
 
 async def test_the_last_problems_are_shown_to_who_sees_all_maps(house: House) -> None:
