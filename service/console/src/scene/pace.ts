@@ -1,9 +1,11 @@
 /** How many points a frame may have: measured while they are drawn, because machines differ by a factor of a thousand. */
 
 const MOVING_MS = 36;
-const STILL_MS = 350;
+const STILL_MS = 900;
 const FIRST_GUESS_PER_MS = 3000;
 const LEAST_POINTS = 30_000;
+/** Of a picture that stays: nobody waits for the next one. */
+const LEAST_STILL_POINTS = 1_000_000;
 /** A frame that waits for the screen says nothing of how long it took. */
 const SHORTEST_MS = 20;
 
@@ -16,7 +18,7 @@ export class Pace {
   }
 
   get still(): number {
-    return Math.max(4 * LEAST_POINTS, this.perMs * STILL_MS);
+    return Math.max(LEAST_STILL_POINTS, this.perMs * STILL_MS);
   }
 
   /** Note a frame of a movement: how many points it had, how long after the one before it came. */

@@ -224,7 +224,7 @@ export class Stage {
 
   private readonly draw = (now: number): void => {
     const isStill = performance.now() - this.moved > STILL_AFTER_MS;
-    if (this.lastFrame > 0 && this.drawn > 0 && !document.hidden) this.pace.note(this.drawn, now - this.lastFrame);
+    if (this.lastFrame > 0 && this.drawn > 0 && !document.hidden && !isStill) this.pace.note(this.drawn, now - this.lastFrame);
     this.lastFrame = now;
     const tanHalf = Math.tan((this.camera.fov / 360) * Math.PI);
     const pixelsPerRadian = this.renderer.domElement.height / (2 * tanHalf);
