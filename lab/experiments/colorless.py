@@ -1,4 +1,4 @@
-"""`python -m lab.evaluation.colorless CASES...`: can a photo be found in a scan without colours?
+"""`python -m lab.experiments.colorless CASES...`: can a photo be found in a scan without colours?
 
 Takes the colours away from the scans of case folders and puts a grey in their place that a scanner without a camera could have, makes the
 photos alike, and counts how many level panoramas are found. An experiment: the service refuses scans without colours.

@@ -1,0 +1,1 @@
+"""Experiments that the lab notebook tells of, each with what it takes to repeat it."""
