@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import MutableMapping
 
+from core.scan.box.system_calls import can_refuse_system_calls
 from service.app import create_app
 from service.cache import Cache
 from service.host.address import is_loopback
@@ -41,6 +42,10 @@ def run_service(settings: Settings) -> int:
     take_secrets_out(os.environ)
     if exposure := why_exposed(settings):
         _log.warning(exposure)
+    if not can_refuse_system_calls():
+        _log.warning(
+            "readers of scans run without a filter of system calls: this system has none; limits of memory and time hold"
+        )
     with contextlib.ExitStack() as stack:
         try:
             folder = RunFolder(settings.data_dir)

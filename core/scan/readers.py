@@ -23,8 +23,8 @@ READERS: dict[str, ScanReader] = {
     "obj": read_obj,
     "text": read_text,
 }
-BOXED = frozenset({"gltf", "obj"})
-"""Formats of many parts that refer to each other and hold pictures."""
+BOXED = frozenset({"gltf", "obj", "e57"})
+"""Formats of many parts that refer to each other and hold pictures, or whose parser is a native one for all of the file."""
 
 
 def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from core.errors import PanoramaTooLargeError, ScanTooLargeError
 from service.errors import InvalidOptionsError, MalformedRequestError
+from service.http.mistakes import sentence_of
 
 ModelType = TypeVar("ModelType", bound=BaseModel)
 
@@ -49,7 +50,7 @@ def limited_by(setting: str) -> Iterator[None]:
 
 def _field(mistake: Any, skip: int, where: str) -> dict[str, Any]:
     name = ".".join(str(part) for part in mistake["loc"][skip:]) or where or "body"
-    message = str(mistake["msg"]).removeprefix("Value error, ")
-    got = repr(mistake.get("input"))
+    message = sentence_of(mistake)
+    got = "none" if mistake["type"] == "missing" else repr(mistake.get("input"))
     shown = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
     return {"field": name, "message": message if ", got " in message else f"{message}, got {shown}"}

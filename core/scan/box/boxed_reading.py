@@ -18,6 +18,7 @@ from core.scan.box.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
 from core.scan.reading_context import RawChunk, ReadingContext
 
 _READ_BYTES = 1 << 20
+_NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
 _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
 _EXPORT_AGAIN = "The file is damaged or made to do harm; export the scan again."
 
@@ -43,6 +44,11 @@ def read_in_box(reader: str, context: ReadingContext, limits: BoxLimits | None =
         box.close()
 
 
+def _environment() -> dict[str, str]:
+    """Return what a reader needs of our environment, which has passwords and tokens in it."""
+    return {name: value for name, value in os.environ.items() if name in _NEEDED or name.startswith(("LC_", "PYTHON"))}
+
+
 class _Box:
     def __init__(self, reader: str, context: ReadingContext, limits: BoxLimits) -> None:
         self._reader, self._limits = reader.rpartition(":")[2].upper(), limits
@@ -60,7 +66,7 @@ class _Box:
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, **one_thread, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env={**_environment(), **one_thread, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
         assert self._process.stdout is not None

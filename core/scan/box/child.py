@@ -13,6 +13,7 @@ from core.errors import ScanError
 from core.options import ScanOptions
 from core.scan.box.limits import BoxLimits, take_limits
 from core.scan.box.messages import send, send_chunk
+from core.scan.box.system_calls import refuse_system_calls
 from core.scan.reading_context import ReadingContext, ScanReader
 
 _LONGEST_MESSAGE = 2000
@@ -25,6 +26,7 @@ def main() -> None:
     stream = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     take_limits(BoxLimits(**job["limits"]))
+    refuse_system_calls()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         _read(job, stream)

@@ -2,6 +2,8 @@
 
 import ctypes
 import os
+import socket
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,6 +61,26 @@ def nesting(context: ReadingContext) -> Iterator[RawChunk]:
 
 def writing(context: ReadingContext) -> Iterator[RawChunk]:
     Path("/tmp/panoloc-box-test").write_bytes(b"harm")
+    yield _chunk()
+
+
+def connecting(context: ReadingContext) -> Iterator[RawChunk]:
+    socket.create_connection(("127.0.0.1", 1))
+    yield _chunk()
+
+
+def executing(context: ReadingContext) -> Iterator[RawChunk]:
+    subprocess.run(["/bin/true"], check=True)
+    yield _chunk()
+
+
+def killing(context: ReadingContext) -> Iterator[RawChunk]:
+    os.kill(os.getppid(), 0)
+    yield _chunk()
+
+
+def telling_secrets(context: ReadingContext) -> Iterator[RawChunk]:
+    raise ScanDamagedError(f"{sorted(name for name in os.environ if 'TOKEN' in name or 'PANOLOC' in name)}")
     yield _chunk()
 
 

@@ -1,5 +1,6 @@
 """A reader that crashes, hangs or takes too much fails its scan with a message, and nothing else."""
 
+import platform
 import subprocess
 import sys
 import time
@@ -53,6 +54,20 @@ def test_what_goes_wrong_in_a_reader_becomes_the_error_of_its_scan(
 ) -> None:
     with pytest.raises(error, match=said):
         read(name, tmp_path, limits)
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "aarch64"), reason="the filter is of these processors")
+@pytest.mark.parametrize("name", ["connecting", "executing", "killing"])
+def test_a_reader_reaches_neither_network_nor_programs_nor_processes(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ScanDamagedError, match="PermissionError"):
+        read(name, tmp_path)
+
+
+def test_a_reader_knows_no_secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for secret in ("RAY_AUTH_TOKEN", "PANOLOC_API_KEYS", "SOME_TOKEN"):
+        monkeypatch.setenv(secret, "secret")
+    with pytest.raises(ScanDamagedError, match=r"^\[\]$"):
+        read("telling_secrets", tmp_path)
 
 
 def running_with(path: Path) -> list[str]:

@@ -1,0 +1,71 @@
+"""Clients that ask a running service without a pause, and what they got."""
+
+import threading
+import time
+from dataclasses import dataclass, field
+
+import httpx
+
+from tests.integration.small_room import small_room
+
+
+@dataclass
+class Answers:
+    """at: monotonic seconds of each end. status: 0 where there was no answer. seconds: each took. wrong: 200 with another pose."""
+
+    at: list[float] = field(default_factory=list)
+    status: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    wrong: int = 0
+
+    def count(self, status: int) -> int:
+        """Return how many had this status."""
+        return self.status.count(status)
+
+
+class Clients:
+    """Threads that localize the same panorama until `stop`."""
+
+    def __init__(self, url: str, map_id: str, number: int, timeout_s: float = 300.0) -> None:
+        self.answers = Answers()
+        self._url, self._map_id, self._timeout_s = url, map_id, timeout_s
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        self._threads = [threading.Thread(target=self._ask, daemon=True) for _ in range(number)]
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> Answers:
+        """Wait for the last answers and return all."""
+        self._ending.set()
+        for thread in self._threads:
+            thread.join(self._timeout_s + 60)
+        return self.answers
+
+    def answered_since(self, when: float) -> bool:
+        """Tell whether there was a right answer to a request that ended after a moment."""
+        with self._lock:
+            return any(
+                at > when and status == 200 for at, status in zip(self.answers.at, self.answers.status, strict=True)
+            )
+
+    def _ask(self) -> None:
+        options = f'{{"timeout_s": {self._timeout_s:g}}}'
+        with httpx.Client(base_url=self._url, timeout=self._timeout_s + 30) as client:
+            while not self._ending.is_set():
+                began, status, wrong = time.monotonic(), 0, False
+                try:
+                    reply = client.post(
+                        "/localize",
+                        files={"image": ("photo.jpg", small_room().panorama)},
+                        data={"map_id": self._map_id, "options": options},
+                    )
+                    status = reply.status_code
+                    wrong = status == 200 and not small_room().error_of(reply.json()).within(0.05, 5)
+                except httpx.TransportError:
+                    time.sleep(0.2)
+                with self._lock:
+                    self.answers.at.append(time.monotonic())
+                    self.answers.status.append(status)
+                    self.answers.seconds.append(time.monotonic() - began)
+                    self.answers.wrong += wrong

@@ -1,0 +1,155 @@
+"""Kills, overload and soak of a service that runs as its users run it."""
+
+import os
+import signal
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from lab.process_memory import family_bytes
+from service.host.process_tree import process_name
+from tests.campaign.clients import Answers, Clients
+from tests.campaign.outcome import Outcome, quantile
+from tests.integration.running_service import RunningService, eventually
+from tests.integration.small_room import OPTIONS, small_room
+
+# What comes back by itself. Ray's own processes end the service, which a supervisor starts again.
+KILLED = {"replica": "ServeReplica", "controller": "ServeController", "redis": "redis.sock"}
+_PATIENCE_S = 300.0
+
+
+def kills(process: str, times: int, num_clients: int = 4) -> Outcome:
+    """Kill one class of processes again and again under clients."""
+    outcome, began = Outcome(f"kill the {process} under {num_clients} clients"), time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        service, map_id = _ready(Path(folder))
+        clients = Clients(str(service.http.base_url), map_id, num_clients)
+        back_s = []
+        try:
+            assert eventually(lambda: clients.answered_since(0.0), _PATIENCE_S)
+            for _ in range(times):
+                assert eventually(lambda: bool(_pids(service, process)), _PATIENCE_S)
+                killed = time.monotonic()
+                for pid in _pids(service, process):
+                    os.kill(pid, signal.SIGKILL)
+                # Answers that were on their way when it was killed do not count.
+                time.sleep(0.2)
+                assert eventually(lambda since=killed + 0.2: clients.answered_since(since), _PATIENCE_S)  # type: ignore[misc]
+                back_s.append(time.monotonic() - killed)
+                outcome.cases += 1
+            answers = clients.stop()
+            if service.http.get("/maps").json()["items"][0]["id"] != map_id:
+                outcome.faults.append("a map is lost")
+        finally:
+            clients.stop()
+            service.stop()
+    _tell(outcome, answers)
+    outcome.figures |= {
+        "answers flow again after (median, longest)": f"{quantile(back_s, 0.5):.1f} s, {max(back_s):.1f} s"
+    }
+    outcome.seconds = time.monotonic() - began
+    return outcome
+
+
+def overload(seconds: float, num_clients: int = 40) -> Outcome:
+    """Ask ten times as much as a queue of four holds."""
+    outcome, began = Outcome(f"{num_clients} clients, a queue of 4"), time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        service, map_id = _ready(Path(folder), queue_limit="4")
+        try:
+            alone = Clients(str(service.http.base_url), map_id, 1)
+            time.sleep(min(20.0, seconds / 3))
+            one_s = quantile(alone.stop().seconds, 0.5)
+            idle = sum(family_bytes(service.process.pid).values())
+            clients = Clients(str(service.http.base_url), map_id, num_clients)
+            time.sleep(seconds)
+            busy = sum(family_bytes(service.process.pid).values())
+            answers = clients.stop()
+        finally:
+            service.stop()
+    outcome.cases = len(answers.status)
+    _tell(outcome, answers, allowed=(429, 503, 504))
+    taken = [lasted for lasted, status in zip(answers.seconds, answers.status, strict=True) if status == 200]
+    refused = [lasted for lasted, status in zip(answers.seconds, answers.status, strict=True) if status == 429]
+    outcome.figures |= {
+        "one client": f"{one_s:.2f} s", "p99 of accepted": f"{quantile(taken, 0.99):.2f} s",
+        "refusals p50, p99": f"{1000 * quantile(refused, 0.5):.0f} ms, {1000 * quantile(refused, 0.99):.0f} ms",
+        "504 of admitted": f"{100 * answers.count(504) / max(1, len(taken) + answers.count(504)):.1f} %",
+        "memory idle, busy": f"{idle / 1e6:.0f} MB, {busy / 1e6:.0f} MB",
+    }  # fmt: skip
+    outcome.seconds = time.monotonic() - began
+    return outcome
+
+
+def soak(seconds: float) -> Outcome:
+    """Ask without a pause; compare memory, descriptors and files at the end with those after a sixth of the time."""
+    outcome, began = Outcome("soak with 2 clients"), time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        service, map_id = _ready(Path(folder))
+        try:
+            clients = Clients(str(service.http.base_url), map_id, 2)
+            time.sleep(seconds / 6)
+            first = _held(service, Path(folder))
+            time.sleep(seconds * 5 / 6)
+            last = _held(service, Path(folder))
+            answers = clients.stop()
+        finally:
+            service.stop()
+    outcome.cases = len(answers.status)
+    _tell(outcome, answers)
+    for name, before in first.items():
+        outcome.figures[name] = f"{before:,} → {last[name]:,}"
+        if last[name] > 1.05 * before + 20:
+            outcome.faults.append(f"{name} grew from {before:,} to {last[name]:,}")
+    outcome.seconds = time.monotonic() - began
+    return outcome
+
+
+def _ready(folder: Path, **settings: str) -> tuple[RunningService, str]:
+    service = RunningService(folder / "data", **settings)
+    try:
+        service.wait_until_ready()
+        return service, service.register(small_room().scan, OPTIONS)
+    except BaseException:
+        service.kill()
+        raise
+
+
+def _pids(service: RunningService, process: str) -> list[int]:
+    return [pid for pid in service.family() if KILLED[process] in _name(pid)]
+
+
+def _name(pid: int) -> str:
+    try:
+        return process_name(pid)
+    except OSError:
+        return ""
+
+
+def _tell(outcome: Outcome, answers: Answers, allowed: tuple[int, ...] = ()) -> None:
+    statuses = Counter(answers.status)
+    outcome.figures |= {
+        "answers": f"{len(answers.status):,}",
+        "of them 200": f"{statuses[200]:,}",
+        "wrong": str(answers.wrong),
+    }
+    for status, count in sorted(statuses.items()):
+        if status != 200:
+            outcome.figures["unanswered" if status == 0 else str(status)] = f"{count:,}"
+        if status != 200 and status not in allowed:
+            outcome.faults.append(f"{count} requests " + ("without an answer" if status == 0 else f"with {status}"))
+    if answers.wrong:
+        outcome.faults.append(f"{answers.wrong} wrong poses")
+
+
+def _held(service: RunningService, folder: Path) -> dict[str, int]:
+    pids = service.family()
+    return {
+        "MB": sum(family_bytes(service.process.pid).values()) // 10**6,
+        "descriptors": sum(
+            len(list(Path(f"/proc/{pid}/fd").iterdir())) for pid in pids if Path(f"/proc/{pid}/fd").exists()
+        ),
+        "files": sum(1 for _ in folder.rglob("*")),
+        "processes": len(pids),
+    }

@@ -1,0 +1,37 @@
+"""Every mistake in options is told in the words of the service, not in those of its libraries."""
+
+import pytest
+
+from service.errors import InvalidOptionsError
+from service.http.schemas import LocalizeOptions, MapOptions
+from service.http.schemas.map_options import MapPatch
+from service.http.validation import parse_json
+
+
+@pytest.mark.parametrize(
+    ("model", "text", "said"),
+    [
+        (LocalizeOptions, '{"timeout_s": -3}', "timeout_s: expected more than 0.0, got -3. "),
+        (LocalizeOptions, '{"top_k": "x"}', "top_k: expected a whole number, got 'x'. "),
+        (
+            LocalizeOptions,
+            '{"hints": {"position_m": [1, 2]}}',
+            "hints.position_m: expected at least 3 items, got [1, 2]. ",
+        ),
+        (MapOptions, '{"unit": "furlong"}', "unit: expected 'm', 'cm', 'mm' or 'ft', got 'furlong'. "),
+        (
+            MapOptions,
+            '{"unt": "m"}',
+            "unt: expected no field of this name, see /docs for those that there are, got 'm'. ",
+        ),
+        (MapPatch, '{"coordinate_system": "EPSG:1"}', "coordinate_system: expected a projected coordinate system"),
+    ],
+)
+def test_a_mistake_says_what_was_expected_and_what_came(
+    model: type[LocalizeOptions] | type[MapOptions] | type[MapPatch], text: str, said: str
+) -> None:
+    with pytest.raises(InvalidOptionsError) as caught:
+        parse_json(model, text.encode(), "options")
+    assert str(caught.value).startswith(said)
+    for words in ("Input should", "valid integer", "permitted", "validation"):
+        assert words not in str(caught.value)
