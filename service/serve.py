@@ -6,13 +6,13 @@ import os
 import threading
 from collections.abc import MutableMapping
 
-from core.scan.box.system_calls import can_refuse_system_calls
 from service.app import create_app
 from service.cache import Cache
 from service.host.address import is_loopback
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
+from service.host.process_resources import can_filter_system_calls
 from service.host.run_folder import DataFolderInUseError, RunFolder
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
@@ -42,7 +42,7 @@ def run_service(settings: Settings) -> int:
     take_secrets_out(os.environ)
     if exposure := why_exposed(settings):
         _log.warning(exposure)
-    if not can_refuse_system_calls():
+    if not can_filter_system_calls():
         _log.warning(
             "readers of scans run without a filter of system calls: this system has none; limits of memory and time hold"
         )

@@ -6,6 +6,7 @@ The C library's heap keeps what was freed unless it is told otherwise.
 import ctypes
 import math
 import os
+import platform
 import sys
 from pathlib import Path
 
@@ -51,6 +52,15 @@ def limit_process(num_bytes: int, cpu_s: float) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (has_now + num_bytes, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     used = resource.getrusage(resource.RUSAGE_SELF)
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used.ru_utime + used.ru_stime + cpu_s),) * 2)
+
+
+def can_filter_system_calls() -> bool:
+    """Tell whether the readers of scans will have their filter, see `core.scan.box.system_calls`."""
+    try:
+        knows_seccomp = "\nSeccomp:" in Path("/proc/self/status").read_text()
+    except OSError:
+        return False
+    return knows_seccomp and platform.machine() in ("x86_64", "aarch64")
 
 
 def keep_freed_memory() -> None:

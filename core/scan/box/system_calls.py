@@ -6,7 +6,7 @@ import platform
 import struct
 import sys
 
-_SET_NO_NEW_PRIVS, _GET_SECCOMP, _SET_SECCOMP, _FILTER_MODE = 38, 21, 22, 2
+_SET_NO_NEW_PRIVS, _SET_SECCOMP, _FILTER_MODE = 38, 22, 2
 _LOAD, _EQUAL, _AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
 _ALLOW, _KILL, _REFUSE = 0x7FFF0000, 0x80000000, 0x00050000 | errno.EPERM
 _NUMBER_AT, _ARCHITECTURE_AT = 0, 4
@@ -25,14 +25,6 @@ _AARCH64 = {
 }  # fmt: skip
 # AUDIT_ARCH_… of <linux/audit.h>, and the numbers that calls have there.
 _MACHINES = {"x86_64": (0xC000003E, _X86_64), "aarch64": (0xC00000B7, _AARCH64)}
-
-
-def can_refuse_system_calls() -> bool:
-    """Tell whether `refuse_system_calls` would, without doing it."""
-    if not sys.platform.startswith("linux") or platform.machine() not in _MACHINES:
-        return False
-    # 0 where it is there and not in use; in a process that is filtered already, 2.
-    return bool(ctypes.CDLL(None).prctl(_GET_SECCOMP, 0, 0, 0, 0) >= 0)
 
 
 def refuse_system_calls() -> bool:
