@@ -64,6 +64,11 @@ export class PointCloud {
     return this.numArrived;
   }
 
+  /** Whether all points are there. */
+  get isComplete(): boolean {
+    return 3 * this.numArrived === this.arrays.positions.length;
+  }
+
   /** Say that the first `numArrived` points are in the arrays now. */
   grow(numArrived: number): void {
     const first = this.numArrived;

@@ -223,7 +223,8 @@ export class Stage {
   }
 
   private readonly draw = (now: number): void => {
-    const isStill = performance.now() - this.moved > STILL_AFTER_MS;
+    // While points come, pictures are quick ones: a full one would hold the stream up.
+    const isStill = performance.now() - this.moved > STILL_AFTER_MS && (this.cloud?.isComplete ?? true);
     if (this.lastFrame > 0 && this.drawn > 0 && !document.hidden && !isStill) this.pace.note(this.drawn, now - this.lastFrame);
     this.lastFrame = now;
     const tanHalf = Math.tan((this.camera.fov / 360) * Math.PI);
@@ -232,7 +233,8 @@ export class Stage {
     this.markers.scaleTo(this.camera, tanHalf, this.standing !== null);
     this.renderer.render(this.scene, this.camera);
     this.isFull = isStill;
-    this.frame = isStill ? 0 : requestAnimationFrame(this.draw);
+    const isWaiting = !isStill && performance.now() - this.moved > STILL_AFTER_MS;
+    this.frame = isStill || isWaiting ? 0 : requestAnimationFrame(this.draw);
   };
 
   private readonly down = (event: PointerEvent): void => {
