@@ -17,6 +17,11 @@ export class Pace {
     return Math.max(LEAST_POINTS, this.perMs * MOVING_MS);
   }
 
+  /** Whether even few points take too long. */
+  get isSlow(): boolean {
+    return this.perMs * MOVING_MS < 4 * LEAST_POINTS;
+  }
+
   get still(): number {
     return Math.max(LEAST_STILL_POINTS, this.perMs * STILL_MS);
   }

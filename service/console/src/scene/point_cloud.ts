@@ -32,6 +32,8 @@ const CELLS_ACROSS = 64;
 /** A point is drawn somewhat wider than its distance to the next, so that surfaces close. */
 const OVERLAP = 1.5;
 const COARSE_SHARE = 0.3;
+const LARGEST_PX = 64;
+const LARGEST_WHEN_SLOW_PX = 4;
 
 export class PointCloud {
   readonly object: Points<BufferGeometry, ShaderMaterial>;
@@ -54,7 +56,7 @@ export class PointCloud {
     geometry.setAttribute("tint", this.tints);
     geometry.boundingSphere = new Sphere(new V3(), Infinity);
     geometry.setDrawRange(0, 0);
-    const uniforms = { spacing: { value: 0.01 }, pixelsPerRadian: { value: 500 }, cut: { value: Infinity }, largest: { value: 64 }, numCoarse: { value: 0 }, anyTint: { value: false } };
+    const uniforms = { spacing: { value: 0.01 }, pixelsPerRadian: { value: 500 }, cut: { value: Infinity }, largest: { value: LARGEST_PX }, numCoarse: { value: 0 }, anyTint: { value: false } };
     const material = new ShaderMaterial({ glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms });
     this.object = new Points(geometry, material);
     this.object.frustumCulled = false;
@@ -88,12 +90,16 @@ export class PointCloud {
     if (cells.length) this.retint(0);
   }
 
-  /** Draw at most `most` points from now on, as large as it takes for so many to close surfaces; return how many that are. */
-  show(most: number, pixelsPerRadian: number): number {
+  /**
+   * Draw at most `most` points from now on, as large as it takes for so many to close surfaces; return how many that are.
+   * isSlow: leave gaps instead, because pixels cost more than points where a processor draws them.
+   */
+  show(most: number, pixelsPerRadian: number, isSlow = false): number {
     const count = Math.min(this.numArrived, Math.max(1, Math.floor(most)));
     this.object.geometry.setDrawRange(0, count);
-    const { spacing, pixelsPerRadian: scale, numCoarse } = this.object.material.uniforms;
-    numCoarse!.value = Math.floor(COARSE_SHARE * count);
+    const { spacing, pixelsPerRadian: scale, numCoarse, largest } = this.object.material.uniforms;
+    numCoarse!.value = isSlow ? 0 : Math.floor(COARSE_SHARE * count);
+    largest!.value = isSlow ? LARGEST_WHEN_SLOW_PX : LARGEST_PX;
     spacing!.value = OVERLAP * Math.sqrt(this.areaM2 / Math.max(1, count));
     scale!.value = pixelsPerRadian;
     return count;

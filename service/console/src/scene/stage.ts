@@ -229,7 +229,7 @@ export class Stage {
     this.lastFrame = now;
     const tanHalf = Math.tan((this.camera.fov / 360) * Math.PI);
     const pixelsPerRadian = this.renderer.domElement.height / (2 * tanHalf);
-    if (this.cloud) this.drawn = this.cloud.show(isStill ? this.pace.still : this.pace.moving, pixelsPerRadian);
+    if (this.cloud) this.drawn = this.cloud.show(isStill ? this.pace.still : this.pace.moving, pixelsPerRadian, !isStill && this.pace.isSlow);
     this.markers.scaleTo(this.camera, tanHalf, this.standing !== null);
     this.renderer.render(this.scene, this.camera);
     this.isFull = isStill;
