@@ -6,9 +6,11 @@ from typing import Any
 
 import torch
 
+from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast.fast_method import FastMethod
+from core.fast.unknown_width import unknown_width, with_found_camera
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement_by_photo
@@ -66,7 +68,11 @@ class Localizer:
         clock = StageClock(timeout_s, self.device)
         if isinstance(query, Photo):
             query = Session.of_photo(query)
+        found_camera: Camera | None = None
         with torch.inference_mode(method == "fast"):
+            if isinstance(query, Session) and unknown_width(query):
+                query = with_found_camera(self._fast, query, maps, hints, clock, self.config.unknown_width)
+                found_camera = query.images[0].photo.camera
             if method == "fast":
                 result = self._fast.run(query, maps, hints, clock)
             elif method == "paper":
@@ -77,7 +83,7 @@ class Localizer:
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
         if isinstance(query, Session):
-            answer = self._for_session(answer, query, result.comparison)
+            answer = replace(self._for_session(answer, query, result.comparison), found_camera=found_camera)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
             answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))

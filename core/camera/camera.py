@@ -24,6 +24,8 @@ _MAX_HFOV_DEG = {
     "cylindrical": 360.0,
     "equirectangular": 360.0,
 }
+# Of what is searched: every step of the focal length is a search of its own.
+MIN_UNKNOWN_HFOV_DEG, MAX_UNKNOWN_HFOV_DEG = 20.0, 120.0
 # How many coefficients each model takes, in OpenCV's order.
 _NUM_COEFFICIENTS = {"opencv": (4, 5, 8), "opencv_fisheye": (4,)}
 
@@ -112,7 +114,8 @@ class CameraDescription:
     """What a caller says of the camera of an image: intrinsics of an image of a given size, or a field of view.
 
     width_px, height_px: the image that fx_px ... cy_px belong to; None: the image as it is uploaded. fx_px ... cy_px, or hfov_deg in their
-    place; fy_px: as fx_px where it is None; cx_px, cy_px: the middle. A full equirectangular image needs none of them.
+    place; fy_px: as fx_px where it is None; cx_px, cy_px: the middle. A full equirectangular image needs none of them. hfov_range_deg: of a
+    pinhole whose field of view is not known, bounds within which it is searched.
     Raises OptionsError for numbers that describe no camera.
     """
 
@@ -125,6 +128,7 @@ class CameraDescription:
     cy_px: float | None = None
     distortion: tuple[float, ...] = ()
     hfov_deg: float | None = None
+    hfov_range_deg: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.model not in CAMERA_MODELS:
@@ -135,13 +139,30 @@ class CameraDescription:
             )
         if self.fx_px is not None and self.hfov_deg is not None:
             raise OptionsError("hfov_deg: expected either fx_px with its like, or hfov_deg, got both; leave one out")
-        if self.fx_px is None and self.hfov_deg is None and self.model != "equirectangular":
-            raise OptionsError(f"fx_px: expected the intrinsics of a {self.model} camera, or hfov_deg, got neither")
+        if self.hfov_range_deg is not None:
+            self._check_range(self.hfov_range_deg)
+        elif self.fx_px is None and self.hfov_deg is None and self.model != "equirectangular":
+            raise OptionsError(
+                f"fx_px: expected the intrinsics of a {self.model} camera, or hfov_deg, got neither; of a photo whose field of view "
+                "nobody knows send model pinhole and hfov_range_deg"
+            )
         if self.fx_px is not None and self.width_px is None:
             raise OptionsError(
                 "width_px: expected width_px and height_px of the image that the intrinsics belong to, got none"
             )
         self._camera(self.width_px or 2000, self.height_px or 1000)
+
+    def _check_range(self, bounds_deg: tuple[float, float]) -> None:
+        least, most = bounds_deg
+        if self.model != "pinhole" or self.fx_px is not None or self.hfov_deg is not None:
+            raise OptionsError(
+                "hfov_range_deg: expected it of a pinhole, in place of fx_px or hfov_deg; leave the others out"
+            )
+        if not MIN_UNKNOWN_HFOV_DEG <= least < most <= MAX_UNKNOWN_HFOV_DEG:  # also false for NaN
+            raise OptionsError(
+                f"hfov_range_deg: expected two rising numbers from {MIN_UNKNOWN_HFOV_DEG:g} to {MAX_UNKNOWN_HFOV_DEG:g} degrees, "
+                f"got {least:g} and {most:g}"
+            )
 
     def is_as_stored(self, stored: tuple[int, int]) -> bool:
         """Tell whether the description is of an image (width, height) as it is stored, before EXIF turns it: sensors have no upright."""
@@ -161,6 +182,10 @@ class CameraDescription:
         return self._camera(self.width_px, self.height_px).resized(*(stored if self.is_as_stored(stored) else turned))
 
     def _camera(self, width_px: int, height_px: int) -> Camera:
+        if self.hfov_range_deg is not None:
+            tangents = [math.tan(math.radians(width) / 2) for width in self.hfov_range_deg]
+            middle_deg = math.degrees(2 * math.atan(math.sqrt(tangents[0] * tangents[1])))
+            return Camera.from_hfov(self.model, width_px, height_px, middle_deg)
         if self.fx_px is None:
             # Also a full sphere, of which nothing has to be said.
             made = Camera.from_hfov(self.model, width_px, height_px, 360.0 if self.hfov_deg is None else self.hfov_deg)

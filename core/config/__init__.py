@@ -8,7 +8,7 @@ from core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, Sta
 from core.config.judge import ChangeConfig, JudgeConfig
 from core.config.localizer import LocalizerConfig, PaperConfig
 from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
-from core.config.search import PhotoSearchConfig, PoseDistance, SearchConfig
+from core.config.search import PhotoSearchConfig, PoseDistance, SearchConfig, UnknownWidthConfig
 
 __all__ = [
     "CONTRAST",
@@ -32,4 +32,5 @@ __all__ = [
     "StartsConfig",
     "StepConfig",
     "StoppingRule",
+    "UnknownWidthConfig",
 ]

@@ -70,6 +70,7 @@ class RefinementConfig:
     fine_height: int = 256
     fine_points: int = 12_000
     fine_iterations: int = 6
+    focal_iterations: int = 12  # of a pose together with a focal length that nobody knows
     finest_height: int = 512
     finest_points: int = 24_000
     finest_iterations: int = 4

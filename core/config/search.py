@@ -58,3 +58,13 @@ class PhotoSearchConfig:
     first_portion: int = 6  # of them: where an answer is sure, the right one is seldom further behind
     pool: int = 2500  # poses that candidates are chosen from
     distinct: PoseDistance = PoseDistance(0.6, 18.0)
+
+
+@dataclass(frozen=True)
+class UnknownWidthConfig:
+    """How the field of view of a photo is found that nobody knows (see `core.fast.unknown_width`). Steps: factors of the focal length."""
+
+    search_step: float = 1.14  # the search bears focal lengths that are 7 % off
+    most_tried: int = 3  # of the fields of view that the search likes best, refined one after the other
+    most_rounds: int = 6  # of refinement with the focal length, each with a window of the focal length found before
+    settled: float = 1.004  # factor of the focal length below which rounds end

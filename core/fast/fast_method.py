@@ -34,7 +34,7 @@ from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, prepare_queries, search_limits
-from core.search.map_search import MapCandidates, SearchRotations, make_search_rotations, search_maps
+from core.search.map_search import MapCandidates, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
 from core.search.pose_limits import PoseLimits
 from core.stage_clock import StageClock
@@ -56,10 +56,30 @@ class FastMethod:
 
         Poses of the photos of a session are those of its axes, from the middle of its cameras.
         """
-        if isinstance(query, Session):
-            config = self.config.for_photos(shown_share(query))
-            return _Run(config, self.rotations, self.confidence, clock).run(query, maps, hints)
-        return _Run(self.config, self.rotations, self.confidence, clock).run(query, maps, hints)
+        return self._of(query, clock).run(query, maps, hints)
+
+    def search_score(
+        self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None, clock: StageClock
+    ) -> float:
+        """Return the score of the best candidate that the search finds, before any refinement; 0 without one."""
+        return self._of(query, clock).search_score(query, maps, hints)
+
+    def with_focal(
+        self, query: Session, maps: Sequence[MapIndex], known: Hypothesis, clock: StageClock
+    ) -> tuple[Hypothesis, float]:
+        """Return a hypothesis for a single photo, refined together with its focal length, and by which factor that grows."""
+        return self._of(query, clock).with_focal(query, maps, known)
+
+    def is_sure(self, hypotheses: Sequence[Hypothesis]) -> bool:
+        """Return whether the best hypothesis leaves nothing to search for."""
+        if not hypotheses:
+            return False
+        found = verdict(hypotheses, self.confidence, self.config.judge)
+        return found.status == "localized" and found.confidences[0] >= self.config.photo_search.sure
+
+    def _of(self, query: Panorama | Session, clock: StageClock) -> "_Run":
+        config = self.config.for_photos(shown_share(query)) if isinstance(query, Session) else self.config
+        return _Run(self, config, clock)
 
 
 @dataclass
@@ -78,10 +98,8 @@ class _Done:
 class _Run:
     """One query on its way through the steps."""
 
-    def __init__(
-        self, config: LocalizerConfig, rotations: SearchRotations, confidence: ConfidenceModel, clock: StageClock
-    ) -> None:
-        self.config, self.rotations, self.confidence, self.clock = config, rotations, confidence, clock
+    def __init__(self, method: FastMethod, config: LocalizerConfig, clock: StageClock) -> None:
+        self.method, self.config, self.clock = method, config, clock
         self.refined = RefinementSteps(config, clock)
         self._done = _Done()
 
@@ -100,12 +118,25 @@ class _Run:
             for portion in portions(candidates, self.config.search):
                 judged = self._refine_roughly(queries, portion, judged)
                 hypotheses, comparison = self._finish(queries, judged)
-                if self._is_sure(hypotheses):
+                if self.method.is_sure(hypotheses):
                     break
-            if self._is_sure(hypotheses):
+            if self.method.is_sure(hypotheses):
                 break
         cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
         return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses)
+
+    def search_score(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> float:
+        """Search, and return the score of the best candidate."""
+        queries = prepare_queries(query, maps, hints, self.config.refinement.finest_height, self.config)
+        with self.clock.stage("search"):
+            found = [part for limits, _ in self._searches(queries) for part in self._search(queries, limits)]
+        return max((float(part.candidates.scores.max()) for part in found if len(part.candidates.scores)), default=0.0)
+
+    def with_focal(self, query: Session, maps: Sequence[MapIndex], known: Hypothesis) -> tuple[Hypothesis, float]:
+        """Refine a hypothesis and the focal length of the only photo."""
+        queries = prepare_queries(query, maps, None, self.config.refinement.finest_height, self.config)
+        with self.clock.stage("refine"):
+            return self.refined.with_focal(queries[known.map_number], known)
 
     def _searches(self, queries: Sequence[MapQuery]) -> list[tuple[list[PoseLimits], int]]:
         """Return the limits of one search after the other, and how many candidates it has; fewer where another may follow."""
@@ -170,13 +201,6 @@ class _Run:
                 finals.append(known)
         return finals
 
-    def _is_sure(self, hypotheses: Sequence[Hypothesis]) -> bool:
-        """Return whether the best hypothesis leaves nothing to search for."""
-        if not hypotheses:
-            return False
-        found = verdict(hypotheses, self.confidence, self.config.judge)
-        return found.status == "localized" and found.confidences[0] >= self.config.photo_search.sure
-
     def _search(self, queries: Sequence[MapQuery], limits: Sequence[PoseLimits]) -> list[MapCandidates]:
         """Search every map within its limits."""
         maps = [query.index for query in queries]
@@ -185,7 +209,7 @@ class _Run:
         if photos:
             return search_photos(photos, maps, limits, self.config.photo_search, self.config.fine_views)
         panoramas = [p.described(self.config.descriptors) for p in pictures if isinstance(p, PreparedPanorama)]
-        return search_maps(panoramas, maps, self.rotations, limits, self.config.search)
+        return search_maps(panoramas, maps, self.method.rotations, limits, self.config.search)
 
     def _judge(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis], height: int) -> list[Hypothesis]:
         """Return hypotheses by falling score on renderings of `height` rows, one for each pose."""

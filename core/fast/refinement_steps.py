@@ -11,6 +11,7 @@ from core.panorama.image_level import ImageLevel
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, by_colors, within_limits
+from core.refine.focal_refinement import FocalRefined, refine_with_focal
 from core.refine.refinement import CandidatePoints, joined, refine
 from core.refine.rig_level import RigLevel
 from core.stage_clock import StageClock
@@ -67,6 +68,20 @@ class RefinementSteps:
             level = query.picture.level_for(comparison, height, share)
             (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop)
         return query.within_limits(hypothesis)
+
+    def with_focal(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
+        """Refine a pose with the focal length of the only photo; also return by which factor that grows."""
+        self.clock.check()
+        sizes, share = self.config.refinement, self.config.refinement.fine_contrast_share
+        found = FocalRefined(hypothesis.rotation, hypothesis.position, 1.0)
+        for height in (sizes.fine_height // 4, sizes.fine_height):
+            comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
+            level = query.picture.level_for(comparison, height, share)
+            assert isinstance(level, RigLevel)
+            points = query.full_points(hypothesis, comparison, sizes.fine_points)
+            found = refine_with_focal(level, points, found, sizes.focal_iterations, self.config.step)
+            hypothesis = replace(hypothesis, rotation=found.rotation, position=found.position)
+        return hypothesis, found.focal_factor
 
     def _refine(
         self,

@@ -58,7 +58,8 @@ def read_image(
     image = open_image(data, IMAGE, max_pixels)
     size = image.size[::-1] if swaps_sides(image) else image.size
     if camera is not None:
-        return _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
+        photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
+        return replace(photo, hfov_range_deg=camera.hfov_range_deg)
     crop = crop_fields(image, data)
     if crop is None and not _is_full_sphere(size):
         found = camera_of_photo(image, size)

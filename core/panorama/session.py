@@ -18,13 +18,14 @@ class Photo:
     """An image of a known camera.
 
     color: (h, w, 3) uint8, RGB. valid: (h, w) bool, False where it is to be ignored. camera: of an image of exactly this size.
-    left_out: as of a panorama.
+    left_out: as of a panorama. hfov_range_deg: where only bounds of the field of view are known; the camera is then a guess within them.
     """
 
     color: NDArray[np.uint8]
     valid: NDArray[np.bool_]
     camera: Camera
     left_out: tuple[str, ...] = ()
+    hfov_range_deg: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         size = (self.camera.height_px, self.camera.width_px)

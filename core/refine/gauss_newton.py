@@ -129,7 +129,7 @@ def gauss_newton_step(
 
 
 def normal_equations(seen: SampledPoints, residual: Tensor, weights: Tensor, fit_light: bool) -> tuple[Tensor, Tensor]:
-    """Return the Gauss-Newton Hessian (K, 6, 6) and gradient (K, 6) by turn and move.
+    """Return the Gauss-Newton Hessian (K, 6, 6) and gradient (K, 6) by turn and move, or of as many unknowns as `seen` has directions.
 
     residual: (K, 3, N); weights: (K, N). The Jacobian of a channel is its derivative by azimuth times that of the azimuth by the pose, and
     the same for elevation, so channels are summed up before the products with the six unknowns.
@@ -137,28 +137,31 @@ def normal_equations(seen: SampledPoints, residual: Tensor, weights: Tensor, fit
     Gain and offset are solved for anew in every step; a step that takes them for constants crawls where light and pose pull against
     each other. So what a change of gain and offset would undo is projected out (variable projection, Golub and Pereyra 1973).
     """
-    # Rows, in place: six of the pose, one of the residual, three each of offset and gain; each by azimuth and by elevation.
-    rows = weights.new_empty((len(weights), 13 if fit_light else 10, 2, weights.shape[1]))
+    # Rows, in place: those of the unknowns, one of the residual, three each of offset and gain; each by azimuth and by elevation.
+    count = seen.directions.shape[1]
+    rows = weights.new_empty((len(weights), count + (7 if fit_light else 4), 2, weights.shape[1]))
     derivatives = seen.derivatives
-    weighted = torch.mul(derivatives, weights[:, None, None], out=rows[:, 7:10])
+    weighted = torch.mul(derivatives, weights[:, None, None], out=rows[:, count + 1 : count + 4])
     by_azimuth = _over_channels(weighted[:, :, :1], derivatives)
     by_elevation = _over_channels(weighted[:, :, 1:], derivatives)
-    torch.mul(seen.directions[:, :, :1], by_azimuth, out=rows[:, :6]).addcmul_(seen.directions[:, :, 1:], by_elevation)
-    rows[:, 6:7] = _over_channels(weighted, residual[:, :, None])
+    torch.mul(seen.directions[:, :, :1], by_azimuth, out=rows[:, :count]).addcmul_(
+        seen.directions[:, :, 1:], by_elevation
+    )
+    rows[:, count : count + 1] = _over_channels(weighted, residual[:, :, None])
     total = weights.sum(-1).clamp_min(1e-9)[:, None]
     contrast = seen.color - (weighted_sums(seen.color, weights) / total)[..., None]
     if fit_light:
-        torch.mul(weighted, contrast[:, :, None], out=rows[:, 10:])
+        torch.mul(weighted, contrast[:, :, None], out=rows[:, count + 4 :])
     products = torch.bmm(rows.flatten(2), seen.directions.flatten(2).transpose(1, 2))
-    hessian, gradient = products[:, :6], products[:, 6]
+    hessian, gradient = products[:, :count], products[:, count]
     if not fit_light:
         return hessian, gradient
     # Sums of the Jacobian with the derivatives by offset (1) and by gain (the contrast), per channel: (K, 3, 6) each.
     spread = contrast * weights[:, None]
     power = (spread * contrast).sum(-1).clamp_min(1e-6 * total)
-    light = products[:, 7:] / torch.cat((total.expand(-1, 3), power), dim=-1)[..., None]
+    light = products[:, count + 1 :] / torch.cat((total.expand(-1, 3), power), dim=-1)[..., None]
     undone = torch.cat((weighted_sums(residual, weights), (residual * spread).sum(-1)), dim=-1)
-    hessian = hessian - products[:, 7:].transpose(1, 2) @ light
+    hessian = hessian - products[:, count + 1 :].transpose(1, 2) @ light
     return hessian, gradient - (undone[:, None] @ light)[:, 0]
 
 

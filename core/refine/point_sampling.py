@@ -17,7 +17,7 @@ class SampledPoints:
     """What the panorama shows where the N points of K candidates project to.
 
     planes: (K, 9, N): colour, its derivatives by azimuth and by elevation, as in `ImageLevel`. directions: (K, 6, 2, N), derivatives
-    of the points' azimuth and elevation by a turn (rad) and a move (m) of the camera in its own frame.
+    of the points' azimuth and elevation by a turn (rad) and a move (m) of the camera in its own frame, and by further unknowns.
     """
 
     planes: Tensor

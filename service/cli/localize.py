@@ -58,7 +58,8 @@ def localize(
         Path | None, typer.Option(exists=True, dir_okay=False, help="Image; its non-zero pixels are ignored.")
     ] = None,
     hfov: Annotated[
-        float | None, typer.Option(help="A photo so many degrees wide; phones say it in EXIF.", metavar="DEG")
+        str | None,
+        typer.Option(help="A photo so many degrees wide, or 45-90: searched; phones say it in EXIF.", metavar="DEG"),
     ] = None,
     camera: Annotated[
         Path | None,

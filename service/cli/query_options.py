@@ -10,11 +10,14 @@ from core.errors import OptionsError
 from service.client import JsonObject
 
 
-def camera_object(hfov_deg: float | None, file: Path | None) -> JsonObject | None:
-    """Return the camera as the HTTP API takes it, None where nothing is said of it. Raises typer.BadParameter for what is none."""
+def camera_object(hfov: str | None, file: Path | None) -> JsonObject | None:
+    """Return the camera as the HTTP API takes it, None where nothing is said of it.
+
+    hfov: degrees, or bounds such as 45-90 within which they are searched. Raises typer.BadParameter for what is no camera.
+    """
     if file is None:
-        return None if hfov_deg is None else _photo_of(hfov_deg)
-    if hfov_deg is not None:
+        return None if hfov is None else _photo_of(hfov)
+    if hfov is not None:
         raise typer.BadParameter(
             "expected --hfov or --camera, got both; the file can hold hfov_deg", param_hint="--hfov"
         )
@@ -30,12 +33,26 @@ def camera_object(hfov_deg: float | None, file: Path | None) -> JsonObject | Non
     return found
 
 
-def _photo_of(hfov_deg: float) -> JsonObject:
+def _photo_of(hfov: str) -> JsonObject:
     try:
-        CameraDescription("pinhole", hfov_deg=hfov_deg)
+        # A minus sign in front is none between two bounds.
+        least, _, most = hfov[1:].partition("-")
+        numbers = [float(part) for part in (hfov[:1] + least, most) if part]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2):
+        raise typer.BadParameter(
+            f"expected degrees such as 69, or bounds such as 45-90 where nobody knows them, got {hfov!r}",
+            param_hint="--hfov",
+        )
+    try:
+        if len(numbers) == 1:
+            CameraDescription("pinhole", hfov_deg=numbers[0])
+            return {"model": "pinhole", "hfov_deg": numbers[0]}
+        CameraDescription("pinhole", hfov_range_deg=(numbers[0], numbers[1]))
+        return {"model": "pinhole", "hfov_range_deg": numbers}
     except OptionsError as error:
-        raise typer.BadParameter(str(error).removeprefix("hfov_deg: "), param_hint="--hfov") from error
-    return {"model": "pinhole", "hfov_deg": hfov_deg}
+        raise typer.BadParameter(str(error).partition(": ")[2], param_hint="--hfov") from error
 
 
 def hints_object(

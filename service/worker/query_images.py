@@ -42,6 +42,16 @@ def photos_of(query: Query) -> list[Photo]:
     return [image.photo for image in query.images] if isinstance(query, Session) else [_photo(query)]
 
 
+def with_found_camera(query: Query, found: Localization) -> Query:
+    """Return the query with the camera that was found, where nobody knew its field of view."""
+    if found.found_camera is None or isinstance(query, Panorama):
+        return query
+    session = query if isinstance(query, Session) else Session.of_photo(query)
+    image = session.images[0]
+    photo = replace(image.photo, camera=found.found_camera, hfov_range_deg=None)
+    return replace(session, images=(replace(image, photo=photo),)) if isinstance(query, Session) else photo
+
+
 def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Localization]:
     """Return all images on one sphere, and what was found with the pose of that sphere as its best, to draw pictures of."""
     if isinstance(query, Panorama):

@@ -88,11 +88,15 @@ class PaintedBox:
 
     def color_along(self, position: Array, directions: Array) -> NDArray[np.uint8]:
         """Return the colours (N, 3) that lie from a position (3,) inside the box along directions (N, 3)."""
+        return self.color_at(self.points_along(position, directions))
+
+    def points_along(self, position: Array, directions: Array) -> Array:
+        """Return the points (N, 3) of the walls that lie from a position (3,) inside the box along directions (N, 3)."""
         size = np.array(self.size_m)
         with np.errstate(divide="ignore"):
             steps = (np.where(directions > 0, size, 0.0) - position) / directions
         nearest = np.where(directions == 0, np.inf, steps).min(axis=1)
-        return self.color_at(position + directions * nearest[:, None])
+        return np.asarray(position + directions * nearest[:, None])
 
 
 def rotation_of(yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0) -> Array:

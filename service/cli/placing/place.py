@@ -53,7 +53,7 @@ def place(
         bool, typer.Option("--include-ambiguous", help="Export photos that fit several places, too, at the likeliest.")
     ] = False,
     upright: Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")] = False,
-    hfov: Annotated[float | None, typer.Option(help="Photos so many degrees wide.", metavar="DEG")] = None,
+    hfov: Annotated[str | None, typer.Option(help="Photos so many degrees wide.", metavar="DEG")] = None,
     method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = QueryOptions.method,
     parallel: Annotated[int, typer.Option(min=1, max=32, help="Photos sent at the same time.")] = 2,
     url: UrlOption = DEFAULT_URL,

@@ -39,6 +39,11 @@ class Camera(Model):
     hfov_deg: float | None = Field(
         None, description="Degrees from the left edge to the right one, in place of `fx_px` ... `cy_px`."
     )
+    hfov_range_deg: tuple[float, float] | None = Field(
+        None,
+        description="Of a single `pinhole` photo whose field of view nobody knows: bounds within which it is searched, such as `[45, 85]`; "
+        "takes several times as long. `images[0].camera` says what was found.",
+    )
     session_from_camera: SessionFromCamera | None = Field(
         None, description="Where the image was taken; needed for each of several images."
     )

@@ -1,0 +1,83 @@
+"""The field of view of a photo whose camera nobody knows: searched in steps, then refined at the pose that was found.
+
+The search alone tells fields of view apart: at the right one the small pictures of some start fit best. At the best of them the photo is
+localized, and the pose that is found is refined together with the focal length.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from core.camera.camera import Camera
+from core.config import UnknownWidthConfig
+from core.errors import OptionsError
+from core.fast.fast_method import FastMethod
+from core.index.map_index import MapIndex
+from core.judge.hypotheses import Hypothesis
+from core.options import Hints
+from core.panorama.session import Photo, Session
+from core.stage_clock import StageClock
+
+
+def unknown_width(session: Session) -> tuple[float, float] | None:
+    """Return the degrees that the only photo of a session is wide at least and at most; None where its camera is known.
+
+    Raises OptionsError where the camera of one of several photos is not known.
+    """
+    ranges = [image.photo.hfov_range_deg for image in session.images]
+    if len(ranges) > 1 and any(ranges):
+        raise OptionsError(
+            "hfov_range_deg: expected a single photo, got several; send hfov_deg or the intrinsics of each"
+        )
+    return ranges[0]
+
+
+def with_found_camera(
+    method: FastMethod,
+    session: Session,
+    maps: Sequence[MapIndex],
+    hints: Hints | None,
+    clock: StageClock,
+    config: UnknownWidthConfig,
+) -> Session:
+    """Return the session of one photo with the field of view, of those in its range, that fits best."""
+    photo = session.images[0].photo
+    if photo.hfov_range_deg is None:
+        return session
+    low, high = (_focal_px(photo.camera, width) for width in reversed(photo.hfov_range_deg))
+    count = max(1, math.ceil(math.log(high / low) / math.log(config.search_step)))
+    tried = [low * (high / low) ** ((k + 0.5) / count) for k in range(count)]
+    scores = {focal: method.search_score(_with_focal(session, focal), maps, hints, clock) for focal in tried}
+    best: tuple[float, Hypothesis] | None = None
+    for focal in sorted(tried, key=lambda each: -scores[each])[: config.most_tried]:
+        result = method.run(_with_focal(session, focal), maps, hints, clock)
+        if result.hypotheses and (best is None or result.hypotheses[0].score > best[1].score):
+            best = focal, result.hypotheses[0]
+        if method.is_sure(result.hypotheses):
+            break
+    if best is None:
+        return _with_focal(session, math.sqrt(low * high))
+    focal, hypothesis = best
+    last_log, share = 0.0, 1.0
+    for _ in range(config.most_rounds):
+        hypothesis, factor = method.with_focal(_with_focal(session, focal), maps, hypothesis, clock)
+        log = math.log(factor)
+        # Where rounds swing to and fro around the right one, they go half as far.
+        share = share / 2 if log * last_log < 0 else share
+        last_log, focal = log, min(max(focal * factor**share, low), high)
+        if abs(log) < math.log(config.settled):
+            break
+    return _with_focal(session, focal)
+
+
+def _focal_px(camera: Camera, hfov_deg: float) -> float:
+    return Camera.from_hfov("pinhole", camera.width_px, camera.height_px, hfov_deg).fx_px
+
+
+def _with_focal(session: Session, focal_px: float) -> Session:
+    """Return the session of one photo with another focal length, pixels; its camera is known then."""
+    image = session.images[0]
+    photo: Photo = replace(
+        image.photo, camera=replace(image.photo.camera, fx_px=focal_px, fy_px=focal_px), hfov_range_deg=None
+    )
+    return replace(session, images=(replace(image, photo=photo),))

@@ -1,0 +1,54 @@
+"""Photos whose field of view nobody knows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.camera.camera import Camera
+from core.errors import OptionsError
+from core.fast.unknown_width import unknown_width
+from core.geometry.pose import Pose, pose_error
+from core.index.map_index import MapIndex
+from core.localizer import Localizer
+from core.panorama.session import Photo, Session, SessionImage
+from tests.core.painted_box import PaintedBox
+from tests.core.panorama.painted_photos import photo_of
+
+WIDTH_DEG = 84.0
+
+
+def of_unknown_width(box: PaintedBox, pose: Pose, bounds_deg: tuple[float, float]) -> Photo:
+    """Return a photo 84 degrees wide, taken for one of 70."""
+    photo = photo_of(box, Camera.from_hfov("pinhole", 640, 480, WIDTH_DEG), pose)
+    return replace(photo, camera=Camera.from_hfov("pinhole", 640, 480, 70.0), hfov_range_deg=bounds_deg)
+
+
+@pytest.mark.slow
+def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
+) -> None:
+    found = localizer.localize(of_unknown_width(box, box_pose, (60.0, 100.0)), [box_index])
+    assert found.status == "localized"
+    assert found.found_camera is not None
+    assert found.found_camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
+    assert found.best is not None
+    error = pose_error(found.best.pose, box_pose)
+    assert error.position_m < 0.15
+    assert error.orientation_deg < 3
+
+
+@pytest.mark.slow
+def test_a_known_camera_stays_what_it_is(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
+) -> None:
+    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
+    assert localizer.localize(known, [box_index]).found_camera is None
+
+
+def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale(box: PaintedBox, box_pose: Pose) -> None:
+    photo = of_unknown_width(box, box_pose, (60.0, 100.0))
+    image = SessionImage(photo, Pose(np.eye(3), np.zeros(3)))
+    assert unknown_width(Session((image,))) == (60.0, 100.0)
+    with pytest.raises(OptionsError, match="hfov_range_deg: expected a single photo"):
+        unknown_width(Session((image, image)))
