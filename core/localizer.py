@@ -10,7 +10,7 @@ from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast.fast_method import FastMethod
-from core.fast.unknown_width import unknown_width, with_found_camera
+from core.fast.unknown_width import unknown_width, with_found_camera, with_width_uncertainty
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement_by_photo
@@ -83,7 +83,9 @@ class Localizer:
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
         if isinstance(query, Session):
-            answer = replace(self._for_session(answer, query, result.comparison), found_camera=found_camera)
+            answer = self._for_session(answer, query, result.comparison)
+        if found_camera is not None:
+            answer = with_width_uncertainty(answer, found_camera, result.comparison, self.config.unknown_width)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
             answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))

@@ -148,7 +148,7 @@ class TryAgainError(ServiceError):
 class QueueFullError(TryAgainError):
     """As many requests wait as may, or those that wait take longer than this one can wait. limit: which of the two."""
 
-    def __init__(self, message: str, retry_after_s: int, limit: Literal["queue", "deadline"] = "queue") -> None:
+    def __init__(self, message: str, retry_after_s: int = 2, limit: Literal["queue", "deadline"] = "queue") -> None:
         super().__init__(message, retry_after_s)
         self.limit: Literal["queue", "deadline"] = limit
 

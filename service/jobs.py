@@ -89,6 +89,12 @@ class LocalizeJob:
     deadline_unix_s: float
     with_change_cells: bool = False
 
+    @property
+    def kind(self) -> str:
+        """Return what queries that take about as long as this one have in common: the method, and whether a field of view is searched."""
+        is_searching = any(image.camera is not None and image.camera.hfov_range_deg for image in self.images)
+        return f"{self.options.method}, searching width" if is_searching else self.options.method
+
 
 @dataclass(frozen=True)
 class FoundPose:

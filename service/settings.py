@@ -95,7 +95,7 @@ class Settings(BaseSettings):
         60.0,
         gt=0,
         description="Seconds for a query that names no `timeout_s` itself, at least "
-        f"{PAPER_TIMEOUT_S:g} for `method: paper`; as far as the next setting allows.",
+        f"{PAPER_TIMEOUT_S:g} for `method: paper` and for `hfov_range_deg`; as far as the next setting allows.",
     )
     max_timeout_s: float = Field(PAPER_TIMEOUT_S, gt=0, description="Longest `timeout_s` that a query may ask for.")
     result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
@@ -145,9 +145,10 @@ class Settings(BaseSettings):
         """Return what decides which key counts: those of `api_keys`, and those that `panoloc keys` has made."""
         return KeyRing(self.api_keys, self.data_dir)
 
-    def timeout_s_of(self, method: Method) -> float:
-        """Return the seconds for a query of this method that names none itself."""
-        wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if method == "paper" else self.default_timeout_s
+    def timeout_s_of(self, method: Method, is_searching_width: bool = False) -> float:
+        """Return the seconds for a query of this method that names none itself; more where a field of view is searched as well."""
+        is_long = method == "paper" or is_searching_width
+        wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if is_long else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
 
     @property

@@ -16,7 +16,9 @@ from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis
 from core.options import Hints
 from core.panorama.session import Photo, Session
+from core.results import Localization
 from core.stage_clock import StageClock
+from core.views.comparison import Comparison
 
 
 def unknown_width(session: Session) -> tuple[float, float] | None:
@@ -68,6 +70,21 @@ def with_found_camera(
         if abs(log) < math.log(config.settled):
             break
     return _with_focal(session, focal)
+
+
+def with_width_uncertainty(
+    answer: Localization, camera: Camera, comparison: Comparison | None, config: UnknownWidthConfig
+) -> Localization:
+    """Return the answer with the camera that was found, and a radius that tells what it leaves open.
+
+    A focal length that is a share too long puts a photo so large a share of the distance to what it shows too far away.
+    """
+    radius_m = answer.accuracy_position_m
+    if comparison is not None and radius_m is not None:
+        seen = comparison.views.depth.flatten(1)[0][comparison.weights[0] > 0]
+        if len(seen):
+            radius_m = math.hypot(radius_m, config.uncertainty * float(seen.median()))
+    return replace(answer, found_camera=camera, accuracy_position_m=radius_m)
 
 
 def _focal_px(camera: Camera, hfov_deg: float) -> float:

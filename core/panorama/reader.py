@@ -146,5 +146,6 @@ def _no_camera(size: tuple[int, int]) -> PanoramaShapeError:
     return PanoramaShapeError(
         f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) and nothing that says "
         "which camera took it; export the full sphere, or keep the GPano crop fields of a partial one; of a photo keep the EXIF "
-        "data (its focal length in 35 mm terms), or send options.cameras with a model and its intrinsics or hfov_deg"
+        "data (its focal length in 35 mm terms), or send options.cameras with a model and its intrinsics or hfov_deg (--hfov 69); "
+        "where nobody knows it, bounds: hfov_range_deg (--hfov 45-90)"
     )

@@ -36,8 +36,8 @@ def camera_object(hfov: str | None, file: Path | None) -> JsonObject | None:
 def _photo_of(hfov: str) -> JsonObject:
     try:
         # A minus sign in front is none between two bounds.
-        least, _, most = hfov[1:].partition("-")
-        numbers = [float(part) for part in (hfov[:1] + least, most) if part]
+        least, dash, most = hfov[1:].partition("-")
+        numbers = [float(part) for part in ((hfov[:1] + least, most) if dash else (hfov,))]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2):

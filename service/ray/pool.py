@@ -116,7 +116,7 @@ class RayPool:
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
         self._require_workers()
-        with self._admission.admit(job.options.method, job.deadline_unix_s - time.time()):
+        with self._admission.admit(job.kind, job.deadline_unix_s - time.time()):
             for _ in range(_MAX_REBUILDS + 1):
                 reply = await self._on_some_worker(job)
                 if not reply.missing:
@@ -182,7 +182,7 @@ class RayPool:
         for source, count in reply.index_loads.items():
             self._index_loads[source] = self._index_loads.get(source, 0) + count
         if not reply.missing:
-            self._admission.note_duration(reply.duration_s, job.options.method)
+            self._admission.note_duration(reply.duration_s, job.kind)
 
     async def _keep_up(self) -> None:
         """Bring Ray and the workers up, look after them, and begin again when the cluster is lost."""

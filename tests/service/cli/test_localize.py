@@ -172,6 +172,21 @@ def test_maps_are_named_by_id_or_by_tag_but_not_both(
     assert fake.requests == []
 
 
+def test_bounds_of_a_field_of_view_that_nobody_knows_are_sent(
+    panoloc: Panoloc, fake: FakeService, panorama: Path
+) -> None:
+    panoloc("localize", panorama, "--map", "map_1", "--hfov", "45-90")
+    camera = {"model": "pinhole", "hfov_range_deg": [45.0, 90.0]}
+    assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
+
+
+@pytest.mark.parametrize(("hfov", "said"), [("45-", "expected degrees such as 69"), ("90-45", "two rising numbers")])
+def test_bounds_that_are_none_are_wrong_usage(panoloc: Panoloc, panorama: Path, hfov: str, said: str) -> None:
+    done = panoloc("localize", panorama, "--map", "map_1", "--hfov", hfov)
+    assert done.code == 2
+    assert said in " ".join(done.err.replace("│", " ").split())
+
+
 @pytest.mark.parametrize("described", ["--hfov", "--camera"])
 def test_a_photos_camera_is_sent_along(
     panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path, described: str
