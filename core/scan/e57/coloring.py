@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from core.errors import ScanContentError
 from core.options import MAX_PIXELS
@@ -91,6 +90,8 @@ def with_poses(images: Iterable[SphericalImage]) -> list[SphericalImage]:
 
 
 def _view(image: SphericalImage, widest: int) -> _View:
+    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
+
     assert image.rotation is not None
     assert image.position is not None
     try:
