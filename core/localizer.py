@@ -10,7 +10,7 @@ from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast.fast_method import FastMethod
-from core.fast.unknown_width import unknown_width, with_found_camera, with_width_uncertainty
+from core.fast.field_of_view import searched_range_deg, with_found_camera, with_its_uncertainty
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement_by_photo
@@ -69,10 +69,11 @@ class Localizer:
         if isinstance(query, Photo):
             query = Session.of_photo(query)
         found_camera: Camera | None = None
+        if isinstance(query, Session) and searched_range_deg(query):
+            with torch.inference_mode():
+                query = with_found_camera(self._fast, query, maps, hints, clock, self.config.field_of_view)
+            found_camera = query.images[0].photo.camera
         with torch.inference_mode(method == "fast"):
-            if isinstance(query, Session) and unknown_width(query):
-                query = with_found_camera(self._fast, query, maps, hints, clock, self.config.unknown_width)
-                found_camera = query.images[0].photo.camera
             if method == "fast":
                 result = self._fast.run(query, maps, hints, clock)
             elif method == "paper":
@@ -85,7 +86,7 @@ class Localizer:
         if isinstance(query, Session):
             answer = self._for_session(answer, query, result.comparison)
         if found_camera is not None:
-            answer = with_width_uncertainty(answer, found_camera, result.comparison, self.config.unknown_width)
+            answer = with_its_uncertainty(answer, found_camera, result.comparison, self.config.field_of_view)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
             answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))

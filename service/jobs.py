@@ -93,7 +93,7 @@ class LocalizeJob:
     def kind(self) -> str:
         """Return what queries that take about as long as this one have in common: the method, and whether a field of view is searched."""
         is_searching = any(image.camera is not None and image.camera.hfov_range_deg for image in self.images)
-        return f"{self.options.method}, searching width" if is_searching else self.options.method
+        return f"{self.options.method}, searching field of view" if is_searching else self.options.method
 
 
 @dataclass(frozen=True)

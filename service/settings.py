@@ -145,9 +145,9 @@ class Settings(BaseSettings):
         """Return what decides which key counts: those of `api_keys`, and those that `panoloc keys` has made."""
         return KeyRing(self.api_keys, self.data_dir)
 
-    def timeout_s_of(self, method: Method, is_searching_width: bool = False) -> float:
+    def timeout_s_of(self, method: Method, is_searching_field_of_view: bool = False) -> float:
         """Return the seconds for a query of this method that names none itself; more where a field of view is searched as well."""
-        is_long = method == "paper" or is_searching_width
+        is_long = method == "paper" or is_searching_field_of_view
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if is_long else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
 

@@ -8,7 +8,7 @@ from core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, Sta
 from core.config.judge import ChangeConfig, JudgeConfig
 from core.config.localizer import LocalizerConfig, PaperConfig
 from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
-from core.config.search import PhotoSearchConfig, PoseDistance, SearchConfig, UnknownWidthConfig
+from core.config.search import FieldOfViewConfig, PhotoSearchConfig, PoseDistance, SearchConfig
 
 __all__ = [
     "CONTRAST",
@@ -17,6 +17,7 @@ __all__ = [
     "ChangeConfig",
     "ContrastConfig",
     "DescriptorConfig",
+    "FieldOfViewConfig",
     "FineViewConfig",
     "IndexConfig",
     "JudgeConfig",
@@ -32,5 +33,4 @@ __all__ = [
     "StartsConfig",
     "StepConfig",
     "StoppingRule",
-    "UnknownWidthConfig",
 ]

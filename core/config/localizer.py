@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from core.config.index import DescriptorConfig, FineViewConfig
 from core.config.judge import ChangeConfig, JudgeConfig
 from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig
-from core.config.search import PhotoSearchConfig, SearchConfig, UnknownWidthConfig
+from core.config.search import FieldOfViewConfig, PhotoSearchConfig, SearchConfig
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class LocalizerConfig:
     descriptors: DescriptorConfig = DescriptorConfig()
     search: SearchConfig = SearchConfig()
     photo_search: PhotoSearchConfig = PhotoSearchConfig()
-    unknown_width: UnknownWidthConfig = UnknownWidthConfig()
+    field_of_view: FieldOfViewConfig = FieldOfViewConfig()
     photos: PhotoRefinementConfig = PhotoRefinementConfig()
     step: StepConfig = StepConfig()
     refinement: RefinementConfig = RefinementConfig()

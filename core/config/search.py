@@ -61,8 +61,8 @@ class PhotoSearchConfig:
 
 
 @dataclass(frozen=True)
-class UnknownWidthConfig:
-    """How the field of view of a photo is found that nobody knows (see `core.fast.unknown_width`). Steps: factors of the focal length."""
+class FieldOfViewConfig:
+    """How the field of view of a photo is found that nobody knows (see `core.fast.field_of_view`). Steps: factors of the focal length."""
 
     search_step: float = 1.14  # the search bears focal lengths that are 7 % off
     most_tried: int = 3  # of the fields of view that the search likes best, refined one after the other

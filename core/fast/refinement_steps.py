@@ -79,7 +79,8 @@ class RefinementSteps:
             level = query.picture.level_for(comparison, height, share)
             assert isinstance(level, RigLevel)
             points = query.full_points(hypothesis, comparison, sizes.fine_points)
-            found = refine_with_focal(level, points, found, sizes.focal_iterations, self.config.step)
+            step = self._suited(query.picture, self.config.step)
+            found = refine_with_focal(level, points, found, sizes.focal_iterations, step)
             hypothesis = replace(hypothesis, rotation=found.rotation, position=found.position)
         return hypothesis, found.focal_factor
 
@@ -94,9 +95,11 @@ class RefinementSteps:
         step: StepConfig | None = None,
     ) -> list[Hypothesis]:
         """Refine hypotheses of maps that share colours; step: None for that of the configuration."""
-        step = step or self.config.step
-        if picture.labels is not None:
-            step = step.for_labels()
+        step = self._suited(picture, step or self.config.step)
         rotations, positions = stacked_poses(group)
         maps = torch.tensor([h.map_number for h in group], device=rotations.device)
         return with_refined(group, refine(level, points, rotations, positions, iterations, step, stop, maps))
+
+    def _suited(self, picture: PreparedPanorama | PreparedPhotos, step: StepConfig) -> StepConfig:
+        """Return the step for the colours of a picture: those of labels have no light."""
+        return step if picture.labels is None else step.for_labels()

@@ -43,13 +43,14 @@ def refine_with_focal(
     for _ in range(iterations):
         seen, inside = _sampled(level, planes.positions, rotation, position, log_factor)
         base = planes.weights * inside
-        seen.apply_gain_offset(*fit_planes(seen.color, planes.colors, weights * inside))
+        if config.fit_light:
+            seen.apply_gain_offset(*fit_planes(seen.color, planes.colors, weights * inside))
         residual = seen.color - planes.colors
         squared = residual.square().sum(1)
         median = squared[base > 0].median() if bool((base > 0).any()) else squared.new_ones(())
         scale = (config.robust_scale * median.sqrt()).clamp_min(config.min_residual)
         weights = base / (1 + squared / scale.square()).square()
-        hessian, gradient = normal_equations(seen, residual, weights, fit_light=True)
+        hessian, gradient = normal_equations(seen, residual, weights, config.fit_light)
         damping = torch.diagonal(hessian[0]) * config.damping + 1e-6
         update = -torch.linalg.solve(hessian[0] + torch.diag(damping), gradient[0])
         # Shortened as a whole: a part of it alone would leave the valley that pose and focal length share.

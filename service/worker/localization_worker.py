@@ -27,7 +27,7 @@ from service.worker.change_cells import change_cells
 from service.worker.map_catalog import MapCatalog
 from service.worker.outcomes import localize_outcome
 from service.worker.plan import WorkerSettings
-from service.worker.query_images import Query, read_query, shown_on_sphere, with_found_camera
+from service.worker.query_images import Query, as_found, read_query, shown_on_sphere
 from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
 
@@ -132,7 +132,7 @@ class _RunningQuery:
             top_k=options.top_k,
             timeout_s=self._remaining_s(),
         )
-        query = with_found_camera(query, localization)
+        query = as_found(query, localization)
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
         cells = self._timed("pictures", lambda: self._change_cells(maps, localization))
         return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures, query, cells)

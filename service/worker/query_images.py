@@ -42,7 +42,7 @@ def photos_of(query: Query) -> list[Photo]:
     return [image.photo for image in query.images] if isinstance(query, Session) else [_photo(query)]
 
 
-def with_found_camera(query: Query, found: Localization) -> Query:
+def as_found(query: Query, found: Localization) -> Query:
     """Return the query with the camera that was found, where nobody knew its field of view."""
     if found.found_camera is None or isinstance(query, Panorama):
         return query

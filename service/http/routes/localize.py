@@ -135,8 +135,8 @@ async def _query(request: Request, settings: Settings, held: HeldBytes) -> Local
 
 def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
     """Return options as the pool takes them. Raises InvalidOptionsError for more time than the operator allows."""
-    is_searching_width = any(camera.hfov_range_deg for camera in given.cameras or ())
-    options = given.to_options(settings.timeout_s_of(given.method, is_searching_width))
+    is_searching_field_of_view = any(camera.hfov_range_deg for camera in given.cameras or ())
+    options = given.to_options(settings.timeout_s_of(given.method, is_searching_field_of_view))
     if options.timeout_s > settings.max_timeout_s:
         message = (
             f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; ask for less, or let the operator "

@@ -109,9 +109,11 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
         ({}, {"max_timeout_s": 30}, 30),
         ({"method": "paper"}, {"default_timeout_s": 900, "max_timeout_s": 1800}, 900),
         ({"method": "paper", "timeout_s": 7}, {}, 7),
+        ({"cameras": [{"model": "pinhole", "hfov_range_deg": [45, 90]}]}, {}, 600),
+        ({"cameras": [{"model": "pinhole", "hfov_deg": 70}]}, {}, 60),
     ],
 )
-async def test_the_papers_recipe_has_minutes_when_the_caller_names_no_time(
+async def test_what_takes_minutes_has_them_when_the_caller_names_no_time(
     running: RunningService, options: dict[str, Any], settings: dict[str, float], timeout_s: float
 ) -> None:
     services = running.app.state.services

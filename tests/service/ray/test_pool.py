@@ -6,18 +6,21 @@ import threading
 import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any, cast
 
 import pytest
 from ray.exceptions import ActorDiedError, RayTaskError
 from ray.serve.exceptions import RayServeException
 
+from core.camera.camera import CameraDescription
 from core.errors import DeadlineExceededError
 from service.errors import NoWorkerError, QueueFullError, WorkerError
 from service.jobs import (
     LocalizeJob,
     LocalizeOutcome,
     MapRef,
+    QueryImage,
     QueryOptions,
     RegisterJob,
     RegisterOptions,
@@ -91,6 +94,21 @@ def test_a_query_is_answered_and_sent_where_its_maps_are_resident() -> None:
             assert serving.jobs == [asked]
             assert serving.routed_by == ["map_a:1,map_b:3"]
             assert pool.num_under_way == 0
+
+    run(scenario())
+
+
+def test_searches_of_a_field_of_view_are_no_reason_to_refuse_other_queries() -> None:
+    async def scenario() -> None:
+        camera = CameraDescription("pinhole", hfov_range_deg=(45.0, 90.0))
+        searching = replace(job(timeout_s=600), images=(QueryImage(b"", camera=camera),))
+        async with running(ScriptedServing(reply(duration_s=10_000.0), None, reply())) as pool:
+            await pool.localize(searching)
+            before = asyncio.create_task(pool.localize(job()))
+            await until(lambda: pool.num_under_way == 1)
+            # Nobody expects the one before to take as long as that search.
+            assert await pool.localize(job(timeout_s=5)) == OUTCOME
+            before.cancel()
 
     run(scenario())
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.camera.camera import CameraDescription
+from core.camera.camera import Camera, CameraDescription
 from core.errors import OptionsError, PanoramaDamagedError, PanoramaTooLargeError
 from core.geometry.pose import Pose
 from core.options import SessionOptions, TrackedPose
@@ -17,7 +17,7 @@ from core.panorama.panorama import Panorama
 from core.panorama.session import Photo, Session
 from core.results import Candidate, Localization, SearchSummary
 from service.jobs import QueryImage
-from service.worker.query_images import photos_of, read_query, shown_on_sphere
+from service.worker.query_images import as_found, photos_of, read_query, shown_on_sphere
 
 PINHOLE = CameraDescription("pinhole", hfov_deg=60)
 NO_SESSION = SessionOptions()
@@ -50,6 +50,20 @@ def test_one_image_without_a_pose_stays_what_it_is() -> None:
     assert isinstance(photo, Photo)
     assert photos_of(photo) == [photo]
     assert photos_of(sphere)[0].camera.hfov_deg == 360
+
+
+def test_a_photo_whose_field_of_view_was_searched_is_shown_with_the_one_that_was_found() -> None:
+    camera = CameraDescription("pinhole", hfov_range_deg=(45.0, 90.0))
+    photo = read_query([QueryImage(grey(64, 48), camera=camera)], "webxr", NO_SESSION, MAX_PIXELS)
+    assert isinstance(photo, Photo)
+    assert photo.hfov_range_deg == (45.0, 90.0)
+    pose = Pose(np.eye(3), np.zeros(3))
+    unknown = found_at(pose, None)
+    assert as_found(photo, unknown) is photo
+    for query in (photo, Session.of_photo(photo)):
+        (shown,) = photos_of(as_found(query, replace(unknown, found_camera=Camera.from_hfov("pinhole", 64, 48, 52.0))))
+        assert shown.camera.hfov_deg == pytest.approx(52.0)
+        assert shown.hfov_range_deg is None
 
 
 def test_poses_are_brought_from_the_axes_of_the_caller_to_those_of_the_algorithm() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from core.camera.camera import Camera
-from core.config import UnknownWidthConfig
+from core.config import FieldOfViewConfig
 from core.errors import OptionsError
 from core.fast.fast_method import FastMethod
 from core.index.map_index import MapIndex
@@ -21,7 +21,7 @@ from core.stage_clock import StageClock
 from core.views.comparison import Comparison
 
 
-def unknown_width(session: Session) -> tuple[float, float] | None:
+def searched_range_deg(session: Session) -> tuple[float, float] | None:
     """Return the degrees that the only photo of a session is wide at least and at most; None where its camera is known.
 
     Raises OptionsError where the camera of one of several photos is not known.
@@ -40,13 +40,31 @@ def with_found_camera(
     maps: Sequence[MapIndex],
     hints: Hints | None,
     clock: StageClock,
-    config: UnknownWidthConfig,
+    config: FieldOfViewConfig,
 ) -> Session:
     """Return the session of one photo with the field of view, of those in its range, that fits best."""
     photo = session.images[0].photo
     if photo.hfov_range_deg is None:
         return session
     low, high = (_focal_px(photo.camera, width) for width in reversed(photo.hfov_range_deg))
+    found = _localized(method, session, maps, hints, clock, (low, high), config)
+    focal = (
+        math.sqrt(low * high) if found is None else _refined(method, session, maps, clock, found, (low, high), config)
+    )
+    return _with_focal(session, focal)
+
+
+def _localized(
+    method: FastMethod,
+    session: Session,
+    maps: Sequence[MapIndex],
+    hints: Hints | None,
+    clock: StageClock,
+    bounds_px: tuple[float, float],
+    config: FieldOfViewConfig,
+) -> tuple[float, Hypothesis] | None:
+    """Return the focal length, pixels, of those the search likes best, at which the photo fits best, and how it lies there."""
+    low, high = bounds_px
     count = max(1, math.ceil(math.log(high / low) / math.log(config.search_step)))
     tried = [low * (high / low) ** ((k + 0.5) / count) for k in range(count)]
     scores = {focal: method.search_score(_with_focal(session, focal), maps, hints, clock) for focal in tried}
@@ -57,23 +75,34 @@ def with_found_camera(
             best = focal, result.hypotheses[0]
         if method.is_sure(result.hypotheses):
             break
-    if best is None:
-        return _with_focal(session, math.sqrt(low * high))
-    focal, hypothesis = best
+    return best
+
+
+def _refined(
+    method: FastMethod,
+    session: Session,
+    maps: Sequence[MapIndex],
+    clock: StageClock,
+    found: tuple[float, Hypothesis],
+    bounds_px: tuple[float, float],
+    config: FieldOfViewConfig,
+) -> float:
+    """Return the focal length, pixels, to which rounds of refinement with the pose lead, each with the window of the one before."""
+    focal, hypothesis = found
     last_log, share = 0.0, 1.0
     for _ in range(config.most_rounds):
         hypothesis, factor = method.with_focal(_with_focal(session, focal), maps, hypothesis, clock)
         log = math.log(factor)
         # Where rounds swing to and fro around the right one, they go half as far.
         share = share / 2 if log * last_log < 0 else share
-        last_log, focal = log, min(max(focal * factor**share, low), high)
+        last_log, focal = log, min(max(focal * factor**share, bounds_px[0]), bounds_px[1])
         if abs(log) < math.log(config.settled):
             break
-    return _with_focal(session, focal)
+    return focal
 
 
-def with_width_uncertainty(
-    answer: Localization, camera: Camera, comparison: Comparison | None, config: UnknownWidthConfig
+def with_its_uncertainty(
+    answer: Localization, camera: Camera, comparison: Comparison | None, config: FieldOfViewConfig
 ) -> Localization:
     """Return the answer with the camera that was found, and a radius that tells what it leaves open.
 

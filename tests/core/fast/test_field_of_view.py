@@ -7,7 +7,7 @@ import pytest
 
 from core.camera.camera import Camera
 from core.errors import OptionsError
-from core.fast.unknown_width import unknown_width
+from core.fast.field_of_view import searched_range_deg
 from core.geometry.pose import Pose, pose_error
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
@@ -18,7 +18,7 @@ from tests.core.panorama.painted_photos import photo_of
 WIDTH_DEG = 84.0
 
 
-def of_unknown_width(box: PaintedBox, pose: Pose, bounds_deg: tuple[float, float]) -> Photo:
+def of_unknown_field_of_view(box: PaintedBox, pose: Pose, bounds_deg: tuple[float, float]) -> Photo:
     """Return a photo 84 degrees wide, taken for one of 70."""
     photo = photo_of(box, Camera.from_hfov("pinhole", 640, 480, WIDTH_DEG), pose)
     return replace(photo, camera=Camera.from_hfov("pinhole", 640, 480, 70.0), hfov_range_deg=bounds_deg)
@@ -28,7 +28,7 @@ def of_unknown_width(box: PaintedBox, pose: Pose, bounds_deg: tuple[float, float
 def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
     localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
 ) -> None:
-    found = localizer.localize(of_unknown_width(box, box_pose, (60.0, 100.0)), [box_index])
+    found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 100.0)), [box_index])
     assert found.status == "localized"
     assert found.found_camera is not None
     assert found.found_camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
@@ -36,6 +36,9 @@ def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
     error = pose_error(found.best.pose, box_pose)
     assert error.position_m < 0.15
     assert error.orientation_deg < 3
+    # What the focal length leaves open: some percent of the metres to the walls.
+    assert found.accuracy_position_m is not None
+    assert found.accuracy_position_m > 0.04
 
 
 @pytest.mark.slow
@@ -47,8 +50,8 @@ def test_a_known_camera_stays_what_it_is(
 
 
 def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale(box: PaintedBox, box_pose: Pose) -> None:
-    photo = of_unknown_width(box, box_pose, (60.0, 100.0))
+    photo = of_unknown_field_of_view(box, box_pose, (60.0, 100.0))
     image = SessionImage(photo, Pose(np.eye(3), np.zeros(3)))
-    assert unknown_width(Session((image,))) == (60.0, 100.0)
+    assert searched_range_deg(Session((image,))) == (60.0, 100.0)
     with pytest.raises(OptionsError, match="hfov_range_deg: expected a single photo"):
-        unknown_width(Session((image, image)))
+        searched_range_deg(Session((image, image)))
