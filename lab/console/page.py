@@ -8,7 +8,7 @@ from typing import Any
 from playwright.sync_api import Page, sync_playwright
 
 CHROMIUM = "/usr/bin/chromium"
-_ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"]
+_ARGUMENTS = ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"]
 _PATIENCE_S = 300.0
 
 

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.integration.running_service import eventually
 
 CHROMIUM = "/usr/bin/chromium"
-_ARGUMENTS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"]
+_ARGUMENTS = ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"]
 WAIT_MS = 120_000
+# Whatever is expected may take as long: other tests run on the same processors.
+expect.set_options(timeout=WAIT_MS)
 AXE = Path(__file__).parents[2] / "service" / "console" / "node_modules" / "axe-core" / "axe.min.js"
 
 

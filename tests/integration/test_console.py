@@ -92,15 +92,17 @@ def test_a_dropped_scan_becomes_a_map_whose_name_is_text(page: Page, room_id: st
     assert page.locator("img[src=x]").count() == 0
 
 
+@pytest.mark.parametrize(("draw", "drawn_by"), [("webgl", "WebGL"), ("processor", "the processor")])
 def test_photo_and_points_meet_where_the_photo_was_taken(
-    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
+    page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path, draw: str, drawn_by: str
 ) -> None:
-    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.goto(f"{service.http.base_url}/?draw={draw}#/maps/{room_id}")
     wait_until_drawn(page, _num_stored_points(service, room_id))
     page.get_by_label("Choose photos to localize").set_input_files(panorama)
     page.get_by_role("button", name=STAND_HERE).click()
     expect(page.get_by_role("button", name=STEP_OUT)).to_be_visible()
     assert scene_state(page)["isStanding"]
+    assert scene_state(page)["renderer"].startswith(drawn_by)
     slider = page.get_by_label("From points to photo")
     slider.fill("0")
     points = picture_of(page, tmp_path, "points")

@@ -1,7 +1,7 @@
 /** The scan from above, painted pixel by pixel: it needs no WebGL, and a click on it is a place. */
 
 import type { MapStats, Vector3 } from "../api/types.ts";
-import type { PointArrays } from "../scene/point_decoder.ts";
+import type { PointChunk } from "../scene/point_decoder.ts";
 
 /** Of the scan's height that is painted: ceilings hide what is below them. */
 const SHOWN_HEIGHT = 0.82;
@@ -24,7 +24,7 @@ export function planFrame(stats: MapStats): PlanFrame {
 }
 
 /** Paint points onto a canvas that is made as large as they need. */
-export function paintPlan(canvas: HTMLCanvasElement, { positions, colors }: PointArrays, count: number, origin: Vector3, stats: MapStats): void {
+export function paintPlan(canvas: HTMLCanvasElement, chunks: PointChunk[], origin: Vector3, stats: MapStats): void {
   const frame = planFrame(stats);
   const perMetre = LONGER_SIDE_PX / Math.max(frame.width, frame.height);
   const [width, height] = [Math.max(1, Math.round(frame.width * perMetre)), Math.max(1, Math.round(frame.height * perMetre))];
@@ -34,18 +34,21 @@ export function paintPlan(canvas: HTMLCanvasElement, { positions, colors }: Poin
   const picture = context.createImageData(width, height);
   const heights = new Float32Array(width * height).fill(-Infinity);
   const cut = stats.bounds.min[2] + SHOWN_HEIGHT * (stats.bounds.max[2] - stats.bounds.min[2]) - origin[2];
-  for (let at = 0; at < 3 * count; at += 3) {
-    const z = positions[at + 2]!;
-    if (z > cut) continue;
-    const column = Math.floor((positions[at]! + origin[0] - frame.left) * perMetre);
-    const row = Math.floor((frame.top - positions[at + 1]! - origin[1]) * perMetre);
-    // A point is three pixels wide, so that floors close.
-    for (const [dx, dy] of SPREAD) {
-      if (column + dx < 0 || column + dx >= width || row + dy < 0 || row + dy >= height) continue;
-      const pixel = (row + dy) * width + column + dx;
-      if (z <= heights[pixel]!) continue;
-      heights[pixel] = z;
-      picture.data.set([colors[at]!, colors[at + 1]!, colors[at + 2]!, 255], 4 * pixel);
+  const pixels = new Uint32Array(picture.data.buffer);
+  for (const { positions, colors } of chunks) {
+    for (let point = 0, at = 0; point < colors.length; point += 1, at += 3) {
+      const z = positions[at + 2]!;
+      if (z > cut) continue;
+      const column = Math.floor((positions[at]! + origin[0] - frame.left) * perMetre);
+      const row = Math.floor((frame.top - positions[at + 1]! - origin[1]) * perMetre);
+      // A point is three pixels wide, so that floors close.
+      for (const [dx, dy] of SPREAD) {
+        if (column + dx < 0 || column + dx >= width || row + dy < 0 || row + dy >= height) continue;
+        const pixel = (row + dy) * width + column + dx;
+        if (z <= heights[pixel]!) continue;
+        heights[pixel] = z;
+        pixels[pixel] = colors[point]!;
+      }
     }
   }
   context.putImageData(picture, 0, 0);

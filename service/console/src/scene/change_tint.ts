@@ -1,6 +1,7 @@
 /** Which points lie in cells of space in which something changed, and how many of the answers that saw the cell say so. */
 
 import type { Vector3 } from "../api/types.ts";
+import type { PointChunk } from "./point_decoder.ts";
 
 export interface SceneCell {
   /** In the world of the renderer. */
@@ -10,18 +11,21 @@ export interface SceneCell {
 }
 
 const ACROSS = 65_536;
+const RED = [224, 43, 36] as const;
+/** Of the colour of points that did not change, and of those that did in all answers. */
+const [GREYED, REDDENED] = [0.55, 0.85];
 
-/** Write the tint (0..255) of points from `first` to `last` into `tints`. side: of a cell, metres. */
-export function tintPoints(tints: Uint8Array, positions: Float32Array, first: number, last: number, cells: SceneCell[], side: number): void {
-  const base = cells[0]?.center;
-  if (base === undefined || side <= 0) {
-    tints.fill(0, first, last);
-    return;
-  }
+/** Return the colours of points, greyed, and red in cells that changed. side: of a cell, metres. */
+export function tintedColors({ positions, colors }: PointChunk, cells: SceneCell[], side: number): Uint32Array {
+  const [x0, y0, z0] = cells[0]!.center;
   const key = (x: number, y: number, z: number): number =>
-    ((Math.round((x - base[0]) / side) + ACROSS / 2) * ACROSS + Math.round((y - base[1]) / side) + ACROSS / 2) * ACROSS + Math.round((z - base[2]) / side);
-  const shares = new Map(cells.map((cell) => [key(...cell.center), Math.round(255 * Math.max(0.35, cell.share))]));
-  for (let point = first, at = 3 * first; point < last; point += 1, at += 3) {
-    tints[point] = shares.get(key(positions[at]!, positions[at + 1]!, positions[at + 2]!)) ?? 0;
-  }
+    ((Math.round((x - x0) / side) + ACROSS / 2) * ACROSS + Math.round((y - y0) / side) + ACROSS / 2) * ACROSS + Math.round((z - z0) / side);
+  const shares = new Map(cells.map((cell) => [key(...cell.center), REDDENED * Math.max(0.35, cell.share)]));
+  return colors.map((color, point) => {
+    const [r, g, b] = [color & 255, (color >> 8) & 255, (color >> 16) & 255];
+    const grey = GREYED * (0.3 * r + 0.59 * g + 0.11 * b);
+    const share = shares.get(key(positions[3 * point]!, positions[3 * point + 1]!, positions[3 * point + 2]!)) ?? 0;
+    const mixed = (own: number, red: number): number => (1 - share) * ((1 - GREYED) * own + grey) + share * red;
+    return 0xff000000 | (mixed(b, RED[2]) << 16) | (mixed(g, RED[1]) << 8) | mixed(r, RED[0]);
+  });
 }

@@ -1,21 +1,18 @@
-/** Turns the bytes of a binary PLY, as they come, into arrays of points. */
+/** Turns the bytes of a binary PLY, as they come, into chunks of points. */
 
 import type { Vector3 } from "../api/types.ts";
 
 const END = "end_header\n";
 const MOST_HEADER_BYTES = 4096;
+/** The first chunk is a picture by itself, as soon as it is there. */
+const FIRST_CHUNK = 100_000;
+const CHUNK = 262_144;
 
-export interface PointArrays {
+export interface PointChunk {
   /** (n, 3) metres from the origin that was asked for. */
   positions: Float32Array;
-  /** (n, 3) sRGB. */
-  colors: Uint8Array;
-}
-
-export interface PointStreamEvents {
-  /** Arrays for all points; only the first `numArrived` of `onPoints` hold any. */
-  onBegin(arrays: PointArrays, numPoints: number): void;
-  onPoints(numArrived: number): void;
+  /** (n,) sRGB as bytes r, g, b, 255 in memory. */
+  colors: Uint32Array;
 }
 
 interface Layout {
@@ -27,51 +24,75 @@ interface Layout {
 export class PointDecoder {
   private rest = new Uint8Array(0);
   private layout: Layout | null = null;
-  private arrays: PointArrays = { positions: new Float32Array(0), colors: new Uint8Array(0) };
-  private numArrived = 0;
+  private numDecoded = 0;
+  private filled = 0;
+  private chunk: PointChunk = chunkOf(0);
   private readonly origin: Vector3;
-  private readonly events: PointStreamEvents;
 
-  constructor(origin: Vector3, events: PointStreamEvents) {
+  constructor(origin: Vector3) {
     this.origin = origin;
-    this.events = events;
   }
 
-  take(block: Uint8Array): void {
+  /** Of the whole stream, null before its header has come. */
+  get numPoints(): number | null {
+    return this.layout?.numPoints ?? null;
+  }
+
+  /** Take the next bytes; return the chunks that they complete. */
+  take(block: Uint8Array): PointChunk[] {
     let bytes = this.rest.length ? joined(this.rest, block) : block;
     if (this.layout === null) {
       this.layout = layoutOf(bytes);
       if (this.layout === null) {
         this.rest = bytes.slice();
-        return;
+        return [];
       }
       bytes = bytes.subarray(this.layout.headerBytes);
-      const { numPoints } = this.layout;
-      this.arrays = { positions: new Float32Array(3 * numPoints), colors: new Uint8Array(3 * numPoints) };
-      this.events.onBegin(this.arrays, numPoints);
+      this.chunk = chunkOf(Math.min(FIRST_CHUNK, this.layout.numPoints));
     }
-    const used = this.decode(bytes, this.layout);
+    const done: PointChunk[] = [];
+    const used = this.decode(bytes, this.layout, done);
     this.rest = bytes.slice(used);
-    this.events.onPoints(this.numArrived);
+    return done;
   }
 
-  private decode(bytes: Uint8Array, { isDouble, numPoints }: Layout): number {
+  private decode(bytes: Uint8Array, { isDouble, numPoints }: Layout, done: PointChunk[]): number {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-    const size = isDouble ? 8 : 4;
-    const rowBytes = 3 * size + 3;
-    const count = Math.min(Math.floor(bytes.length / rowBytes), numPoints - this.numArrived);
-    const { positions, colors } = this.arrays;
-    let to = 3 * this.numArrived;
-    for (let row = 0, at = 0; row < count; row += 1, at += rowBytes, to += 3) {
-      for (let axis = 0; axis < 3; axis += 1) {
-        const value = isDouble ? view.getFloat64(at + axis * size, true) : view.getFloat32(at + axis * size, true);
-        positions[to + axis] = value - this.origin[axis]!;
-        colors[to + axis] = bytes[at + 3 * size + axis]!;
-      }
+    const rowBytes = isDouble ? 27 : 15;
+    let count = Math.min(Math.floor(bytes.length / rowBytes), numPoints - this.numDecoded);
+    let at = 0;
+    while (count > 0) {
+      const rows = Math.min(count, this.chunk.colors.length - this.filled);
+      decodeRows(view, at, rows, isDouble, this.origin, this.chunk, this.filled);
+      at += rows * rowBytes;
+      count -= rows;
+      this.filled += rows;
+      this.numDecoded += rows;
+      if (this.filled < this.chunk.colors.length) break;
+      done.push(this.chunk);
+      this.chunk = chunkOf(Math.min(CHUNK, numPoints - this.numDecoded));
+      this.filled = 0;
     }
-    this.numArrived += count;
-    return count * rowBytes;
+    return at;
   }
+}
+
+function decodeRows(view: DataView, from: number, count: number, isDouble: boolean, origin: Vector3, chunk: PointChunk, first: number): void {
+  const { positions, colors } = chunk;
+  const [x, y, z] = origin;
+  const size = isDouble ? 8 : 4;
+  for (let row = 0, at = from, to = 3 * first; row < count; row += 1, to += 3) {
+    positions[to] = (isDouble ? view.getFloat64(at, true) : view.getFloat32(at, true)) - x;
+    positions[to + 1] = (isDouble ? view.getFloat64(at + 8, true) : view.getFloat32(at + 4, true)) - y;
+    positions[to + 2] = (isDouble ? view.getFloat64(at + 16, true) : view.getFloat32(at + 8, true)) - z;
+    at += 3 * size;
+    colors[first + row] = 0xff000000 | (view.getUint8(at + 2) << 16) | (view.getUint8(at + 1) << 8) | view.getUint8(at);
+    at += 3;
+  }
+}
+
+function chunkOf(count: number): PointChunk {
+  return { positions: new Float32Array(3 * count), colors: new Uint32Array(count) };
 }
 
 function layoutOf(bytes: Uint8Array): Layout | null {

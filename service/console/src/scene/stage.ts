@@ -1,125 +1,116 @@
 /** The 3D view: the scan from outside, turned about its middle, or from where a photo was taken, with the photo in front of the points. */
 
-import { Color, Matrix4, PerspectiveCamera, Scene, Vector3 as V3, WebGLRenderer } from "three";
+import { Matrix4, PerspectiveCamera, Vector3 as V3 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 import type { CameraOfImage, Vector3 } from "../api/types.ts";
 import type { SceneCell } from "./change_tint.ts";
-import { CameraMarkers, type Marker } from "./camera_markers.ts";
 import { directionAngles, type Place3, viewRotation } from "./frames.ts";
 import { LookAround } from "./look_around.ts";
-import { Pace } from "./pace.ts";
-import { photoTexture, PhotoSurface } from "./photo_surface.ts";
-import { PointCloud } from "./point_cloud.ts";
-import type { PointArrays } from "./point_decoder.ts";
+import { type Marker, markerAt } from "./markers.ts";
+import { makePainter } from "./paint/make_painter.ts";
+import type { Painter, StageColors } from "./paint/painter.ts";
+import { decodePhoto } from "./photo.ts";
+import type { PointChunk } from "./point_decoder.ts";
 
 const OUTSIDE_FOV_DEG = 45;
 const INSIDE_FOV_DEG = 75;
 /** Of the scan's height that is shown from outside: ceilings hide what is below them. */
 const SHOWN_HEIGHT = 0.82;
 const STILL_AFTER_MS = 180;
-
-export interface StageColors {
-  background: string;
-  accent: string;
-  unsure: string;
-  rim: string;
-}
+/** A tab that is not seen draws nothing; what it waits for comes all the same. */
+const HIDDEN_MS = 300;
 
 export class Stage {
-  readonly pace = new Pace();
   onMarker: (index: number) => void = () => undefined;
-  private readonly renderer: WebGLRenderer;
-  private readonly scene = new Scene();
+  private readonly painter: Painter;
   private readonly camera = new PerspectiveCamera(OUTSIDE_FOV_DEG, 1, 0.05, 5000);
   private readonly orbit: OrbitControls;
   private readonly look: LookAround;
-  private readonly markers = new CameraMarkers();
   private readonly canvas: HTMLCanvasElement;
-  private cloud: PointCloud | null = null;
-  private photo: PhotoSurface | null = null;
-  private changes: { cells: SceneCell[]; side: number } = { cells: [], side: 0 };
+  private markers: Marker[] = [];
+  private numPoints = 0;
+  private total = 0;
+  private cut = Infinity;
   private standing: Place3 | null = null;
   private bounds: { min: Vector3; max: Vector3 } = { min: [-1, -1, -1], max: [1, 1, 1] };
-  private colors: StageColors;
-  private blend = 1;
   private moved = 0;
-  private drawn = 0;
   private frame = 0;
-  private lastFrame = 0;
+  private lastMoving = 0;
+  private isTouched = true;
+  private isAnew = true;
   private isFull = false;
   private pressed: [number, number] | null = null;
 
   constructor(canvas: HTMLCanvasElement, colors: StageColors) {
     this.canvas = canvas;
-    this.colors = colors;
-    this.renderer = new WebGLRenderer({ canvas, antialias: false, alpha: false, powerPreference: "high-performance", preserveDrawingBuffer: true });
+    this.painter = makePainter(canvas, colors);
     this.camera.up.set(0, 0, 1);
     this.orbit = new OrbitControls(this.camera, canvas);
     this.orbit.addEventListener("change", () => this.touch());
     this.orbit.listenToKeyEvents(canvas);
     this.orbit.maxPolarAngle = Math.PI * 0.98;
     this.look = new LookAround(canvas, () => this.turned());
-    this.scene.add(this.markers.object);
     canvas.addEventListener("pointerdown", this.down);
     canvas.addEventListener("pointerup", this.up);
-    this.recolor(colors);
   }
 
   recolor(colors: StageColors): void {
-    this.colors = colors;
-    this.scene.background = new Color(colors.background);
-    this.touch();
+    this.painter.recolor(colors);
+    this.refresh();
   }
 
-  /** Begin a scan; bounds: in the world of the renderer. */
-  setCloud(arrays: PointArrays, bounds: { min: Vector3; max: Vector3 }): void {
-    this.dropCloud();
-    this.cloud = new PointCloud(arrays);
-    this.cloud.tint(this.changes.cells, this.changes.side);
-    this.scene.add(this.cloud.object);
-    this.bounds = bounds;
+  /** Begin a scan of so many points; bounds: in the world of the renderer. */
+  begin(numPoints: number, bounds: { min: Vector3; max: Vector3 }): void {
+    [this.numPoints, this.total, this.bounds] = [0, numPoints, bounds];
+    this.painter.begin(numPoints);
     if (this.standing === null) this.leave();
   }
 
-  grow(numPoints: number): void {
-    this.cloud?.grow(numPoints);
-    this.touch();
+  /** Add points; ends once they may have been drawn, so that whoever brings them leaves time for that. */
+  async grow(chunk: PointChunk): Promise<void> {
+    this.painter.grow(chunk);
+    this.numPoints += chunk.colors.length;
+    this.refresh();
+    await new Promise<void>((resolve) => {
+      requestAnimationFrame(() => resolve());
+      setTimeout(resolve, HIDDEN_MS);
+    });
   }
 
   show(markers: Marker[]): void {
-    this.markers.show(markers, this.colors);
-    this.touch();
+    this.markers = markers;
+    this.painter.showMarkers(markers);
+    this.refresh();
+  }
+
+  /** Show the starts of the search, (n, 3) in the world of the renderer. */
+  showStarts(positions: Float32Array): void {
+    this.painter.showStarts(positions);
+    this.refresh();
   }
 
   /** Tint the points in cells of space in which something changed. */
   tint(cells: SceneCell[], side: number): void {
-    this.changes = { cells, side };
-    this.cloud?.tint(cells, side);
-    this.touch();
+    this.painter.tint(cells, side);
+    this.refresh();
   }
 
   /** Stand where a photo was taken, with the photo before the points where there is one. */
   async stand(place: Place3, photo: Blob | null, camera: CameraOfImage): Promise<void> {
     this.standing = place;
     this.orbit.enabled = false;
-    this.removePhoto();
+    this.painter.showPhoto(null);
     const isWhole = camera.hfov_deg > 300;
     const [yaw, pitch] = directionAngles(place.rotation);
     this.look.begin(yaw, pitch, isWhole ? null : place.rotation, isWhole ? INSIDE_FOV_DEG : this.fovOf(camera));
     if (isWhole) this.look.pitch = 0;
-    if (this.cloud) this.cloud.cut = Infinity;
+    this.cut = Infinity;
     this.turned();
     if (photo === null) return;
-    const texture = await photoTexture(photo);
-    if (this.standing !== place) {
-      texture.dispose();
-      return;
-    }
-    this.removePhoto();
-    this.photo = new PhotoSurface(texture, camera, place);
-    this.photo.opacity = this.blend;
-    this.scene.add(this.photo.object);
+    const canvas = await decodePhoto(photo);
+    if (this.standing !== place) return;
+    this.painter.showPhoto({ canvas, camera, place });
     this.touch();
   }
 
@@ -127,7 +118,7 @@ export class Stage {
   leave(): void {
     this.standing = null;
     this.look.end();
-    this.removePhoto();
+    this.painter.showPhoto(null);
     this.orbit.enabled = true;
     const { min, max } = this.bounds;
     const middle = new V3((min[0] + max[0]) / 2, (min[1] + max[1]) / 2, (min[2] + max[2]) / 2 - 0.1 * (max[2] - min[2]));
@@ -140,37 +131,33 @@ export class Stage {
     this.camera.updateProjectionMatrix();
     this.orbit.target.copy(middle);
     this.orbit.update();
-    if (this.cloud) this.cloud.cut = min[2] + SHOWN_HEIGHT * (max[2] - min[2]);
+    this.cut = min[2] + SHOWN_HEIGHT * (max[2] - min[2]);
     this.touch();
   }
 
   /** Show so much of the photo (1) or of the points (0). */
   fade(share: number): void {
-    this.blend = share;
-    if (this.photo) this.photo.opacity = share;
-    this.touch();
+    this.painter.fade(share);
+    if (this.painter.isFadedQuickly) this.refresh();
+    else this.touch();
   }
 
   resize(width: number, height: number): void {
     if (width < 1 || height < 1) return;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    this.renderer.setSize(width, height, false);
+    this.painter.resize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.touch();
   }
 
   /** What a test or a measurement asks: where one stands, what was drawn, and with what. */
-  state(): { numDrawn: number; numPoints: number; framesPerSecond: number; isStill: boolean; isStanding: boolean; renderer: string } {
-    const gl = this.renderer.getContext();
-    const named = gl.getExtension("WEBGL_debug_renderer_info");
+  state(): { numDrawn: number; numPoints: number; isStill: boolean; isStanding: boolean; renderer: string } {
     return {
-      numDrawn: this.drawn,
-      numPoints: this.cloud?.numPoints ?? 0,
-      framesPerSecond: this.pace.framesPerSecond,
-      isStill: this.frame === 0 && this.isFull,
+      numDrawn: this.painter.numDrawn,
+      numPoints: this.numPoints,
+      isStill: this.frame === 0 && this.isFull && this.numPoints === this.total,
       isStanding: this.standing !== null,
-      renderer: String(named ? gl.getParameter(named.UNMASKED_RENDERER_WEBGL) : "unknown"),
+      renderer: this.painter.name,
     };
   }
 
@@ -188,11 +175,9 @@ export class Stage {
     cancelAnimationFrame(this.frame);
     this.look.dispose();
     this.orbit.dispose();
-    this.dropCloud();
-    this.removePhoto();
+    this.painter.dispose();
     this.canvas.removeEventListener("pointerdown", this.down);
     this.canvas.removeEventListener("pointerup", this.up);
-    this.renderer.dispose();
   }
 
   private fovOf(camera: CameraOfImage): number {
@@ -212,29 +197,37 @@ export class Stage {
     this.touch();
   }
 
-  /** Something changed: draw quickly now, and fully once nothing has changed for a moment. */
+  /** The view changed: draw quickly now, and fully once it has not changed for a moment. */
   private touch(): void {
     this.moved = performance.now();
+    this.isTouched = true;
+    this.refresh();
+  }
+
+  /** Something is to be drawn that was not there. */
+  private refresh(): void {
     this.isFull = false;
-    if (this.frame === 0) {
-      this.lastFrame = 0;
-      this.frame = requestAnimationFrame(this.draw);
-    }
+    if (this.frame === 0) this.frame = requestAnimationFrame(this.draw);
   }
 
   private readonly draw = (now: number): void => {
-    // While points come, pictures are quick ones: a full one would hold the stream up.
-    const isStill = performance.now() - this.moved > STILL_AFTER_MS && (this.cloud?.isComplete ?? true);
-    if (this.lastFrame > 0 && this.drawn > 0 && !document.hidden && !isStill) this.pace.note(this.drawn, now - this.lastFrame);
-    this.lastFrame = now;
-    const tanHalf = Math.tan((this.camera.fov / 360) * Math.PI);
-    const pixelsPerRadian = this.renderer.domElement.height / (2 * tanHalf);
-    if (this.cloud) this.drawn = this.cloud.show(isStill ? this.pace.still : this.pace.moving, pixelsPerRadian, !isStill && this.pace.isSlow);
-    this.markers.scaleTo(this.camera, tanHalf, this.standing !== null);
-    this.renderer.render(this.scene, this.camera);
-    this.isFull = isStill;
-    const isWaiting = !isStill && performance.now() - this.moved > STILL_AFTER_MS;
-    this.frame = isStill || isWaiting ? 0 : requestAnimationFrame(this.draw);
+    this.camera.updateMatrixWorld();
+    const view = { camera: this.camera, isInside: this.standing !== null, cut: this.cut };
+    // The first picture waits for nothing.
+    const isMoving = this.painter.numDrawn > 0 && performance.now() - this.moved < STILL_AFTER_MS;
+    if (this.isTouched) {
+      this.painter.drawMoving(view, this.lastMoving > 0 ? now - this.lastMoving : 0);
+      this.isTouched = false;
+      this.isAnew = true;
+      this.lastMoving = now;
+    } else if (isMoving) {
+      this.lastMoving = 0;
+    } else {
+      this.lastMoving = 0;
+      this.isFull = this.painter.drawStill(view, this.isAnew);
+      this.isAnew = false;
+    }
+    this.frame = this.isFull ? 0 : requestAnimationFrame(this.draw);
   };
 
   private readonly down = (event: PointerEvent): void => {
@@ -246,21 +239,7 @@ export class Stage {
     const box = this.canvas.getBoundingClientRect();
     const wasClick = Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) < 5;
     const at: [number, number] = [((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2];
-    const marker = wasClick ? this.markers.at(at, this.camera, this.camera.aspect) : null;
+    const marker = wasClick ? markerAt(this.markers, at, this.camera, this.camera.aspect) : null;
     if (marker) this.onMarker(marker.index);
   };
-
-  private dropCloud(): void {
-    if (this.cloud === null) return;
-    this.scene.remove(this.cloud.object);
-    this.cloud.dispose();
-    this.cloud = null;
-  }
-
-  private removePhoto(): void {
-    if (this.photo === null) return;
-    this.scene.remove(this.photo.object);
-    this.photo.dispose();
-    this.photo = null;
-  }
 }

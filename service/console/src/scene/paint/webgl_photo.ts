@@ -1,10 +1,10 @@
 /** A photo around its camera: each direction shows the pixel that shows it, of a panorama as of a photo with edges. */
 
-import { DoubleSide, GLSL3, LinearFilter, Matrix3, Mesh, NoColorSpace, RepeatWrapping, ShaderMaterial, SphereGeometry, type Texture } from "three";
-import { CanvasTexture } from "three";
+import { CanvasTexture, DoubleSide, GLSL3, LinearFilter, Matrix3, Mesh, NoColorSpace, RepeatWrapping, ShaderMaterial, SphereGeometry } from "three";
 
-import type { CameraOfImage } from "../api/types.ts";
-import { type Place3, transposed } from "./frames.ts";
+import type { CameraOfImage } from "../../api/types.ts";
+import { transposed } from "../frames.ts";
+import type { PlacedPhoto } from "./painter.ts";
 
 const VERTEX = `
 out vec3 direction;
@@ -41,32 +41,17 @@ void main() {
   shown = vec4(textureLod(photo, vec2(at.x, 1.0 - at.y), 0.0).rgb, opacity);
 }`;
 const MODELS: Record<CameraOfImage["model"], number> = { equirectangular: 0, pinhole: 1, opencv: 1, opencv_fisheye: 2, cylindrical: 3 };
-/** Texels across: more than most screens show of a panorama at once, and within what every WebGL 2 takes. */
-const MOST_TEXELS = 4096;
-
-/** Decode a photo for `PhotoSurface`, smaller where it is very large. */
-export async function photoTexture(photo: Blob): Promise<Texture> {
-  const bitmap = await createImageBitmap(photo);
-  const scale = Math.min(1, MOST_TEXELS / Math.max(bitmap.width, bitmap.height));
-  const canvas = document.createElement("canvas");
-  canvas.width = Math.max(1, Math.round(bitmap.width * scale));
-  canvas.height = Math.max(1, Math.round(bitmap.height * scale));
-  canvas.getContext("2d")!.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-  bitmap.close();
-  const texture = new CanvasTexture(canvas);
-  texture.colorSpace = NoColorSpace;
-  texture.generateMipmaps = false;
-  texture.minFilter = LinearFilter;
-  texture.wrapS = RepeatWrapping;
-  return texture;
-}
-
-export class PhotoSurface {
+export class WebglPhoto {
   readonly object: Mesh<SphereGeometry, ShaderMaterial>;
-  private readonly texture: Texture;
+  private readonly texture: CanvasTexture;
 
-  constructor(texture: Texture, camera: CameraOfImage, place: Place3) {
-    const { width, height } = texture.image as HTMLCanvasElement;
+  constructor({ canvas, camera, place }: PlacedPhoto) {
+    const { width, height } = canvas;
+    const texture = new CanvasTexture(canvas);
+    texture.colorSpace = NoColorSpace;
+    texture.generateMipmaps = false;
+    texture.minFilter = LinearFilter;
+    texture.wrapS = RepeatWrapping;
     this.texture = texture;
     const uniforms = {
       cameraFromMap: { value: new Matrix3().set(...(transposed(place.rotation).flat() as Nine)) },

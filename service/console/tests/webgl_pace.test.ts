@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Pace } from "../src/scene/pace.ts";
+import { Pace } from "../src/scene/paint/webgl_pace.ts";
 
 function framesOf(pace: Pace, pointsPerMs: number, count: number): void {
   for (let frame = 0; frame < count; frame += 1) {

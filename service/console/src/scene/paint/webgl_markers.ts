@@ -1,25 +1,14 @@
-/** Cameras in the scene: a dot where each stood, an arrow the way it looked, on top of the points. */
+/** Cameras in WebGL: a dot where each stood, an arrow the way it looked, on top of the points. */
 
 import { Color, ConeGeometry, Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 as V3 } from "three";
 import type { Camera } from "three";
 
-import { type Place3, applied } from "./frames.ts";
+import { applied } from "../frames.ts";
+import { MARKER_SIZE, type Marker, NEAREST_M } from "../markers.ts";
+import type { StageColors } from "./painter.ts";
 
-export interface Marker {
-  place: Place3;
-  /** A number that whoever made the marker knows it by. */
-  index: number;
-  isChosen: boolean;
-  isUnsure: boolean;
-}
-
-/** Of the view's height, so that a marker can be hit from afar. */
-const SIZE = 0.018;
-const NEAREST_M = 0.25;
-
-export class CameraMarkers {
+export class WebglMarkers {
   readonly object = new Group();
-  private markers: Marker[] = [];
   private readonly sphere = new SphereGeometry(1, 20, 14);
   private readonly arrow = new ConeGeometry(0.8, 1.7, 20).translate(0, 2.6, 0);
 
@@ -27,9 +16,8 @@ export class CameraMarkers {
     this.object.renderOrder = 20;
   }
 
-  show(markers: Marker[], colors: { accent: string; unsure: string; rim: string }): void {
+  show(markers: Marker[], colors: StageColors): void {
     this.object.clear();
-    this.markers = markers;
     for (const marker of markers) {
       const color = new Color(marker.isUnsure ? colors.unsure : colors.accent);
       const each = new Group();
@@ -53,20 +41,7 @@ export class CameraMarkers {
     for (const each of this.object.children) {
       const distance = camera.position.distanceTo(each.position);
       each.visible = !isInside || distance > NEAREST_M;
-      each.scale.setScalar(Math.max(0.02, distance * tanHalfFov * SIZE));
+      each.scale.setScalar(Math.max(0.02, distance * tanHalfFov * MARKER_SIZE));
     }
-  }
-
-  /** Return the marker under a point of the screen (-1..1 both ways), null where there is none. */
-  at(pointer: [number, number], camera: Camera, aspect: number): Marker | null {
-    let [nearest, best]: [Marker | null, number] = [null, 0.045];
-    for (const marker of this.markers) {
-      const seen = new V3(...marker.place.position);
-      if (camera.position.distanceTo(seen) < NEAREST_M) continue;
-      seen.project(camera);
-      const distance = Math.hypot((seen.x - pointer[0]) * aspect, seen.y - pointer[1]);
-      if (seen.z < 1 && distance < best) [nearest, best] = [marker, distance];
-    }
-    return nearest;
   }
 }

@@ -1,7 +1,0 @@
-import type { StageColors } from "./stage.ts";
-
-/** Of the 3D view, which cannot read style sheets; `--stage`, `--accent` and `--warn` of theme.css. */
-export const STAGE_COLORS: Record<"light" | "dark", StageColors> = {
-  light: { background: "#e7e9ec", accent: "#2b57d9", unsure: "#b06d00", rim: "#ffffff" },
-  dark: { background: "#0b0d10", accent: "#8aa9ff", unsure: "#e6b45c", rim: "#10131a" },
-};
