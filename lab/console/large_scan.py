@@ -14,8 +14,8 @@ from playwright.sync_api import Page
 
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
-from lab.console.own_service import OwnService, own_service
 from lab.console.page import open_page, scene_state
+from lab.own_service import OwnService, own_service
 from lab.rooms import SceneSpec, build_scene, scan_scene
 
 _ROOM_POINTS = 40_000

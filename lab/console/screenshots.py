@@ -12,9 +12,9 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, expect
 
-from lab.console.own_service import OwnService, own_service
 from lab.console.page import open_page, wait_until_still
 from lab.demo_room import CHANGED_FRACTION, ROOM_AREA_M2, ROOM_FAMILY, SEED
+from lab.own_service import OwnService, own_service
 from lab.rooms import SceneSpec, build_scene, change_scene, sample_pose, take_panorama
 
 SIZES = ((1440, 900), (900, 1180), (390, 844))

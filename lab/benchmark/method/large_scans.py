@@ -7,16 +7,18 @@ in memory as a whole.
 """
 
 import argparse
+import itertools
 import json
 import tempfile
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.errors import OptionsError
 from lab.benchmark.method.registration import memory_bytes, register_in_new_process
@@ -28,6 +30,33 @@ _POINTS_PER_STATION = 5_000_000
 _NUM_STARTS = 400
 _SAMPLE_POINTS = 100_000
 _WRITTEN_AT_ONCE = 1 << 20
+_DRAWN_POINTS = 4_000_000
+_RANGE_NOISE_M = 0.003
+
+Chunk = tuple[NDArray[np.float32], NDArray[np.uint8]]
+
+
+class LargeScan:
+    """Points of a room without end.
+
+    The same four million points come again and again, each time with other noise on their ranges: drawing them costs several times what
+    writing them does.
+    """
+
+    def __init__(self, room: PaintedRoom, num_points: int):
+        """num_points: how many will be asked for in all."""
+        self._drawn = list(room.scan_chunks(min(num_points, _DRAWN_POINTS), chunk=_WRITTEN_AT_ONCE))
+        self._random = np.random.default_rng((room.seed, 5))
+
+    def chunks(self, num_points: int) -> Iterator[Chunk]:
+        """Yield positions (n, 3) metres and colours (n, 3) of so many points."""
+        left = num_points
+        for positions, colors in itertools.cycle(self._drawn):
+            noise = self._random.standard_normal(positions.shape, dtype=np.float32) * np.float32(_RANGE_NOISE_M)
+            yield (positions + noise)[:left], colors[:left]
+            left -= len(positions)
+            if left <= 0:
+                return
 
 
 def write_laz(path: Path, room: PaintedRoom, num_points: int) -> None:
@@ -37,7 +66,7 @@ def write_laz(path: Path, room: PaintedRoom, num_points: int) -> None:
     header = laspy.LasHeader(point_format=7, version="1.4")
     header.scales = np.full(3, _LAZ_STEP_M)
     with laspy.open(path, mode="w", header=header, laz_backend=laspy.LazBackend.Lazrs) as file:
-        for positions, colors in room.scan_chunks(num_points, chunk=_WRITTEN_AT_ONCE):
+        for positions, colors in LargeScan(room, num_points).chunks(num_points):
             points = laspy.ScaleAwarePointRecord.zeros(len(positions), header=header)
             points.x, points.y, points.z = positions.astype(np.float64).T
             points.red, points.green, points.blue = colors.astype(np.uint16).T * 257
@@ -48,7 +77,7 @@ def write_e57(path: Path, room: PaintedRoom, num_points: int) -> None:
     """Write a scan of `num_points` points as stations of five million, each turned about its own place."""
     from pye57 import E57, libe57
 
-    file = E57(str(path), mode="w")
+    file, scan = E57(str(path), mode="w"), LargeScan(room, num_points)
     names = ("cartesianX", "cartesianY", "cartesianZ", "colorRed", "colorGreen", "colorBlue")
     columns = {name: np.empty(_WRITTEN_AT_ONCE) for name in names}
     for number, first in enumerate(range(0, num_points, _POINTS_PER_STATION)):
@@ -60,7 +89,7 @@ def write_e57(path: Path, room: PaintedRoom, num_points: int) -> None:
         for name in names:
             buffers.append(libe57.SourceDestBuffer(file.image_file, name, columns[name], _WRITTEN_AT_ONCE, True, True))
         writer = points.writer(buffers)
-        for positions, colors in room.scan_chunks(count, chunk=_WRITTEN_AT_ONCE, seed=number):
+        for positions, colors in scan.chunks(count):
             local = (positions - place) @ turn
             for name, values in zip(names, (*local.T, *colors.T), strict=True):
                 columns[name][: len(values)] = values
@@ -92,6 +121,11 @@ def _begin_station(libe57: Any, image_file: Any, scans: Any, angle: float, place
     return points
 
 
+def spacing_of_starts() -> float:
+    """Return the distance of starts, metres, that makes of any such scan a map of the usual size."""
+    return spacing_for(PaintedRoom(0).scan(_SAMPLE_POINTS), _NUM_STARTS)
+
+
 WRITERS: dict[str, Callable[[Path, PaintedRoom, int], None]] = {"laz": write_laz, "e57": write_e57}
 
 
@@ -99,12 +133,11 @@ def measure(kind: str, num_points: int, folder: Path | None, threads: int = 1) -
     """Write a scan of a kind, register it, remove it. Raises OptionsError for an unknown kind, OSError for a full disk."""
     if kind not in WRITERS:
         raise OptionsError(f"kind: expected one of {', '.join(WRITERS)}, got {kind!r}")
-    room = PaintedRoom(0)
-    spacing_m = spacing_for(room.scan(_SAMPLE_POINTS), _NUM_STARTS)
+    spacing_m = spacing_of_starts()
     with tempfile.TemporaryDirectory(prefix="panoloc-large-", dir=folder) as place:
         path = Path(place) / f"scan.{kind}"
         began = time.perf_counter()
-        WRITERS[kind](path, room, num_points)
+        WRITERS[kind](path, PaintedRoom(0), num_points)
         written = time.perf_counter() - began
         figures = register_in_new_process(path, spacing_m, threads)
     own = {"kind": kind, "seconds_to_write": round(written, 1), "peak_bytes_to_write": memory_bytes().get("peak")}

@@ -1,6 +1,5 @@
 """The service that the benchmark sends queries to: the one at `--url`, or one of its own for as long as it is needed."""
 
-import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,6 +14,7 @@ from lab.benchmark.request import BenchRequest
 from lab.benchmark.rooms import spacing_for
 from lab.benchmark.scan_file import write_room_scan
 from lab.benchmark.timing import Say
+from lab.own_service import free_port
 from service.cli.session import Session
 from service.client import JsonObject, PanolocClient
 from service.host.lifeline import Lifeline
@@ -64,13 +64,6 @@ def measured_service(request: BenchRequest, session: Session, say: Say) -> Itera
             stack.callback(client.delete_map, place["id"])
         process_id = None if service is None else service.process_id
         yield MeasuredService(url, process_id, _when_ready(client, place, say), panoramas)
-
-
-def free_port() -> int:
-    """Return a port of this machine that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _start(stack: ExitStack, url: str, request: BenchRequest, folder: Path) -> BackgroundService:

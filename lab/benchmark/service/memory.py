@@ -30,7 +30,7 @@ def measure_memory(process_id: int, request: BenchRequest, say: Say, send: Calla
     time.sleep(request.settle_s)
     idle = by_name(family_bytes(process_id))
     say(f"memory under {request.num_queries} queries")
-    with _Peak(process_id) as peak:
+    with PeakMemory(process_id) as peak:
         send(request.num_queries)
     say("memory of the service, idle again")
     time.sleep(request.settle_s)
@@ -51,16 +51,20 @@ def by_name(processes: dict[str, int]) -> dict[str, int]:
     return dict(sorted(found.items(), key=lambda entry: -entry[1]))
 
 
-class _Peak:
-    """Samples the memory in a thread while the block runs."""
+class PeakMemory:
+    """Samples the proportional memory of a process and everything below it in a thread while the block runs.
+
+    bytes: the most that they took together; by_process: what each took then, by name.
+    """
 
     def __init__(self, process_id: int) -> None:
         self.bytes = 0
+        self.by_process: dict[str, int] = {}
         self._process_id = process_id
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._sample, name="memory", daemon=True)
 
-    def __enter__(self) -> "_Peak":
+    def __enter__(self) -> "PeakMemory":
         self._thread.start()
         return self
 
@@ -70,5 +74,7 @@ class _Peak:
 
     def _sample(self) -> None:
         while not self._ended.is_set():
-            self.bytes = max(self.bytes, sum(family_bytes(self._process_id).values()))
+            found = family_bytes(self._process_id)
+            if sum(found.values()) > self.bytes:
+                self.bytes, self.by_process = sum(found.values()), by_name(found)
             self._ended.wait(_SAMPLE_S)

@@ -1,5 +1,6 @@
 """A service of its own to look at, with nothing in it, for as long as it is needed."""
 
+import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -7,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lab.background_service import start_in_background, wait_until_ready
-from lab.benchmark.service.measured_service import free_port
 from service.client import PanolocClient
 
 
 @dataclass(frozen=True)
 class OwnService:
-    """folder: where photos and the like may be put. data_dir: of the service."""
+    """folder: where photos and the like may be put. data_dir: of the service. process_id: of the process that began all others."""
 
     url: str
     client: PanolocClient
     folder: Path
     data_dir: Path
+    process_id: int
 
 
 @contextmanager
@@ -32,4 +33,11 @@ def own_service() -> Iterator[OwnService]:
         stack.callback(service.stop)
         client = stack.enter_context(PanolocClient(url))
         wait_until_ready(client, service, lambda _: None)
-        yield OwnService(url, client, folder, data_dir)
+        yield OwnService(url, client, folder, data_dir, service.process_id)
+
+
+def free_port() -> int:
+    """Return a port of this machine that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
