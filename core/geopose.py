@@ -28,12 +28,12 @@ def geopose_of(georeference: Mapping[str, Any], pose: MapPose) -> Document | Non
     """Return the GeoPose of a camera; None where its height above the ellipsoid is not known, or outside of a coordinate system.
 
     georeference: `latitude_deg`, `longitude_deg`, `height_m`, `heading_deg` of the map's origin, as maps have it; or
-    `coordinate_system`, of the map's positions, by EPSG code or WKT.
+    `coordinate_system`, of the map's positions, by EPSG code or WKT, and perhaps `geoid_undulation_m`, of the geoid above the ellipsoid.
     """
     of_map = times(times(turn("z", pose.yaw_deg), turn("y", pose.pitch_deg)), turn("x", pose.roll_deg))
     system = georeference.get("coordinate_system")
     if system is not None:
-        found = coordinate_system(system).place(pose.position_m)
+        found = coordinate_system(system).place(pose.position_m, georeference.get("geoid_undulation_m"))
         if found is None or found.height_reference != "ellipsoid":
             return None
         # The north of the grid is turned from true north by the convergence, as the y axis of a map by its heading.

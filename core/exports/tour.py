@@ -49,8 +49,9 @@ class Georeference:
 class Tour:
     """Photos of one map.
 
-    coordinate_system: of the map's positions, by EPSG code or WKT; where there is a georeference, that counts. created_unix_s: when they
-    were placed; stands for the time of a photo where a format cannot do without. scan: a PLY with the points of the map in its own frame,
+    coordinate_system: of the map's positions, by EPSG code or WKT; where there is a georeference, that counts. geoid_undulation_m: of the
+    geoid above the ellipsoid there, None where nobody said. created_unix_s: when they were placed; stands for the time of a photo where a
+    format cannot do without. scan: a PLY with the points of the map in its own frame,
     for formats that hold points. survey: the scan as it was made, an E57 in the map's own frame, which the export as E57 holds as it is.
     """
 
@@ -62,6 +63,7 @@ class Tour:
     coordinate_system: str | None = None
     scan: Path | None = None
     survey: Path | None = None
+    geoid_undulation_m: float | None = None
 
     @property
     def times_unix_s(self) -> list[float]:

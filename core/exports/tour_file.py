@@ -1,7 +1,7 @@
 """A tour as JSON: what the process that writes exports is given. Sizes and times are read from the photos themselves.
 
 {"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "coordinate_system": null | "EPSG:25832",
-     "scan": null | "points.ply", "survey": null | "scan.e57",
+     "geoid_undulation_m": null | 46.2, "scan": null | "points.ply", "survey": null | "scan.e57",
  "photos": [{"name": "a.jpg", "image": "/…/00000", "frame": "ros", "position_m": [x, y, z], "quaternion_xyzw": [x, y, z, w],
              "camera_model": "equirectangular", "confidence": 0.9, "position_radius_m": 0.02, "orientation_radius_deg": 0.3}],
  "left_out": [{"name": "b.jpg", "reason": "not_localized"}]}
@@ -34,6 +34,7 @@ def read_tour(path: Path) -> Tour:
         created_unix_s=document["created_unix_s"],
         scan=_path(document["scan"]),
         survey=_path(document["survey"]),
+        geoid_undulation_m=document["geoid_undulation_m"],
     )
 
 

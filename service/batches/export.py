@@ -19,7 +19,7 @@ from service.batches.record import BatchRecord, Result, image_key
 from service.batches.tour import TourDocument, maps_of
 from service.errors import ExportFailedError, StoredFileMissingError
 from service.jobs import new_id
-from service.maps.record import MapRecord, coordinate_system_of, key_of
+from service.maps.record import MapRecord, key_of, place_on_earth
 from service.storage import Storage
 
 REFUSED = 3
@@ -105,10 +105,9 @@ def _tour_document(
         image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
         tour.add(name, image, result["answer"])
     created_unix_s = datetime.fromisoformat(wanted.record.created_at).timestamp()
-    georeference = None if place is None else place.georeference
     survey = _survey(storage, place, stack) if wanted.format == "e57" else None
-    system = None if place is None else coordinate_system_of(place)
-    return tour.document(created_unix_s, georeference, system, _points(storage, place, stack), survey)
+    at = {} if place is None else place_on_earth(place)
+    return tour.document(created_unix_s, at, _points(storage, place, stack), survey)
 
 
 def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:

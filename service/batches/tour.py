@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from service.batches.record import Result
+from service.maps.record import ON_EARTH
 
 
 @dataclass
@@ -55,19 +56,17 @@ class TourDocument:
     def document(
         self,
         created_unix_s: float,
-        georeference: object,
-        coordinate_system: str | None,
+        place: Mapping[str, Any],
         scan: Path | None,
         survey: Path | None = None,
     ) -> dict[str, Any]:
-        """Return the tour. georeference, coordinate_system: as a map has them.
+        """Return the tour. place: what a map says of its place on Earth, as its document has it, perhaps among other things.
 
         scan: a PLY with the points of the map. survey: the scan itself, an E57."""
         return {
             "name": self.map_id,
             "created_unix_s": created_unix_s,
-            "georeference": georeference,
-            "coordinate_system": coordinate_system,
+            **{name: place.get(name) for name in ON_EARTH},
             "scan": None if scan is None else str(scan),
             "survey": None if survey is None else str(survey),
             "photos": self.photos,

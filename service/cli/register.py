@@ -34,6 +34,13 @@ def register(
             help="Projected system of the scan's coordinates, such as EPSG:25832; read from LAS, LAZ and E57 that name it."
         ),
     ] = None,
+    geoid_undulation: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Of the geoid above the ellipsoid there, so that heights of the coordinate system become heights of GeoPose.",
+        ),
+    ] = None,
     wait: Annotated[bool, typer.Option(help="Wait until the map is ready.")] = True,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
@@ -50,6 +57,8 @@ def register(
     }
     if coordinate_system is not None:
         options["coordinate_system"] = coordinate_system
+    if geoid_undulation is not None:
+        options["geoid_undulation_m"] = geoid_undulation
     with session.client(url) as client:
         place = upload_and_wait(session, client, scan, options, wait=wait)
     if json:

@@ -19,6 +19,9 @@ from service.storage import Storage
 
 RevisionStatus = Literal["queued", "ready", "failed"]
 
+ON_EARTH = ("georeference", "coordinate_system", "geoid_undulation_m")
+"""What the document of a map says of its place on Earth."""
+
 _FORMAT = 1
 
 
@@ -51,7 +54,7 @@ class MapRecord:
     newest: the revision uploaded last. serving: the one that answers queries: `newest` itself once that is ready, an
     older one until then, None before the first is ready.
     owner: the tenant of the key that made it, None: seen by keys without a tenant alone. shared_with: further tenants, "*" for all.
-    coordinate_system: by EPSG code or WKT, where somebody said so.
+    coordinate_system: by EPSG code or WKT, where somebody said so. geoid_undulation_m: of the geoid above the ellipsoid, likewise.
     """
 
     id: str
@@ -63,6 +66,7 @@ class MapRecord:
     tags: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None
     coordinate_system: str | None = None
+    geoid_undulation_m: float | None = None
     owner: str | None = None
     shared_with: list[str] = field(default_factory=list)
 
@@ -91,8 +95,8 @@ class MapRecord:
     def to_json(self) -> bytes:
         """Return the record as stored."""
         record = dataclasses.asdict(self)
-        for name in ("coordinate_system", "owner", "shared_with"):
-            if not record[name]:
+        for name in ("coordinate_system", "geoid_undulation_m", "owner", "shared_with"):
+            if record[name] in (None, []):
                 del record[name]  # versions of before it read what does not need it
         for name in ("newest", "serving"):
             revision: Revision | None = getattr(self, name)
@@ -135,11 +139,17 @@ def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str
         "updated_at": record.updated_at,
         "stats": shown.stats,
         "diagnostics": shown.diagnostics,
-        "georeference": record.georeference,
-        "coordinate_system": coordinate_system_of(record),
+        **place_on_earth(record),
         "owner": record.owner,
         "shared_with": record.shared_with,
     }
+
+
+def place_on_earth(record: MapRecord) -> dict[str, Any]:
+    """Return the values of `ON_EARTH`."""
+    return dict(
+        zip(ON_EARTH, (record.georeference, coordinate_system_of(record), record.geoid_undulation_m), strict=True)
+    )
 
 
 def coordinate_system_of(record: MapRecord) -> str | None:

@@ -75,7 +75,7 @@ class MapRegistry:
     def georeferences(self, refs: Iterable[MapRef]) -> dict[str, dict[str, Any]]:
         """Return the georeferences of those of the maps that (still) have one, by map id.
 
-        Of a map that has none but lies in a coordinate system: `{"coordinate_system": …}`.
+        Of a map that has none but lies in a coordinate system: `{"coordinate_system": …, "geoid_undulation_m": …}`.
         """
         found: dict[str, dict[str, Any]] = {}
         for record in (self._records[ref.id] for ref in refs if ref.id in self._records):
@@ -83,7 +83,7 @@ class MapRegistry:
             if record.georeference is not None:
                 found[record.id] = record.georeference
             elif system is not None:
-                found[record.id] = {"coordinate_system": system}
+                found[record.id] = {"coordinate_system": system, "geoid_undulation_m": record.geoid_undulation_m}
         return found
 
     def all(self) -> list[MapRecord]:

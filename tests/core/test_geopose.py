@@ -51,6 +51,24 @@ def test_every_pose_in_every_turned_map_is_that_of_the_exports() -> None:
         assert quaternion[3] >= 0
 
 
+@pytest.mark.parametrize("system", ["EPSG:25832", "EPSG:25832+7837"])
+def test_heights_above_the_geoid_are_raised_by_its_undulation(system: str) -> None:
+    pose = MapPose((640_000.0, 5_320_000.0, 412.0), 30.0, -5.0, 2.0)
+    found = geopose_of({"coordinate_system": system, "geoid_undulation_m": 46.2}, pose)
+    assert found is not None
+    # By PROJ: echo 640000 5320000 458.2 | cs2cs EPSG:25832 EPSG:4979
+    assert list(found["position"].values()) == pytest.approx([48.017943985, 10.877474808, 458.2], abs=2e-9)
+    ellipsoidal = MapPose((640_000.0, 5_320_000.0, 458.2), 30.0, -5.0, 2.0)
+    assert found == geopose_of({"coordinate_system": _UTM_WITH_HEIGHTS}, ellipsoidal)
+
+
+def test_heights_that_are_above_the_ellipsoid_already_are_not_raised() -> None:
+    pose = MapPose((640_000.0, 5_320_000.0, 412.0), 0.0, 0.0, 0.0)
+    found = geopose_of({"coordinate_system": _UTM_WITH_HEIGHTS, "geoid_undulation_m": 46.2}, pose)
+    assert found is not None
+    assert found["position"]["h"] == 412.0
+
+
 def test_a_grid_is_turned_by_its_convergence_and_heights_have_to_be_ellipsoidal() -> None:
     pose = MapPose((640_000.0, 5_320_000.0, 412.0), 90.0, 0.0, 0.0)
     assert geopose_of({"coordinate_system": "EPSG:25832"}, pose) is None  # of unknown height

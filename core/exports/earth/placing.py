@@ -45,7 +45,7 @@ def _place(tour: Tour, photo: PlacedPhoto) -> EarthPose:
         return earth_pose(tour.georeference, pose)
     assert tour.coordinate_system is not None, "the registry of formats refuses maps without either"
     x, y, z = pose.position.tolist()
-    found = coordinate_system(tour.coordinate_system).place((x, y, z))
+    found = coordinate_system(tour.coordinate_system).place((x, y, z), tour.geoid_undulation_m)
     if found is None:
         raise ExportRefusedError(
             f"expected positions inside of {tour.coordinate_system[:60]}, got {photo.name} at {x:.1f}, {y:.1f}, outside of it; correct the "

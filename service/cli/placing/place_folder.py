@@ -146,7 +146,7 @@ class PlaceFolder:
                 tour.add(name, self.photo(name), result["answer"])
         created_unix_s = (self.folder / _QUESTION).stat().st_mtime
         points = self.folder / "maps" / f"{map_id}.ply"
-        return tour.document(created_unix_s, place.get("georeference"), place.get("coordinate_system"), points, survey)
+        return tour.document(created_unix_s, place, points, survey)
 
     def write_unplaced(self) -> Path:
         """Write the list of photos without a pose that can be relied on."""

@@ -69,7 +69,7 @@ async def get_map(request: Request, map_id: str) -> Response:
 
 @router.patch(
     "/maps/{map_id}",
-    summary="Change name, tags, georeference or coordinate system",
+    summary="Change name, tags or place on Earth",
     dependencies=[Depends(require("write"))],
     response_model=None,
     responses={

@@ -71,6 +71,7 @@ async def post_map(request: Request) -> Response:
                 tags=options.tags,
                 georeference=None if options.georeference is None else options.georeference.model_dump(mode="json"),
                 coordinate_system=options.coordinate_system,
+                geoid_undulation_m=options.geoid_undulation_m,
                 owner=caller_of(request).tenant,
             )
             await services.registry.add(record)

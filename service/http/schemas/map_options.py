@@ -22,6 +22,10 @@ _COORDINATE_SYSTEM = (
     "Projected coordinate system of the map's positions, by EPSG code such as `EPSG:25832` or by WKT; "
     "null: what the scan says."
 )
+_GEOID_UNDULATION = (
+    "How far the geoid lies above the ellipsoid at the map, metres; makes heights of a `coordinate_system` that are above the geoid, or of "
+    "which it does not say, heights above the ellipsoid, as GeoPose has them."
+)
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
 ]
@@ -87,6 +91,8 @@ def _recognised(text: str) -> str:
 CoordinateSystem = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_DEFINITION), AfterValidator(_recognised)
 ]
+# On Earth it lies between -107 and 86 m.
+GeoidUndulation = Annotated[float, Field(ge=-200, le=200)]
 
 
 class MapOptions(ScanOptions):
@@ -96,15 +102,17 @@ class MapOptions(ScanOptions):
     tags: Tags = Field(default_factory=list, description="A query may name a tag instead of maps.")
     georeference: Georeference | None = None
     coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
+    geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
 
 
 class MapPatch(Model):
-    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes `georeference` and `coordinate_system`."""
+    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes what is said of the place on Earth."""
 
     name: Name = ""
     tags: Tags = Field(default_factory=list)
     georeference: Georeference | None = None
     coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
+    geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
     shared_with: Tags = Field(
         default_factory=list, description="Further tenants whose keys see the map, and localize in it; `*` for all."
     )

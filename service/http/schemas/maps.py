@@ -58,6 +58,9 @@ class Map(Answer):
     coordinate_system: str | None = Field(
         description="Of positions in the map, by EPSG code or WKT: as given, else as its scan says; null: neither."
     )
+    geoid_undulation_m: float | None = Field(
+        None, description="Of the geoid above the ellipsoid at the map, metres, as given."
+    )
     owner: str | None = Field(None, description="The tenant of the key that made it; null: of none.")
     shared_with: list[str] = Field(default_factory=list, description="Further tenants that see it; `*` for all.")
 
@@ -112,6 +115,7 @@ MAP_EXAMPLE = {
     ],
     "georeference": None,
     "coordinate_system": None,
+    "geoid_undulation_m": None,
     "owner": None,
     "shared_with": [],
 }

@@ -62,6 +62,17 @@ def test_heights_that_are_not_above_the_ellipsoid_are_no_heights_of_geojson(tmp_
     assert at["geometry"]["coordinates"] == pytest.approx([6.04, 50.62], abs=0.05)
 
 
+def test_heights_of_geojson_are_raised_by_the_undulation_of_the_geoid(tmp_path: Path) -> None:
+    for system in (UTM, "EPSG:25832+7837"):
+        tour = replace(utm_tour(tmp_path, system), geoid_undulation_m=46.2)
+        at = feature("geojson", "photos.geojson", tour, tmp_path)
+        assert at["geometry"]["coordinates"][2] == pytest.approx(258.95, abs=1e-9)
+        assert at["properties"]["height_reference"] == "ellipsoid"
+        # The grid keeps its own heights.
+        properties = feature("stac", "items.json", tour, tmp_path)["properties"]
+        assert properties["pers:perspective_center"] == AT.tolist()
+
+
 def test_stac_names_the_grid_and_has_its_angles(tmp_path: Path) -> None:
     properties = feature("stac", "items.json", utm_tour(tmp_path), tmp_path)["properties"]
     assert properties["pers:crs"] == 25832

@@ -26,8 +26,9 @@ def test_the_scan_arrives_unchanged_with_its_options(panoloc: Panoloc, fake: Fak
 
 
 def test_a_coordinate_system_goes_along_where_it_is_given(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
-    panoloc("register", scan, "--coordinate-system", "EPSG:25832")
-    assert json.loads(fake.parts["options"][0])["coordinate_system"] == "EPSG:25832"
+    panoloc("register", scan, "--coordinate-system", "EPSG:25832", "--geoid-undulation", "-12.5")
+    options = json.loads(fake.parts["options"][0])
+    assert (options["coordinate_system"], options["geoid_undulation_m"]) == ("EPSG:25832", -12.5)
 
 
 def test_the_name_defaults_to_that_of_the_file(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:

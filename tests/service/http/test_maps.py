@@ -113,6 +113,10 @@ async def test_patch_changes_what_is_given_and_nothing_else(running: RunningServ
     assert body["coordinate_system"] == "EPSG:25832"
     body = (await running.client.patch(f"/maps/{map_id}", json={"coordinate_system": None})).json()
     assert body["coordinate_system"] is None
+    body = (await running.client.patch(f"/maps/{map_id}", json={"geoid_undulation_m": 46.2})).json()
+    assert body["geoid_undulation_m"] == 46.2
+    body = (await running.client.patch(f"/maps/{map_id}", json={"geoid_undulation_m": None})).json()
+    assert body["geoid_undulation_m"] is None
     assert body["updated_at"] > body["created_at"]
 
 
@@ -127,6 +131,7 @@ async def test_patch_changes_what_is_given_and_nothing_else(running: RunningServ
         {"georeference": {"latitude_deg": 91}},
         {"coordinate_system": "EPSG:4326"},
         {"coordinate_system": "PROJCS[x"},
+        {"geoid_undulation_m": 4000},
     ],
 )
 async def test_patch_names_the_field_that_is_wrong(running: RunningService, change: dict[str, object]) -> None:

@@ -50,6 +50,7 @@ export interface Place {
   diagnostics: Diagnostic[];
   georeference: Georeference | null;
   coordinate_system: string | null;
+  geoid_undulation_m: number | null;
 }
 
 export interface Pose {
