@@ -91,7 +91,8 @@ def rodrigues(vector: np.ndarray) -> np.ndarray:
 
 
 def nerfstudio(folder: Path) -> Poses:
-    frames = json.loads((folder / "transforms.json").read_text())["frames"]
+    document = json.loads((folder / "transforms.json").read_text())
+    frames, offset = document["frames"], np.array(document.get("map_offset_m", [0.0, 0, 0]))
     for frame in frames:
         (folder / frame["file_path"]).parent.mkdir(exist_ok=True)
         (folder / frame["file_path"]).touch()
@@ -99,7 +100,7 @@ def nerfstudio(folder: Path) -> Poses:
     for frame, image in zip(frames, read_transforms(folder, "ros"), strict=True):
         pose = image.camera["session_from_camera"]
         rotation = quaternion(**pose["quaternion"])
-        found[frame["file_path"]] = Pose(rotation, np.array(list(pose["position_m"].values())))
+        found[frame["file_path"]] = Pose(rotation, np.array(list(pose["position_m"].values())) + offset)
     return found
 
 
