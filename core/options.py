@@ -51,6 +51,8 @@ MAX_TOP_K = 20
 """Poses that one answer may hold; the search keeps 32 candidates, and those close together are one pose."""
 MAX_PIXELS = 100_000_000
 """Of an image that is decoded, where nobody says otherwise."""
+CAMERAS_FILE = "cameras.json"
+"""In a folder of photos: {name of a photo: its camera as `cameras` of a query have it}."""
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     held = _held(exporter, tour)
     yield from exporter.write(held)
     lines = "".join(f"{each.name}\t{each.reason}\n" for each in held.left_out)
-    yield ExportedFile(UNPLACED, lines.encode())
+    yield ExportedFile(UNPLACED, lines.encode(errors="surrogateescape"))
     yield ExportedFile("export.json", (json.dumps(_summary(format_name, held), indent=1) + "\n").encode())
 
 

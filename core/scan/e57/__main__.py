@@ -1,6 +1,7 @@
-"""`python -m core.scan.e57 SCAN.e57 FOLDER`: writes the spherical images of a file into a folder, and prints how many there are.
+"""`python -m core.scan.e57 SCAN.e57 FOLDER`: writes the images of a file into a folder, and prints how many there are.
 
-An image that lies there already, the same to the byte, is left alone, so that its time stays what it was. Damage is said in one line on
+Those of pinholes, such as the faces of cubes, are in `cameras.json` with their intrinsics, as queries have them. An image that lies there
+already, the same to the byte, is left alone, so that its time stays what it was. Damage is said in one line on
 standard error, with exit code 3.
 """
 
@@ -11,8 +12,8 @@ from pathlib import Path, PurePosixPath
 
 from core.distinct_names import distinct_names
 from core.errors import CoreError
-from core.options import ScanOptions
-from core.scan.e57.images import SphericalImage, spherical_images
+from core.options import CAMERAS_FILE, ScanOptions
+from core.scan.e57.images import E57Image, images_of
 from core.scan.e57.reader import opened
 from core.scan.reading_context import ReadingContext
 
@@ -25,12 +26,17 @@ def main(arguments: list[str]) -> int:
     try:
         context = ReadingContext(scan, ScanOptions(), scan.stat().st_size)
         with opened(context) as image_file:
-            images, num_others = spherical_images(image_file.root())
+            images, num_others = images_of(image_file.root())
             folder.mkdir(parents=True, exist_ok=True)
-            for image, name in zip(images, _names(images), strict=True):
+            names = _names(images)
+            for image, name in zip(images, names, strict=True):
                 target, data = folder / name, image.read()
                 if not target.exists() or target.read_bytes() != data:
                     target.write_bytes(data)
+            pinholes = [(name, image.pinhole) for name, image in zip(names, images, strict=True)]
+            cameras = {name: pinhole.as_camera() for name, pinhole in pinholes if pinhole is not None}
+            if cameras:
+                (folder / CAMERAS_FILE).write_text(json.dumps(cameras), encoding="utf-8")
     except (CoreError, OSError) as error:
         print(error, file=sys.stderr)
         return REFUSED
@@ -38,7 +44,7 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _names(images: list[SphericalImage]) -> list[str]:
+def _names(images: list[E57Image]) -> list[str]:
     """Return names of files: those of the images, without folders and what is not printable, with the ending of what they are."""
     plain = [re.sub(r"[^\w.+ -]", "_", PurePosixPath(image.name).name).strip(". ") or "image" for image in images]
     stems = [re.sub(r"(?i)\.(jpe?g|png)$", "", name)[-150:] for name in plain]

@@ -1,6 +1,6 @@
-"""Colours of points from panoramas with known poses: each point gets the colour of the nearest panorama that sees it.
+"""Colours of points from images with known poses: each point gets the colour of the nearest panorama or photo that shows it.
 
-What a panorama sees is told by a picture of the distances of all points around it: a point behind nearer ones is hidden.
+What is seen from a place is told by a picture of the distances of all points around it: a point behind nearer ones is hidden.
 """
 
 import io
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from core.errors import ScanContentError
 from core.options import MAX_PIXELS
-from core.scan.e57.images import SphericalImage
+from core.scan.e57.images import E57Image, Pinhole
 
 MAX_IMAGES = 400
 _DEPTH_ROWS, _DEPTH_COLUMNS = 256, 512  # 0.7 degrees: what scans of a few centimetres fill at a few metres
@@ -23,38 +23,72 @@ _HOLE = 0.7  # of its own distance; most neighbours nearer than that: what is se
 _MOST_NEIGHBOURS = 5  # of eight
 _COLOR_PIXELS = 160_000_000  # of all panoramas together, in memory as bytes of red, green and blue
 _WIDEST = 4096
+_SAME_PLACE_M = 0.01
+
+
+@dataclass(frozen=True)
+class _View:
+    """One image: from its axes to the file's, and its colours (h, w, 3). pinhole: None of a panorama."""
+
+    rotation: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    pinhole: Pinhole | None
+
+    def colors_in(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """Return what the image shows in directions (n, 3) in the file's axes, and which of them it shows at all."""
+        directions = offsets @ self.rotation
+        height, width = self.colors.shape[:2]
+        if self.pinhole is None:
+            row, column = _pixels(directions, height, width)
+            return self.colors[row, column], np.ones(len(directions), np.bool_)
+        forward, left, up = directions.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = (self.pinhole.cx - self.pinhole.fx * left / forward) / self.pinhole.width
+            down = (self.pinhole.cy - self.pinhole.fy * up / forward) / self.pinhole.height
+            shown = (forward > 0) & (across >= 0) & (across < 1) & (down >= 0) & (down < 1)
+        row, column = ((at[shown] * size).astype(np.int64) for at, size in ((down, height), (across, width)))
+        found = np.zeros((len(directions), 3), np.uint8)
+        found[shown] = self.colors[row, column]
+        return found, shown
 
 
 @dataclass
-class _View:
-    """One panorama: its pose, its colours (h, w, 3), and the distance of the nearest point in each direction."""
+class _Station:
+    """A place with its images. depth: the distance of the nearest point in each direction, in the file's axes."""
 
-    rotation: NDArray[np.float64]
     position: NDArray[np.float64]
-    colors: NDArray[np.uint8]
     depth: NDArray[np.float64]
+    views: list[_View]
 
 
-class PanoramaColors:
+class ImageColors:
     """Used in two passes over the points: `add` all of them, then `of` each chunk."""
 
-    def __init__(self, images: Sequence[SphericalImage]) -> None:
+    def __init__(self, images: Sequence[E57Image]) -> None:
         """images: with poses, at most MAX_IMAGES; decoded here. Raises ScanContentError for one that does not decode."""
-        widest = int(np.sqrt(2 * _COLOR_PIXELS / max(1, len(images))))
-        self._views = [_view(image, min(_WIDEST, widest)) for image in images]
+        widest = min(_WIDEST, int(np.sqrt(2 * _COLOR_PIXELS / max(1, len(images)))))
+        self._stations: list[_Station] = []
+        for image in images:
+            assert image.position is not None
+            self._station_at(image.position).views.append(_view(image, widest))
+
+    def _station_at(self, position: NDArray[np.float64]) -> _Station:
+        for known in self._stations:
+            if np.linalg.norm(known.position - position) < _SAME_PLACE_M:
+                return known
+        self._stations.append(_Station(position, np.full((_DEPTH_ROWS, _DEPTH_COLUMNS), np.inf), []))
+        return self._stations[-1]
 
     def add(self, positions: NDArray[np.float64]) -> None:
         """Note what points (n, 3), in the file's frame, hide."""
-        for view in self._views:
-            near, directions, distances = _near(view, positions)
-            row, column = _pixels(directions, _DEPTH_ROWS, _DEPTH_COLUMNS)
-            del near
-            np.minimum.at(view.depth, (row, column), distances)
+        for station in self._stations:
+            _, offsets, distances = _near(station, positions)
+            np.minimum.at(station.depth, _pixels(offsets, _DEPTH_ROWS, _DEPTH_COLUMNS), distances)
 
     def close_gaps(self) -> None:
         """End the first pass: directions in which points are seen through gaps between nearer ones become as near as those."""
-        for view in self._views:
-            padded = np.pad(view.depth, ((1, 1), (0, 0)), mode="edge")
+        for station in self._stations:
+            padded = np.pad(station.depth, ((1, 1), (0, 0)), mode="edge")
             around = np.stack(
                 [
                     np.roll(padded, aside, axis=1)[1 + down : 1 + down + _DEPTH_ROWS]
@@ -63,37 +97,35 @@ class PanoramaColors:
                     if down or aside
                 ]
             )
-            nearer = around < _HOLE * view.depth
+            nearer = around < _HOLE * station.depth
             behind = nearer.sum(axis=0) >= _MOST_NEIGHBOURS
-            view.depth = np.where(behind, np.where(nearer, around, 0).max(axis=0), view.depth)
+            station.depth = np.where(behind, np.where(nearer, around, 0).max(axis=0), station.depth)
 
     def of(self, positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the colours (n, 3) of points in 0..255, and which points any panorama sees."""
+        """Return the colours (n, 3) of points in 0..255, and which points any image shows."""
         best = np.full(len(positions), np.inf)
         colors = np.zeros((len(positions), 3))
-        for view in self._views:
-            near, directions, distances = _near(view, positions)
-            row, column = _pixels(directions, _DEPTH_ROWS, _DEPTH_COLUMNS)
-            seen = distances <= view.depth[row, column] * (1 + _TOLERANCE) + _TOLERANCE_M
-            seen &= distances < best[near]
-            chosen = near[seen]
-            height, width = view.colors.shape[:2]
-            row, column = _pixels(directions[seen], height, width)
-            colors[chosen] = view.colors[row, column]
-            best[chosen] = distances[seen]
+        for station in self._stations:
+            near, offsets, distances = _near(station, positions)
+            depth = station.depth[_pixels(offsets, _DEPTH_ROWS, _DEPTH_COLUMNS)]
+            seen = (distances <= depth * (1 + _TOLERANCE) + _TOLERANCE_M) & (distances < best[near])
+            near, offsets, distances = near[seen], offsets[seen], distances[seen]
+            for view in station.views:
+                found, shown = view.colors_in(offsets)
+                colors[near[shown]] = found[shown]
+                best[near[shown]] = distances[shown]
         return colors, np.isfinite(best)
 
 
-def with_poses(images: Iterable[SphericalImage]) -> list[SphericalImage]:
+def with_poses(images: Iterable[E57Image]) -> list[E57Image]:
     """Return those whose pose is known, no more than are used."""
     return [image for image in images if image.rotation is not None and image.position is not None][:MAX_IMAGES]
 
 
-def _view(image: SphericalImage, widest: int) -> _View:
+def _view(image: E57Image, widest: int) -> _View:
     from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
 
     assert image.rotation is not None
-    assert image.position is not None
     try:
         with Image.open(io.BytesIO(image.read()), formats=("JPEG", "PNG")) as opened:
             if opened.size[0] * opened.size[1] > MAX_PIXELS:
@@ -105,19 +137,18 @@ def _view(image: SphericalImage, widest: int) -> _View:
         raise ScanContentError(
             f"The scan has no colours of its own, and its image {image.name[:80]!r} cannot be read: {error}. Export the scan with colours."
         ) from error
-    depth = np.full((_DEPTH_ROWS, _DEPTH_COLUMNS), np.inf)
-    return _View(image.rotation, image.position, colors, depth)
+    return _View(image.rotation, colors, image.pinhole)
 
 
 def _near(
-    view: _View, positions: NDArray[np.float64]
+    station: _Station, positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the numbers of the points that are near enough, their directions in the camera's axes (m, 3), not normed, and distances."""
-    offset = positions - view.position
+    """Return the numbers of the points that are near enough, their offsets from the station (m, 3), and their distances."""
+    offset = positions - station.position
     squared = np.einsum("ij,ij->i", offset, offset)
     with np.errstate(invalid="ignore"):  # points that the scanner calls invalid are NaN
         near = np.flatnonzero((squared < _FARTHEST_M**2) & (squared > _NEAREST_M**2))
-    return near, offset[near] @ view.rotation, np.sqrt(squared[near])
+    return near, offset[near], np.sqrt(squared[near])
 
 
 def _pixels(directions: NDArray[np.float64], height: int, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,5 +1,6 @@
-"""The spherical images of an E57 file: where each was taken, and its JPEG or PNG."""
+"""The images of an E57 file: where each was taken, with which camera, and its JPEG or PNG."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,19 +11,40 @@ from core.scan.e57.scan_entry import pose_of
 
 _BLOBS = {"jpegImage": ".jpg", "pngImage": ".png"}
 _MAX_IMAGE_BYTES = 256 << 20
+_SAME_PLACE_M = 0.01
+# Rows are the axes of the standard's pinhole camera (x right, y up, z backward) written in ours (x forward, y left, z up).
+_PINHOLE_AXES = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
 
 @dataclass(frozen=True)
-class SphericalImage:
-    """A panorama of an E57 file.
+class Pinhole:
+    """Intrinsics of an image in pixels, from the left and upper edges of its first pixel."""
 
-    rotation: (3, 3) and position: (3,), from the camera (x forward, y left, z up) to the file's frame; None where the file does not say.
-    suffix: of the format that the file says it is, `.jpg` or `.png`.
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def as_camera(self) -> dict[str, object]:
+        """Return it as an entry of `cameras` of a query."""
+        sizes = {"width_px": self.width, "height_px": self.height, "fx_px": self.fx, "fy_px": self.fy}
+        return {"model": "pinhole", **sizes, "cx_px": self.cx, "cy_px": self.cy}
+
+
+@dataclass(frozen=True)
+class E57Image:
+    """An image of an E57 file.
+
+    pinhole: None of a full sphere. rotation: (3, 3) and position: (3,), from the camera (x forward, y left, z up) to the file's frame;
+    None where the file does not say. suffix: of the format that the file says it is, `.jpg` or `.png`.
     """
 
     name: str
     suffix: str
     num_bytes: int
+    pinhole: Pinhole | None
     rotation: NDArray[np.float64] | None
     position: NDArray[np.float64] | None
     _blob: Any
@@ -34,31 +56,64 @@ class SphericalImage:
         return data.tobytes()
 
 
-def spherical_images(root: Any) -> tuple[list[SphericalImage], int]:
-    """Return the spherical images of an open file, and how many others it has: of other projections, or larger than is read.
+def images_of(root: Any) -> tuple[list[E57Image], int]:
+    """Return the images of an open file, and how many others it has: of other projections, or larger than is read.
 
-    A camera's x axis looks at the middle of its image, y to the left, z up. An image twice as wide as high is a full sphere whatever size
-    of pixels it states, because files state wrong ones.
+    Those are its panoramas, and the pinhole images, such as six faces of a cube, of places where it has no panorama. A panorama's x axis
+    looks at the middle of its image, y to the left, z up. An image twice as wide as high is a full sphere whatever size of pixels it
+    states, because files state wrong ones.
     """
     nodes = root["images2D"] if root.isDefined("images2D") else ()
     found = [each for number in range(len(nodes)) if (each := _image(nodes[number], number)) is not None]
-    return found, len(nodes) - len(found)
+    panoramas = [image for image in found if image.pinhole is None]
+    at = np.array([image.position for image in panoramas if image.position is not None]).reshape(-1, 3)
+    kept = [image for image in found if image.pinhole is None or not _is_one_of(image.position, at)]
+    return kept, len(nodes) - len(found)
 
 
-def _image(node: Any, number: int) -> SphericalImage | None:
-    if not node.isDefined("sphericalRepresentation"):
-        return None
-    sphere = node["sphericalRepresentation"]
-    if int(sphere["imageWidth"].value()) != 2 * int(sphere["imageHeight"].value()):
+def _is_one_of(position: NDArray[np.float64] | None, places: NDArray[np.float64]) -> bool:
+    if position is None:
+        return len(places) > 0
+    return bool((np.linalg.norm(places - position, axis=1) < _SAME_PLACE_M).any())
+
+
+def _image(node: Any, number: int) -> E57Image | None:
+    if node.isDefined("sphericalRepresentation"):
+        picture, pinhole = node["sphericalRepresentation"], None
+        if int(picture["imageWidth"].value()) != 2 * int(picture["imageHeight"].value()):
+            return None
+    elif node.isDefined("pinholeRepresentation"):
+        picture = node["pinholeRepresentation"]
+        pinhole = _pinhole(picture)
+        if pinhole is None:
+            return None
+    else:
         return None
     for blob_name, suffix in _BLOBS.items():
-        if not sphere.isDefined(blob_name):
+        if not picture.isDefined(blob_name):
             continue
-        blob = sphere[blob_name]
+        blob = picture[blob_name]
         num_bytes = int(blob.byteCount())
         if not 0 < num_bytes <= _MAX_IMAGE_BYTES:
             return None
         name = str(node["name"].value()) if node.isDefined("name") else ""
         rotation, position = pose_of(node) if node.isDefined("pose") else (None, None)
-        return SphericalImage(name.strip() or f"image-{number:04}", suffix, num_bytes, rotation, position, blob)
+        if rotation is not None and pinhole is not None:
+            rotation = rotation @ _PINHOLE_AXES
+        return E57Image(name.strip() or f"image-{number:04}", suffix, num_bytes, pinhole, rotation, position, blob)
     return None
+
+
+def _pinhole(node: Any) -> Pinhole | None:
+    """Return the intrinsics of an image, None where they make no sense."""
+    width, height = int(node["imageWidth"].value()), int(node["imageHeight"].value())
+    focal_m, *pixels_m = (float(node[name].value()) for name in ("focalLength", "pixelWidth", "pixelHeight"))
+    if min(width, height) < 1 or not all(0 < value < math.inf for value in (focal_m, *pixels_m)):
+        return None
+    middle = [
+        float(node[name].value()) if node.isDefined(name) else size / 2
+        for name, size in (("principalPointX", width), ("principalPointY", height))
+    ]
+    if not all(0 <= at <= size for at, size in zip(middle, (width, height), strict=True)):
+        return None
+    return Pinhole(width, height, focal_m / pixels_m[0], focal_m / pixels_m[1], *middle)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
-from core.scan.e57.coloring import PanoramaColors, with_poses
+from core.scan.e57.coloring import ImageColors, with_poses
 from core.scan.e57.description import MAX_XML_BYTES, check_description
-from core.scan.e57.images import spherical_images
+from core.scan.e57.images import images_of
 from core.scan.e57.scan_entry import E57Scan
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
@@ -112,14 +112,14 @@ def _coordinate_system(root: Any) -> str | None:
 
 
 def _colored_by_images(context: ReadingContext, scans: list[E57Scan], image_file: Any) -> Iterator[RawChunk]:
-    """Yield the points that the file's own panoramas see, in the colours that those show; reads the points twice."""
-    images, _ = spherical_images(image_file.root())
+    """Yield the points that the file's own images see, in the colours that those show; reads the points twice."""
+    images, _ = images_of(image_file.root())
     posed = with_poses(images)
     if not posed:
         raise no_color_error(", ".join(scans[0].field_names)[:200])
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
-    colors = PanoramaColors(posed)
+    colors = ImageColors(posed)
     for scan in scans:
         for positions, _ in scan.iter_points(image_file):
             colors.add(positions)
@@ -133,7 +133,7 @@ def _colored_by_images(context: ReadingContext, scans: list[E57Scan], image_file
     left_out = f", {len(images) - len(posed)} images were not used" if len(posed) < len(images) else ""
     context.note(
         "colored_by_images",
-        f"The scan has no colours: {num_seen:,} of {total:,} points have those that {len(posed)} panoramas of the file show; what none of "
+        f"The scan has no colours: {num_seen:,} of {total:,} points have those that {len(posed)} images of the file show; what none of "
         f"them sees was left out{left_out}.",
         "info" if num_seen > total // 2 else "warning",
     )

@@ -14,6 +14,7 @@ import typer
 from rich.markup import escape
 
 from core.options import Method
+from service.batches.archive import IMAGE_ENDINGS
 from service.batches.record import Result
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.placing.export_folder import formats_of, write_exports
@@ -37,7 +38,7 @@ def place(
     photos: Annotated[
         Path,
         typer.Argument(
-            metavar="FOLDER", exists=True, help="Folder of photos, with folders in it; or an E57 with panoramas in it."
+            metavar="FOLDER", exists=True, help="Folder of photos, with folders in it; or an E57 with images in it."
         ),
     ],
     out: Annotated[
@@ -101,6 +102,11 @@ class _Placing:
     def run(self, parallel: int) -> list[ExitCode]:
         """Bring every photo to a result and tell of them; raises what says nothing of a photo, with the results so far kept."""
         names = self.placed.names()
+        if not names:
+            endings, folder = ", ".join(sorted(IMAGE_ENDINGS)), self.placed.question.photos
+            raise SurveyError(f"expected photos ({endings}), got none in {folder}{_of_other_formats(self.placed)}")
+        if self.placed.unread():
+            self.session.messages.print(f"left alone{_of_other_formats(self.placed)}", markup=False)
         done = [name for name in names if self.placed.is_final(name)]
         results = {name: result for name in done if (result := self.placed.result(name)) is not None}
         self._has_answers = bool(results)
@@ -129,6 +135,9 @@ class _Placing:
                     for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                         yield under_way.pop(future), future.result()
                         under_way |= {pool.submit(self.localize, name): name for name in islice(waiting, 1)}
+            except KeyboardInterrupt:
+                self.session.messages.print("ends after the photos that are under way; run again, it goes on")
+                raise
             finally:
                 self.stopped.set()
 
@@ -139,7 +148,14 @@ class _Placing:
             try:
                 question = self.placed.question
                 photo = self.placed.photo(name)
-                answer = self.client.localize([photo], question.map_ids, question.tag, None, question.options)
+                unreadable = _why_unreadable(photo)
+                if unreadable is not None:
+                    result = {"status": "failed", "error": {"title": "The file cannot be read", "detail": unreadable}}
+                    break
+                camera = self.placed.camera(name)
+                # What was asked for all photos goes before what the folder says of one.
+                options = {**({"cameras": [camera]} if camera else {}), **question.options}
+                answer = self.client.localize([photo], question.map_ids, question.tag, None, options)
                 result = {"status": answer["status"], "answer": answer}
                 break
             except ApiProblemError as problem:
@@ -178,6 +194,23 @@ class _Placing:
         self.session.results.print(f"{counted(num_photos)}: {counts or 'none'}", markup=False)
         if statuses["localized"] < num_photos:
             self.session.results.print(f"those without a pose: {unplaced}", markup=False)
+
+
+def _why_unreadable(photo: Path) -> str | None:
+    try:
+        with photo.open("rb"):
+            return None
+    except OSError as error:
+        return f"expected a file that can be read, got: {error.strerror}"
+
+
+def _of_other_formats(placed: PlaceFolder) -> str:
+    """Return which files look like photos but are in no format that is read, as the end of a sentence."""
+    unread = placed.unread()
+    if not unread:
+        return ""
+    more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
+    return f": {unread[0]}{more} cannot be read; write photos as JPEG, PNG or WebP"
 
 
 def counted(num_photos: int) -> str:

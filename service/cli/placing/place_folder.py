@@ -10,12 +10,13 @@ plan.png, contact-sheet.jpg   where the photos stand in the scan, and what becam
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from core.options import CAMERAS_FILE
 from service.batches.archive import IMAGE_ENDINGS
 from service.batches.record import Result
 from service.batches.tour import TourDocument, maps_of
@@ -24,6 +25,9 @@ from service.client import JsonObject
 _QUESTION = "place.json"
 _LOCK = ".lock"
 _OF_THE_PHOTO = (413, 415, 422)
+_UNREAD_ENDINGS = frozenset(
+    {".heic", ".heif", ".avif", ".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"}
+)
 _OPTIONS_REFUSED = "/problems/invalid-options"
 
 
@@ -47,6 +51,7 @@ class PlaceFolder:
     def __init__(self, folder: Path, question: Question) -> None:
         self.folder = folder
         self.question = question
+        self._cameras: JsonObject | None = None
 
     @classmethod
     @contextmanager
@@ -88,11 +93,23 @@ class PlaceFolder:
     def names(self) -> list[str]:
         """Return the photos below their folder, sorted, without hidden files and without what lies in this folder or one like it."""
         photos = Path(self.question.photos)
-        return sorted(path.relative_to(photos).as_posix() for path in self._images(photos))
+        return sorted(path.relative_to(photos).as_posix() for path in self._files(photos, IMAGE_ENDINGS))
+
+    def unread(self) -> list[str]:
+        """Return what lies among the photos and is one by its ending, but of a format that is not read."""
+        photos = Path(self.question.photos)
+        return sorted(path.relative_to(photos).as_posix() for path in self._files(photos, _UNREAD_ENDINGS))
 
     def photo(self, name: str) -> Path:
         """Return the file of a photo."""
         return Path(self.question.photos) / name
+
+    def camera(self, name: str) -> JsonObject | None:
+        """Return the camera of a photo, as `cameras` of a query have it, where the folder of the photos says it in `cameras.json`."""
+        if self._cameras is None:
+            self._cameras = _read(Path(self.question.photos) / CAMERAS_FILE) or {}
+        found = self._cameras.get(name)
+        return found if isinstance(found, dict) else None
 
     def result(self, name: str) -> Result | None:
         """Return the result of a photo, None when there is none, or the file has changed since."""
@@ -158,10 +175,11 @@ class PlaceFolder:
             if reason is not None:
                 lines.append(f"{name}\t{' '.join(reason.split())}\n")
         target = self.folder / "unplaced.txt"
-        _replace(target, "".join(lines).encode())
+        # A name that is no UTF-8 stands there as it is.
+        _replace(target, os.fsencode("".join(lines)))
         return target
 
-    def _images(self, photos: Path) -> Iterator[Path]:
+    def _files(self, photos: Path, endings: Set[str]) -> Iterator[Path]:
         own = self.folder.resolve()
         for folder, folders, files in os.walk(photos):
             here = Path(folder)
@@ -170,7 +188,7 @@ class PlaceFolder:
                 continue
             folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != own]
             for name in files:
-                if Path(name).suffix.lower() in IMAGE_ENDINGS and not name.startswith("."):
+                if Path(name).suffix.lower() in endings and not name.startswith("."):
                     yield here / name
 
     def _result_file(self, name: str) -> Path:
@@ -183,7 +201,11 @@ def are_options_refused(problem: JsonObject) -> bool:
 
 
 def _fingerprint(photo: Path) -> list[int]:
-    found = photo.stat()
+    """Return what changes with a file; nothing of one that is not there, such as a link to nowhere."""
+    try:
+        found = photo.stat()
+    except OSError:
+        return []
     return [found.st_size, found.st_mtime_ns]
 
 
@@ -196,7 +218,8 @@ def _read(file: Path) -> dict[str, Any] | None:
 
 
 def _write(file: Path, document: JsonObject) -> None:
-    _replace(file, (json.dumps(document, ensure_ascii=False) + "\n").encode())
+    # In JSON, too, a backslash is how to write what UTF-8 cannot hold: names that are no UTF-8.
+    _replace(file, (json.dumps(document, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))
 
 
 def _replace(file: Path, data: bytes) -> None:

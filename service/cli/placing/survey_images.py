@@ -1,4 +1,4 @@
-"""The panoramas of an E57 file as a folder of photos, taken out by `python -m core.scan.e57`, because that needs pye57."""
+"""The images of an E57 file as a folder of photos, taken out by `python -m core.scan.e57`, because that needs pye57."""
 
 import json
 import subprocess
@@ -9,11 +9,11 @@ _HEAD = b"ASTM-E57"
 
 
 class SurveyError(ValueError):
-    """A file is no E57, or has no panoramas; the message says what to do."""
+    """A file is no E57, or has no images; the message says what to do."""
 
 
 def folder_of_photos(given: Path, out: Path) -> Path:
-    """Return a folder itself, or `OUT/images` with the panoramas of an E57 file. Raises SurveyError and OSError."""
+    """Return a folder itself, or `OUT/images` with the images of an E57 file. Raises SurveyError and OSError."""
     if given.is_dir():
         return given
     with given.open("rb") as stream:
@@ -27,7 +27,7 @@ def folder_of_photos(given: Path, out: Path) -> Path:
     found = json.loads(process.stdout)
     if not found["num_images"]:
         raise SurveyError(
-            f"expected an E57 file with panoramas, got {given} with none ({found['num_others']} other images); take them out with the "
-            "scanner's software, and give their folder"
+            f"expected an E57 file with panoramas or pinhole images, got {given} with none ({found['num_others']} others); take them "
+            "out with the scanner's software, and give their folder"
         )
     return folder

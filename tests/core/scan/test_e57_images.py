@@ -1,4 +1,4 @@
-"""Panoramas of an E57 file: they colour its points, and come out of it as photos."""
+"""Images of an E57 file: they colour its points, and come out of it as photos."""
 
 import io
 import json
@@ -11,6 +11,8 @@ import pytest
 from PIL import Image
 
 from core.errors import ScanContentError
+from core.exports.axes import quaternion_wxyz
+from core.exports.reconstruction.colmap_rig import FACES, cut_face, turned
 from core.exports.tour import PlacedPhoto, Tour
 from core.geometry.pose import Pose
 from core.index.map_builder import build_map_index
@@ -35,11 +37,15 @@ RED, BLUE = (200, 30, 30), (30, 30, 200)
 def without_colors(path: Path, positions: np.ndarray) -> Path:
     """Write points alone as an E57 file, with a pose as stations have it."""
     file = pye57.E57(str(path), mode="w")
+    add_points(file, positions)
+    file.close()
+    return path
+
+
+def add_points(file: Any, positions: np.ndarray) -> None:
     shift = np.floor(positions.min(axis=0))
     columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), (positions - shift).T, strict=True))
     file.write_scan_raw(columns, name="station", rotation=np.array([1.0, 0, 0, 0]), translation=shift)
-    file.close()
-    return path
 
 
 def png(colors: np.ndarray) -> bytes:
@@ -76,6 +82,85 @@ def test_points_get_the_colours_of_the_panoramas_that_see_them(tmp_path: Path) -
     difference = np.abs(cloud.colors.astype(int) - BOX.color_at(at)).max(axis=1)
     assert np.median(difference) <= 4
     assert np.mean(difference < 40) > 0.9  # pixels at the edges of pictures show what is beside
+
+
+def cube_survey(folder: Path, offset: np.ndarray, size: int = 256) -> Path:
+    """Write points without colours, and six faces of a cube per station, all of one name."""
+    path = folder / "cubes.e57"
+    file = pye57.E57(str(path), mode="w")
+    add_points(file, BOX.scan(24_000).positions.astype(np.float64) + offset)
+    for number, station in enumerate(STATIONS):
+        panorama = BOX.panorama(station, 1024).color
+        for face in FACES:
+            pose = Pose(station.rotation @ turned(face), station.position + offset)
+            _add_pinhole(file, f"station {number}.png", pose, cut_face(panorama, size, face))
+    file.close()
+    return path
+
+
+def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray) -> None:
+    """Add a pinhole image of 90 degrees with the axes of ASTM E2807: x right, y up, z backward."""
+    libe57, image_file = pye57.libe57, file.image_file
+    data = np.frombuffer(png(colors), np.uint8).copy()
+
+    def structure(**children: Any) -> Any:
+        node = libe57.StructureNode(image_file)
+        for child, value in children.items():
+            node.set(child, libe57.FloatNode(image_file, value) if isinstance(value, float) else value)
+        return node
+
+    right_up_back = np.stack([-pose.rotation[:, 1], pose.rotation[:, 2], -pose.rotation[:, 0]], axis=1)
+    turn, size = quaternion_wxyz(right_up_back), len(colors)
+    rotation = structure(**dict(zip("wxyz", map(float, turn), strict=True)))
+    position = structure(**dict(zip("xyz", map(float, pose.position), strict=True)))
+    picture = structure(
+        pngImage=libe57.BlobNode(image_file, len(data)),
+        imageWidth=libe57.IntegerNode(image_file, size),
+        imageHeight=libe57.IntegerNode(image_file, size),
+        focalLength=0.01,
+        pixelWidth=0.02 / size,
+        pixelHeight=0.02 / size,
+        principalPointX=size / 2,
+        principalPointY=size / 2,
+    )
+    images = file.root["images2D"]
+    images.append(
+        structure(
+            guid=libe57.StringNode(image_file, f"{len(images)}"),
+            name=libe57.StringNode(image_file, name),
+            pose=structure(rotation=rotation, translation=position),
+            pinholeRepresentation=picture,
+        )
+    )
+    images[len(images) - 1]["pinholeRepresentation"]["pngImage"].write(data, 0, len(data))
+
+
+def test_faces_of_cubes_colour_points_as_panoramas_do(tmp_path: Path) -> None:
+    cloud = read_scan(cube_survey(tmp_path, LARGE))
+    assert len(cloud) > 0.97 * 24_000
+    at = cloud.positions.astype(np.float64) + cloud.origin_offset - LARGE
+    difference = np.abs(cloud.colors.astype(int) - BOX.color_at(at)).max(axis=1)
+    assert np.median(difference) <= 6
+    assert np.mean(difference < 40) > 0.9
+
+
+def test_faces_of_cubes_come_out_with_their_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "images"
+    assert main([str(cube_survey(tmp_path, np.zeros(3), size=64)), str(folder)]) == 0
+    assert json.loads(capsys.readouterr().out) == {"num_images": 12, "num_others": 0}
+    cameras = json.loads((folder / "cameras.json").read_text())
+    assert sorted(cameras) == sorted(file.name for file in folder.glob("*.png"))
+    assert len(cameras) == 12
+    for camera in cameras.values():
+        assert camera == {
+            "model": "pinhole",
+            "width_px": 64,
+            "height_px": 64,
+            "cx_px": 32.0,
+            "cy_px": 32.0,
+            "fx_px": pytest.approx(32.0),
+            "fy_px": pytest.approx(32.0),
+        }
 
 
 @pytest.mark.slow
