@@ -75,7 +75,16 @@ class BatchStore:
     def unfinished(self) -> list[BatchRecord]:
         """Return the batches with images that have no result yet, oldest first."""
         waiting = [each for each in self._records.values() if self._num_done[each.id] < len(each.names)]
-        return sorted(waiting, key=lambda record: (record.created_at, record.id))
+        return sorted(waiting, key=_order)
+
+    def after(self, place: tuple[str, str], tenant: str | None = None) -> list[BatchRecord]:
+        """Return the batches that come after a place, (created_at, id), oldest first; tenant: as in `get`."""
+        seen = (each for each in self._records.values() if tenant is None or each.tenant == tenant)
+        return sorted((each for each in seen if _order(each) > place), key=_order)
+
+    def num_done(self, batch_id: str) -> int:
+        """Return how many images of a batch have a result; nothing is read for that."""
+        return self._num_done[batch_id]
 
     def check_room(self) -> None:
         """Raise BatchLimitError when there are as many batches as allowed."""
@@ -180,6 +189,10 @@ class BatchStore:
             return result_from_json(self._storage.read(key), key)
         except (StoredFileDamagedError, StoredFileMissingError):
             return None
+
+
+def _order(record: BatchRecord) -> tuple[str, str]:
+    return record.created_at, record.id
 
 
 async def _to_the_end(work: Callable[..., None], *arguments: object) -> None:

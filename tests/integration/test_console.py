@@ -159,6 +159,11 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     expect(placed.get_by_role("button", name="panorama.jpg")).to_be_visible(timeout=WAIT_MS)
     expect(page.get_by_role("region", name="Photos without a place")).to_contain_text("notes.txt")
     expect(page.get_by_role("region", name="Plan").locator(".marker")).to_have_count(1)
+    batch_page = page.url
+    page.goto(f"{service.http.base_url}/#/batches")
+    expect(page.get_by_role("list", name="Batches").get_by_role("link").first).to_contain_text("2 photos")
+    assert serious_faults(page) == []
+    page.goto(batch_page)
     page.get_by_role("button", name="Begin the tour").click()
     expect(page.get_by_role("button", name=STEP_OUT)).to_be_visible()
     page.get_by_label("Format").select_option("potree")
@@ -169,7 +174,7 @@ def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     assert serious_faults(page) == []
     page.get_by_role("button", name="Delete this batch…").click()
     page.get_by_role("button", name="Delete", exact=True).click()
-    expect(page.get_by_role("heading", name="Batches")).to_be_visible()
+    expect(page.get_by_role("heading", name="Batches", exact=True)).to_be_visible()
 
 
 def test_the_demo_room_takes_one_click_can_be_renamed_and_is_deleted_only_when_asked_twice(
@@ -191,6 +196,33 @@ def test_the_demo_room_takes_one_click_can_be_renamed_and_is_deleted_only_when_a
     page.get_by_role("button", name="Delete", exact=True).click()
     expect(page.get_by_role("heading", name="Maps")).to_be_visible()
     assert service.status(f"/maps/{map_id}") == 404
+
+
+def test_a_service_that_is_busy_is_asked_again_when_it_says_so(page: Page, service: RunningService) -> None:
+    asked: list[str] = []
+
+    def busy_once(route: Route) -> None:
+        asked.append(route.request.url)
+        if len(asked) == 1:
+            route.fulfill(status=429, headers={"Retry-After": "3"}, json={"detail": "expected a shorter queue"})
+        else:
+            route.continue_()
+
+    page.route(re.compile(r"/batches\?"), busy_once)
+    page.goto(f"{service.http.base_url}/#/batches")
+    expect(page.get_by_text("It will be asked again in 3 s")).to_be_visible()
+    expect(
+        page.get_by_role("link", name="Localize photos").or_(page.get_by_role("list", name="Batches"))
+    ).to_be_visible()
+    expect(page.get_by_text("It will be asked again")).to_have_count(0)
+    assert len(asked) >= 2
+
+
+def test_the_starts_of_the_search_are_shown_when_asked_for(page: Page, service: RunningService, room_id: str) -> None:
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.get_by_role("checkbox", name="Starts of the search").check()
+    num_starts = service.map(room_id)["stats"]["num_starts"]
+    expect(page.get_by_text(f"Starts of the search ({num_starts})")).to_be_visible()
 
 
 def test_operations_tell_of_workers_and_of_problems_by_their_request_ids(page: Page, service: RunningService) -> None:

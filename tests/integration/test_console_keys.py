@@ -30,6 +30,11 @@ def url(tmp_path: Path) -> Iterator[str]:
 
 def test_the_console_asks_for_the_key_that_the_service_asks_for(url: str) -> None:
     with browser() as chromium, page_of(chromium, url) as page:
+        expect(page.get_by_role("heading", name="This service asks for a key")).to_be_visible()
+        assert page.get_by_role("heading", name="Maps").count() == 0
+        page.get_by_label("Key", exact=True).fill("a-wrong-one")
+        page.get_by_role("button", name="Use it").click()
+        expect(page.get_by_role("alert")).to_contain_text("does not know the key")
         page.get_by_label("Key", exact=True).fill("the-reader")
         page.get_by_role("button", name="Use it").click()
         expect(page.get_by_role("heading", name="No maps yet")).to_be_visible()

@@ -171,13 +171,9 @@ async def delete_batch(request: Request, batch_id: str) -> Response:
     return Response(status_code=204)
 
 
-async def batch_document(services: Services, record: BatchRecord, numbers: Iterable[int]) -> dict[str, Any]:
-    """Return a batch as JSON with a page of its images; numbers: theirs, in order."""
-    page = list(numbers)
-    counts = await services.batches.counts(record.id)
-    results = await services.batches.results(record.id, page)
-    num_images, num_done = len(record.names), counts.total()
-    more = bool(page) and page[-1] + 1 < num_images
+def batch_overview(record: BatchRecord, num_done: int) -> dict[str, Any]:
+    """Return a batch as lists have it; num_done: images with a result."""
+    num_images = len(record.names)
     return {
         "id": record.id,
         "status": "done" if num_done == num_images else "running" if num_done else "queued",
@@ -186,6 +182,18 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
         "tag": record.tag,
         "num_images": num_images,
         "progress": round(num_done / num_images, 4),
+    }
+
+
+async def batch_document(services: Services, record: BatchRecord, numbers: Iterable[int]) -> dict[str, Any]:
+    """Return a batch as JSON with a page of its images; numbers: theirs, in order."""
+    page = list(numbers)
+    counts = await services.batches.counts(record.id)
+    results = await services.batches.results(record.id, page)
+    num_images, num_done = len(record.names), counts.total()
+    more = bool(page) and page[-1] + 1 < num_images
+    return {
+        **batch_overview(record, num_done),
         "counts": {"waiting": num_images - num_done, **{status: counts[status] for status in _STATUSES}},
         "ignored": list(record.ignored[:_MAX_IGNORED]),
         "items": [_item(record, number, results.get(number)) for number in page],

@@ -1,9 +1,9 @@
-"""Upload many images to be localized one by one."""
+"""Upload many images to be localized one by one, and list what was uploaded."""
 
 import asyncio
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import KNOWN_FORMATS
@@ -13,14 +13,15 @@ from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
 from service.http.access import caller_of, note_change, require
 from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
-from service.http.routes.batches import batch_document
+from service.http.routes.batches import batch_document, batch_overview
 from service.http.routes.localize import checked_options
-from service.http.schemas.batches import QUEUED_BATCH_EXAMPLE, Batch, BatchOptions
+from service.http.schemas.batches import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE, Batch, BatchOptions, BatchPage
 from service.http.spool import PartRule
 from service.http.upload_place import hold_upload_place
 from service.http.uploads import MAX_PARTS, Form, read_form
 from service.http.validation import parse_json
 from service.jobs import new_id, now
+from service.maps.registry import decode_cursor, encode_cursor
 from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -41,6 +42,34 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
         "content": {"application/json": {"example": QUEUED_BATCH_EXAMPLE}},
     }
 }
+
+
+@router.get(
+    "/batches",
+    summary="List batches",
+    dependencies=[Depends(require("read"))],
+    response_model=None,
+    responses={
+        200: {"model": BatchPage, "content": {"application/json": {"example": BATCH_PAGE_EXAMPLE}}},
+        **error_responses(401, 403, 422),
+    },
+)
+async def list_batches(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=200, description="Batches on a page.")] = 50,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=512)] = None,
+) -> Response:
+    """Return the caller's batches, oldest first, page by page; each one's own address has its images and counts."""
+    batches = services_of(request).batches
+    place = ("", "") if cursor is None else decode_cursor(cursor)
+    found = batches.after(place, caller_of(request).tenant)
+    page = found[:limit]
+    more = len(found) > limit
+    body = {
+        "items": [batch_overview(record, batches.num_done(record.id)) for record in page],
+        "next_cursor": encode_cursor(page[-1].created_at, page[-1].id) if more else None,
+    }
+    return JSONResponse(body)
 
 
 @router.post(

@@ -49,8 +49,8 @@ class BatchItem(Answer):
     error: ProblemDocument | None
 
 
-class Batch(Answer):
-    """Images that are localized one by one; a restart of the service loses nothing of it."""
+class BatchOverview(Answer):
+    """A batch as lists have it."""
 
     id: str
     status: BatchStatus
@@ -59,6 +59,18 @@ class Batch(Answer):
     tag: str | None
     num_images: int
     progress: float = Field(ge=0, le=1)
+
+
+class BatchPage(Answer):
+    """A page of the caller's batches."""
+
+    items: list[BatchOverview]
+    next_cursor: str | None = Field(description="Send it as `cursor` for the next page; null on the last one.")
+
+
+class Batch(BatchOverview):
+    """Images that are localized one by one; a restart of the service loses nothing of it."""
+
     counts: BatchCounts
     ignored: list[str] = Field(
         description="Files of the archive that are no images by their names; at most 100 are listed."
@@ -80,6 +92,10 @@ QUEUED_BATCH_EXAMPLE: dict[str, Any] = {
     "counts": {"waiting": 2, "localized": 0, "ambiguous": 0, "not_localized": 0, "failed": 0},
     "ignored": ["notes.txt"],
     "items": [],
+    "next_cursor": None,
+}
+BATCH_PAGE_EXAMPLE: dict[str, Any] = {
+    "items": [{name: QUEUED_BATCH_EXAMPLE[name] for name in BatchOverview.model_fields}],
     "next_cursor": None,
 }
 BATCH_EXAMPLE: dict[str, Any] = {

@@ -15,7 +15,7 @@ import pytest
 from core.errors import DeadlineExceededError, PanoramaShapeError
 from service.errors import QueueFullError, StorageFullError
 from service.host.embedded_redis import EmbeddedRedis
-from service.http.schemas import Batch
+from service.http.schemas.batches import Batch, BatchPage
 from service.jobs import PoolState
 from service.storage import FolderStorage
 from tests.service.http.fake_pool import no_worker
@@ -84,6 +84,23 @@ async def test_a_zip_is_unpacked_and_what_is_no_image_is_named(running: RunningS
     body = await done(running, reply.json()["id"])
     assert ([item["name"] for item in body["items"]], body["ignored"]) == (["hall/1.png"], ["notes.txt"])
     assert list((running.data_dir / "uploads").iterdir()) == []
+
+
+async def test_batches_are_listed_page_by_page_oldest_first(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    made = [(await post(running, map_id, [f"{number}.png"])).json()["id"] for number in range(3)]
+    for batch_id in made:
+        await done(running, batch_id)
+    first = (await running.client.get("/batches", params={"limit": 2})).json()
+    BatchPage.model_validate(first)
+    second = (await running.client.get("/batches", params={"limit": 2, "cursor": first["next_cursor"]})).json()
+    assert [each["id"] for each in first["items"] + second["items"]] == made
+    assert second["next_cursor"] is None
+    assert {(each["status"], each["progress"], each["num_images"]) for each in first["items"]} == {("done", 1.0, 1)}
+    await running.client.delete(f"/batches/{made[0]}")
+    assert [each["id"] for each in (await running.client.get("/batches")).json()["items"]] == made[1:]
+    wrong = await running.client.get("/batches", params={"cursor": "x"})
+    assert (wrong.status_code, wrong.json()["fields"][0]["field"]) == (422, "cursor")
 
 
 async def test_images_come_page_by_page(running: RunningService) -> None:

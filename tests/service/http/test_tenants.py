@@ -112,6 +112,9 @@ async def test_a_batch_is_there_for_its_tenant_alone(house: House) -> None:
     assert made.status_code == 202, made.text
     path = f"/batches/{made.json()['id']}"
     assert [(await house.ask(who, "GET", path)).status_code for who in ("museum", "school", "admin")] == [200, 404, 200]
+    listed = {who: (await house.ask(who, "GET", "/batches")) for who in ("museum", "school", "admin", "visitors")}
+    assert [len(listed[who].json()["items"]) for who in ("museum", "school", "admin")] == [1, 0, 1]
+    assert listed["visitors"].status_code == 403
     assert (await house.ask("school", "DELETE", path)).status_code == 404
     assert (await house.ask("school", "POST", "/batches", data={"map_id": map_id}, files=files)).status_code == 404
     assert (await house.ask("museum", "DELETE", path)).status_code == 204

@@ -4,6 +4,7 @@ const ENTRY = "panoloc-key";
 
 let current = $state(sessionStorage.getItem(ENTRY) ?? "");
 let wanted = $state(false);
+let refused = $state(false);
 
 export const key = {
   get value(): string {
@@ -15,9 +16,16 @@ export const key = {
     if (current) sessionStorage.setItem(ENTRY, current);
     else sessionStorage.removeItem(ENTRY);
   },
-  /** Whether the service refused a request for want of a key. */
+  /** Whether somebody asked for the field of the key. */
   get wanted(): boolean {
     return wanted;
+  },
+  /** Whether the service refused a request for want of a key: then there is nothing to show but the field. */
+  get refused(): boolean {
+    return refused;
+  },
+  refuse(): void {
+    refused = true;
   },
   ask(): void {
     wanted = true;

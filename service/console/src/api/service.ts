@@ -1,20 +1,28 @@
 /** Requests to the service that this page came from. */
 
 import { key } from "./key.svelte.ts";
+import { putOff, wait } from "../state/patience.svelte.ts";
 import { problemOf, unreachable } from "./problem.ts";
 
-/** Send a request, with the key where there is one. Throws RequestError for everything but success. */
+/** Send a request, with the key where there is one; again where the service puts it off. Throws RequestError for everything but success. */
 export async function request(path: string, init: RequestInit = {}): Promise<Response> {
-  let response: Response;
+  for (let numTries = 1; ; numTries += 1) {
+    const response = await sent(path, init);
+    if (response.ok) return response;
+    if (response.status === 401) key.refuse();
+    const seconds = putOff(response.status, response.headers.get("Retry-After"), numTries);
+    if (seconds === null) throw problemOf(response.status, await response.text());
+    await wait(seconds, init.signal);
+  }
+}
+
+async function sent(path: string, init: RequestInit): Promise<Response> {
   try {
-    response = await fetch(relative(path), { ...init, headers: { ...key.headers(), ...init.headers } });
+    return await fetch(relative(path), { ...init, headers: { ...key.headers(), ...init.headers } });
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw error;
     throw unreachable();
   }
-  if (response.ok) return response;
-  if (response.status === 401) key.ask();
-  throw problemOf(response.status, await response.text());
 }
 
 export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T> {

@@ -103,7 +103,8 @@ export interface PendingAnswer {
   error: Problem | null;
 }
 
-export interface Batch {
+/** A batch as `GET /batches` lists it. */
+export interface BatchOverview {
   id: string;
   status: "queued" | "running" | "done";
   created_at: string;
@@ -111,6 +112,9 @@ export interface Batch {
   tag: string | null;
   num_images: number;
   progress: number;
+}
+
+export interface Batch extends BatchOverview {
   counts: Record<"waiting" | "localized" | "ambiguous" | "not_localized" | "failed", number>;
   ignored: string[];
   items: BatchItem[];

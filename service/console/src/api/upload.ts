@@ -1,6 +1,7 @@
 /** Uploads with progress, which `fetch` does not tell. */
 
 import { key } from "./key.svelte.ts";
+import { putOff, wait } from "../state/patience.svelte.ts";
 import { problemOf, unreachable } from "./problem.ts";
 import { relative } from "./service.ts";
 
@@ -18,24 +19,38 @@ export interface UploadRequest {
   onProgress?: (share: number) => void;
 }
 
-/** Begin to send a form. `done` rejects with RequestError, or with an AbortError once cancelled. */
-export function upload<T>({ method = "POST", path, form, headers = {}, onProgress }: UploadRequest): Upload<T> {
+/** Begin to send a form, again where the service puts it off. `done` rejects with RequestError, or with an AbortError once cancelled. */
+export function upload<T>(wanted: UploadRequest): Upload<T> {
+  const ended = new AbortController();
+  const sendPatiently = async (): Promise<T> => {
+    for (let numTries = 1; ; numTries += 1) {
+      const reply = await send(wanted, ended.signal);
+      if (reply.status >= 200 && reply.status < 300) return JSON.parse(reply.body) as T;
+      if (reply.status === 401) key.refuse();
+      const seconds = putOff(reply.status, reply.retryAfter, numTries);
+      if (seconds === null) throw problemOf(reply.status, reply.body);
+      await wait(seconds, ended.signal);
+    }
+  };
+  return { done: sendPatiently(), cancel: () => ended.abort() };
+}
+
+interface Reply {
+  status: number;
+  body: string;
+  retryAfter: string | null;
+}
+
+function send({ method = "POST", path, form, headers = {}, onProgress }: UploadRequest, signal: AbortSignal): Promise<Reply> {
   const sending = new XMLHttpRequest();
-  const done = new Promise<T>((resolve, reject) => {
+  signal.addEventListener("abort", () => sending.abort(), { once: true });
+  return new Promise((resolve, reject) => {
     sending.open(method, relative(path));
     for (const [name, value] of Object.entries({ ...key.headers(), ...headers })) sending.setRequestHeader(name, value);
     sending.upload.onprogress = (event) => event.lengthComputable && onProgress?.(event.loaded / event.total);
     sending.onabort = () => reject(new DOMException("The upload was cancelled.", "AbortError"));
     sending.onerror = () => reject(unreachable());
-    sending.onload = () => {
-      if (sending.status >= 200 && sending.status < 300) {
-        resolve(JSON.parse(sending.responseText) as T);
-        return;
-      }
-      if (sending.status === 401) key.ask();
-      reject(problemOf(sending.status, sending.responseText));
-    };
+    sending.onload = () => resolve({ status: sending.status, body: sending.responseText, retryAfter: sending.getResponseHeader("Retry-After") });
     sending.send(form);
   });
-  return { done, cancel: () => sending.abort() };
 }

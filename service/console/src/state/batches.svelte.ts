@@ -1,54 +1,61 @@
-/** Batches that this browser began: their ids alone, because the service keeps the rest. */
+/** Batches: begun here, and listed as the service keeps them. */
 
-import type { Batch } from "../api/types.ts";
+import { shown } from "../api/problem.ts";
+import { getJson } from "../api/service.ts";
+import type { Batch, BatchOverview, Problem } from "../api/types.ts";
 import { type Upload, upload } from "../api/upload.ts";
+import { poll } from "./polling.ts";
 import type { QueryTarget } from "./queries.svelte.ts";
+import { camerasOf } from "./view_angle.ts";
 
-export interface KnownBatch {
-  id: string;
-  begun: string;
-  numImages: number;
-  mapIds: string[];
-}
+const PAUSE_MS = 3000;
+const PAGE = 200;
 
-const ENTRY = "panoloc-batches";
-const MOST = 50;
-
-let items = $state<KnownBatch[]>(read());
-
-function read(): KnownBatch[] {
-  try {
-    const found: unknown = JSON.parse(localStorage.getItem(ENTRY) ?? "[]");
-    return Array.isArray(found) ? (found as KnownBatch[]).filter((each) => typeof each.id === "string") : [];
-  } catch {
-    return [];
-  }
-}
-
-function write(next: KnownBatch[]): void {
-  items = next.slice(0, MOST);
-  localStorage.setItem(ENTRY, JSON.stringify(items));
-}
+let items = $state<BatchOverview[]>([]);
+let isLoaded = $state(false);
+let problem = $state<Problem | null>(null);
 
 export const batches = {
-  get items(): KnownBatch[] {
+  /** The newest first. */
+  get items(): BatchOverview[] {
     return items;
+  },
+  get isLoaded(): boolean {
+    return isLoaded;
+  },
+  get problem(): Problem | null {
+    return problem;
   },
   begin(photos: File[], target: QueryTarget, onProgress: (share: number) => void): Upload<Batch> {
     const form = new FormData();
-    const cameras = target.hfovDeg ? [{ model: "pinhole", hfov_deg: target.hfovDeg }] : undefined;
-    form.append("options", JSON.stringify({ hints: target.hints ?? undefined, cameras }));
+    form.append("options", JSON.stringify({ hints: target.hints ?? undefined, cameras: camerasOf(target.angle) }));
     if (target.tag) form.append("tag", target.tag);
     else for (const id of target.mapIds) form.append("map_id", id);
     const isArchive = photos.length === 1 && photos[0]!.name.toLowerCase().endsWith(".zip");
     for (const photo of photos) form.append(isArchive ? "archive" : "image", photo, photo.name);
     return upload<Batch>({ path: "/batches", form, onProgress });
   },
-  note(batch: Batch): void {
-    const known = { id: batch.id, begun: batch.created_at, numImages: batch.num_images, mapIds: batch.map_ids };
-    write([known, ...items.filter((each) => each.id !== batch.id)]);
-  },
-  forget(id: string): void {
-    write(items.filter((each) => each.id !== id));
+  watch(): () => void {
+    return poll(async () => {
+      await load();
+      return true;
+    }, PAUSE_MS);
   },
 };
+
+async function load(): Promise<void> {
+  try {
+    const found: BatchOverview[] = [];
+    let cursor: string | null = null;
+    do {
+      const page: { items: BatchOverview[]; next_cursor: string | null } = await getJson(
+        `/batches?limit=${PAGE}${cursor ? `&cursor=${encodeURIComponent(cursor)}` : ""}`,
+      );
+      found.push(...page.items);
+      cursor = page.next_cursor;
+    } while (cursor);
+    [items, isLoaded, problem] = [found.reverse(), true, null];
+  } catch (error) {
+    problem = shown(error);
+  }
+}

@@ -22,7 +22,7 @@ export async function showDemo(say: (step: DemoStep) => void): Promise<void> {
   say("building");
   const place = await ready(begun.id);
   say("localizing");
-  queries.add([photo], { mapIds: [place.id], tag: "", hints: null, hfovDeg: null });
+  queries.add([photo], { mapIds: [place.id], tag: "", hints: null, angle: null });
   go(`/maps/${place.id}`);
 }
 

@@ -4,6 +4,7 @@ import { RequestError, shown } from "../api/problem.ts";
 import { getJson } from "../api/service.ts";
 import type { Answer, PendingAnswer, Problem } from "../api/types.ts";
 import { type Upload, upload } from "../api/upload.ts";
+import { camerasOf, type ViewAngle } from "./view_angle.ts";
 
 const AT_A_TIME = 2;
 const PAUSE_MS = 400;
@@ -19,7 +20,7 @@ export interface QueryTarget {
   mapIds: string[];
   tag: string;
   hints: QueryHints | null;
-  hfovDeg: number | null;
+  angle: ViewAngle;
 }
 
 export class Query {
@@ -64,8 +65,8 @@ export class Query {
 
   private form(): FormData {
     const form = new FormData();
-    const { mapIds, tag, hints, hfovDeg } = this.target;
-    const cameras = hfovDeg ? [{ model: "pinhole", hfov_deg: hfovDeg }] : undefined;
+    const { mapIds, tag, hints, angle } = this.target;
+    const cameras = camerasOf(angle);
     const artifacts = ["score_map_2d", "score_map_3d", "overlay"];
     form.append("options", JSON.stringify({ artifacts, top_k: NUM_POSES, hints: hints ?? undefined, cameras }));
     if (tag) form.append("tag", tag);
