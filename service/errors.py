@@ -16,6 +16,7 @@
     │   ├── MapNotReadyError          the map is still being built
     │   ├── MapUnusableError          the map could not be built and serves nothing
     │   ├── MapLimitError             as many maps as allowed
+    │   ├── VersionConflictError      somebody else has changed the map since the caller read it
     │   ├── RegistrationLimitError    the scan takes more time, memory or attempts than allowed
     │   ├── UploadTooLargeError       too many bytes
     │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
@@ -112,6 +113,10 @@ class MapUnusableError(RequestError):
 
 class MapLimitError(RequestError):
     """There are as many maps as allowed."""
+
+
+class VersionConflictError(RequestError):
+    """Somebody else has changed what the caller wants to change."""
 
 
 class RegistrationLimitError(RequestError):

@@ -104,6 +104,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.MapLimitError: Problem(
         "map-limit", "There are as many maps as allowed", 409, "Delete a map, or raise the limit."
     ),
+    service.VersionConflictError: Problem(
+        "version-conflict", "Somebody else has changed the map", 412, "Read the map again, and send its version."
+    ),
     service.RegistrationLimitError: Problem(
         "registration-limit",
         "The scan takes more time or memory than allowed",

@@ -48,7 +48,7 @@ def run_service(settings: Settings) -> int:
         )
     with contextlib.ExitStack() as stack:
         try:
-            folder = RunFolder(settings.data_dir)
+            folder = RunFolder(settings.data_dir, settings.shared)
             stack.callback(folder.close)
             lifeline = Lifeline()
             stack.callback(lifeline.close)

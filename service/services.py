@@ -23,6 +23,9 @@ from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.settings import Settings
+from service.shared_folder import SharedFolder
+from service.sharing.change_signal import ChangeSignal
+from service.sharing.folder_locks import OwnFolderLocks, SharedFolderLocks
 from service.storage import Storage
 
 _MOST_EXPORTS = 2
@@ -32,8 +35,8 @@ _MOST_EXPORTS = 2
 class Services:
     """The collaborators of one application.
 
-    started: whether start-up is over, so that requests can be served. began: monotonic seconds. export_turns: held while an export is
-    written, which takes a process of its own and much of a processor.
+    shared_folder: None without other front doors. started: whether start-up is over, so that requests can be served. began: monotonic
+    seconds. export_turns: held while an export is written, which takes a process of its own and much of a processor.
     """
 
     settings: Settings
@@ -53,6 +56,7 @@ class Services:
     uploads: UploadPlaces
     wrong_keys: WrongKeys
     audit: AuditLog
+    shared_folder: SharedFolder | None = None
     started: bool = False
     began: float = field(default_factory=time.monotonic)
     export_turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_MOST_EXPORTS))
@@ -61,11 +65,19 @@ class Services:
     @classmethod
     def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
         """Put the services of an application together; nothing runs before `start`."""
-        registry = MapRegistry(storage, settings.max_maps)
+        locks = SharedFolderLocks(settings.data_dir / "locks") if settings.shared else OwnFolderLocks()
+        registry = MapRegistry(storage, settings.max_maps, locks)
         metrics = Metrics(pool.state, registry.num_by_status)
         changes = ChangeLog(storage, settings.changes_ttl_s)
         localizations = Localizations(settings, registry, pool, cache, storage, metrics, changes)
-        batches = BatchStore(storage, settings.max_batches)
+        batches = BatchStore(storage, settings.max_batches, locks)
+        batch_runs = BatchRuns(batches, localizations, pool, settings.max_pixels)
+        registrations = Registrations(registry, pool, cache, metrics, settings.registration_limits)
+        shared_folder = None
+        if settings.shared:
+            assert settings.redis_url is not None
+            signal = ChangeSignal(settings.redis_url)
+            shared_folder = SharedFolder(storage, registry, registrations, batches, batch_runs, signal)
         return cls(
             settings,
             pool,
@@ -73,12 +85,12 @@ class Services:
             storage,
             registry,
             metrics,
-            Registrations(registry, pool, cache, metrics, settings.registration_limits),
+            registrations,
             localizations,
             changes,
             DemoRoom(storage),
             batches,
-            BatchRuns(batches, localizations, pool, settings.max_pixels),
+            batch_runs,
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
             ConnectionCount(settings.connection_limits, metrics.note_refusal),
             UploadPlaces(
@@ -86,6 +98,7 @@ class Services:
             ),
             WrongKeys(),
             AuditLog(settings.data_dir),
+            shared_folder,
         )
 
     async def start(self) -> None:
@@ -95,6 +108,8 @@ class Services:
         await self.pool.start()
         self.registrations.resume()
         self.batch_runs.resume()
+        if self.shared_folder is not None:
+            self.shared_folder.start()
         if self.settings.redis_url is not None:
             self._watch = asyncio.create_task(watch_redis(self.cache, self.settings.redis_url))
         self.started = True
@@ -104,11 +119,15 @@ class Services:
         deadline = time.monotonic() + self.settings.drain_s
         if self._watch is not None:
             self._watch.cancel()
+        if self.shared_folder is not None:
+            await self.shared_folder.stop()
         await self.registrations.stop()
         await self.batch_runs.stop()
         await self.localizations.stop(self.settings.drain_s)
         await self.pool.stop(max(0.0, deadline - time.monotonic()))
         await self.cache.close()
+        if self.shared_folder is not None:
+            await self.shared_folder.close()
 
 
 def services_of(connection: HTTPConnection) -> Services:

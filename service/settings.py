@@ -2,9 +2,9 @@
 
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import AliasChoices, Field, field_validator
+from pydantic import AliasChoices, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from core.options import MAX_PIXELS, Method, ScanOptions
@@ -23,6 +23,10 @@ class Settings(BaseSettings):
     host: str = Field("127.0.0.1", description="Address to listen on; `0.0.0.0` for all.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
     data_dir: Path = Field(Path("panoloc-data"), description="Folder for scans and map records: what must not be lost.")
+    shared: bool = Field(
+        False,
+        description="Other services use the same data folder and the same Redis: several front doors behind a balancer.",
+    )
     redis_url: str | None = Field(None, description="Redis to use; without it the service starts its own.")
     ray_address: str | None = Field(
         None,
@@ -139,6 +143,18 @@ class Settings(BaseSettings):
     def _keys_can_be_read(cls, value: str) -> str:
         callers_of_setting(value)
         return value
+
+    @model_validator(mode="after")
+    def _sharing_is_possible(self) -> Self:
+        if self.shared and self.redis_url is None:
+            raise ValueError(
+                "expected PANOLOC_REDIS_URL with PANOLOC_SHARED, got none: all front doors need the same Redis"
+            )
+        if self.shared and self.ray_address is not None:
+            raise ValueError(
+                "expected no Ray to join with PANOLOC_SHARED: each front door has workers of its own; unset RAY_ADDRESS"
+            )
+        return self
 
     @cached_property
     def keys(self) -> KeyRing:

@@ -15,11 +15,14 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Protocol
 
+from service.durable_folders import age_s, make_folder, sync_folder
 from service.errors import StoredFileDamagedError, StoredFileMissingError
 from service.storage_lacks import lacks_said
 
 _DIGEST_SUFFIX = ".sha256"
 _PROBE_BYTES = 4096
+
+Stamp = tuple[int, int, int]
 
 
 class Storage(Protocol):
@@ -61,8 +64,14 @@ class Storage(Protocol):
     def check_writable(self) -> None:
         """Raise StorageFullError or StorageReadOnlyError when nothing can be stored now."""
 
-    def tidy(self) -> None:
-        """Remove what a crash has left behind; call it once, before anything is written."""
+    def tidy(self, min_age_s: float = 0.0) -> None:
+        """Remove what a crash has left behind; call it once, before anything is written.
+
+        min_age_s: seconds for which nobody may have written it, where other processes use the storage as well.
+        """
+
+    def stamps(self, prefix: str, name: str) -> dict[str, Stamp]:
+        """Return what differs after a file of this name was replaced, for each folder directly below a prefix that has one."""
 
 
 def open_storage(url: str) -> Storage:
@@ -96,7 +105,7 @@ class FolderStorage:
             with file.open("rb") as stream:
                 os.fsync(stream.fileno())
             file.replace(target)
-            _sync_folder(target.parent)
+            sync_folder(target.parent)
 
     def replace(self, key: str, data: bytes) -> None:
         """Store bytes over older ones in one step."""
@@ -105,7 +114,7 @@ class FolderStorage:
             self._write(target, data)
 
     def _write(self, target: Path, data: bytes) -> None:
-        _make_folder(target.parent)
+        make_folder(target.parent)
         temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
         try:
             with temporary.open("wb") as stream:
@@ -117,7 +126,7 @@ class FolderStorage:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
 
     def read(self, key: str) -> bytes:
         """Return the bytes, checked against their digest when there is one beside them."""
@@ -157,7 +166,7 @@ class FolderStorage:
         try:
             with lacks_said():
                 folder.rename(condemned)
-                _sync_folder(folder.parent)
+                sync_folder(folder.parent)
         except FileNotFoundError:
             return
         shutil.rmtree(condemned, ignore_errors=True)
@@ -184,13 +193,30 @@ class FolderStorage:
             with contextlib.suppress(OSError):
                 probe.unlink(missing_ok=True)
 
-    def tidy(self) -> None:
+    def tidy(self, min_age_s: float = 0.0) -> None:
         """Remove unfinished uploads, deletions and writes."""
-        for leftover in (self._spool, self._trash, *self._folder.glob("deleted-*")):
-            shutil.rmtree(leftover, ignore_errors=True)
-        for kept in ("maps", "batches"):
-            for unfinished in (self._folder / kept).rglob(".*.tmp"):
-                unfinished.unlink(missing_ok=True)
+        if min_age_s:
+            uploads, deletions = [*self._spool.glob("*")], [*self._trash.glob("*")]
+        else:
+            uploads, deletions = [self._spool], [self._trash]
+        deletions += self._folder.glob("deleted-*")
+        writes = (each for kept in ("maps", "batches") for each in (self._folder / kept).rglob(".*.tmp"))
+        for leftover in (*deletions, *uploads, *writes):
+            if age_s(leftover) < min_age_s:
+                continue
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
+            else:
+                leftover.unlink(missing_ok=True)
+
+    def stamps(self, prefix: str, name: str) -> dict[str, Stamp]:
+        """Return number, time and size of the files of this name."""
+        found: dict[str, Stamp] = {}
+        for folder in self.names(prefix):
+            with contextlib.suppress(OSError):
+                file = os.stat(self._path(f"{prefix}/{folder}/{name}"))
+                found[folder] = (file.st_ino, file.st_mtime_ns, file.st_size)
+        return found
 
     def _has_trash(self) -> bool:
         with contextlib.suppress(OSError):
@@ -221,20 +247,3 @@ class FolderStorage:
 
 def _missing(key: str) -> StoredFileMissingError:
     return StoredFileMissingError(f"{key}: expected a stored file, found none; was the data folder changed by hand?")
-
-
-def _make_folder(folder: Path) -> None:
-    if folder.is_dir():
-        return
-    _make_folder(folder.parent)
-    folder.mkdir(exist_ok=True)
-    _sync_folder(folder.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename survive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

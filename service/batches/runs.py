@@ -2,6 +2,7 @@
 
 Images are handed to the pool one per free worker and only while no query waits, so that a batch of a thousand images delays a single query
 by no more than the image that is under way. Batches take turns.
+Of several processes that share the batches one has a batch to itself; when that ends, another takes it up.
 """
 
 import asyncio
@@ -46,9 +47,16 @@ class BatchRuns:
         store.call_when_damaged(self.begin)
 
     def resume(self) -> None:
-        """Begin again with every batch that has not come to its end."""
+        """Begin again with every batch that has not come to its end and that no other process works on."""
         for record in self._store.unfinished():
-            self.begin(record)
+            if record.id not in self._running:
+                self.begin(record)
+
+    async def end_unwanted(self) -> None:
+        """End the work on batches that other processes have deleted."""
+        for batch_id in list(self._running):
+            if not self._store.has(batch_id):
+                await self.cancel(batch_id)
 
     def begin(self, record: BatchRecord) -> None:
         """Work on a batch that is stored; on one that is under way once more when that has ended."""
@@ -86,7 +94,20 @@ class BatchRuns:
 
     async def _run(self, record: BatchRecord) -> None:
         structlog.contextvars.bind_contextvars(batch_id=record.id)
+        while not self._pool.state().ready:
+            await asyncio.sleep(_POLL_S)
+        own = await _patiently(lambda: self._store.try_run(record.id), "a batch cannot be taken up")
+        if own is None:
+            return
+        try:
+            await self._run_own(record)
+        finally:
+            own.release()
+
+    async def _run_own(self, record: BatchRecord) -> None:
         done = await _patiently(lambda: self._store.done(record.id), "what is done of a batch cannot be listed")
+        if len(done) == len(record.names):
+            return  # another process has done it meanwhile
         async with asyncio.TaskGroup() as images:
             for number in range(len(record.names)):
                 if number not in done:

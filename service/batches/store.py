@@ -1,8 +1,13 @@
-"""All batches: what was asked in memory, images and results in storage. The only writer of either."""
+"""All batches: what was asked in memory, images and results in storage.
+
+The only writer of either; where other processes share the storage, one of them at a time.
+"""
 
 import asyncio
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import structlog
@@ -12,31 +17,36 @@ from service.batches.record import (
     Result,
     folder_of,
     image_key,
-    record_key,
-    result_from_json,
     result_key,
     result_to_json,
     results_prefix,
 )
+from service.batches.stored_batches import StoredBatches
 from service.errors import (
     BatchLimitError,
     BatchNotFoundError,
     StorageError,
-    StoredFileDamagedError,
-    StoredFileMissingError,
 )
+from service.sharing.folder_locks import FolderLocks, HeldLock, OwnFolderLocks
 from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
+
+_ID = re.compile(r"batch_[0-9a-f]{16}")
 
 
 class BatchStore:
     """Used from one event loop."""
 
-    def __init__(self, storage: Storage, max_batches: int) -> None:
+    def __init__(self, storage: Storage, max_batches: int, locks: FolderLocks | None = None) -> None:
+        """locks: of the processes that share the storage; None: there is no other."""
         self._storage = storage
+        self._files = StoredBatches(storage)
+        self._locks = locks or OwnFolderLocks()
         self._max_batches = max_batches
         self._records: dict[str, BatchRecord] = {}
+        # Being deleted by us.
+        self._going: set[str] = set()
         self._statuses: dict[str, dict[int, str]] = {}
         self._all_known: set[str] = set()
         self._num_coming = 0
@@ -53,24 +63,48 @@ class BatchStore:
         """Read all records; uploads that never became a batch are removed, a record that cannot be read is logged and left alone."""
         for batch_id in await asyncio.to_thread(self._storage.names, "batches"):
             try:
-                record = await asyncio.to_thread(self._read, batch_id)
+                record = await asyncio.to_thread(self._files.read, batch_id)
             except StorageError as error:
                 _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
                 continue
             if record is None:
-                await asyncio.to_thread(self._storage.delete_all, folder_of(batch_id))
+                await self._remove_unfinished(batch_id)
                 continue
             self._records[batch_id] = record
             self._num_done[batch_id] = len(await self.done(batch_id))
 
+    async def refresh(self) -> None:
+        """Look what other processes have made, done and deleted; does nothing where there are none."""
+        if not self._locks.is_shared:
+            return
+        known_before = set(self._records)
+        stored = await asyncio.to_thread(self._storage.stamps, "batches", "batch.json")
+        for batch_id in known_before - stored.keys():
+            self._forget(batch_id)
+        for batch_id in stored:
+            self._found(batch_id)
+        for record in self.unfinished():
+            self._num_done[record.id] = len(await self.done(record.id))
+
     def get(self, batch_id: str, tenant: str | None = None) -> BatchRecord:
         """Return a batch; tenant: of the caller, None for one that sees all. Raises BatchNotFoundError."""
-        record = self._records.get(batch_id)
+        record = self._found(batch_id)
         if record is None or (tenant is not None and record.tenant != tenant):
             raise BatchNotFoundError(
                 f"expected the id of a batch, got {batch_id[:80]!r}, which is unknown or deleted; send the images again"
             )
         return record
+
+    def has(self, batch_id: str) -> bool:
+        """Tell whether there is a batch under this id."""
+        return batch_id in self._records
+
+    async def try_run(self, batch_id: str) -> HeldLock | None:
+        """Return what says that a batch is ours alone to work on, None while another process has it.
+
+        Raises StorageFullError and StorageReadOnlyError.
+        """
+        return await self._locks.try_hold(f"run-{batch_id}")
 
     def unfinished(self) -> list[BatchRecord]:
         """Return the batches with images that have no result yet, oldest first."""
@@ -102,7 +136,8 @@ class BatchStore:
         self.check_room()
         self._num_coming += 1
         try:
-            await _to_the_end(self._adopt, record, images)
+            async with self._turn(record.id):
+                await _to_the_end(self._files.adopt, record, images)
         except BaseException:
             await _to_the_end(self._storage.delete_all, folder_of(record.id))
             raise
@@ -125,22 +160,27 @@ class BatchStore:
                 missing = await self.done(batch_id) - known.keys()
                 for number, result in (await self.results(batch_id, missing)).items():
                     known[number] = result["status"]
-                self._all_known.add(batch_id)
+                if not self._locks.is_shared:
+                    self._all_known.add(batch_id)
             return Counter(known.values())
 
     async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
         """Return the results of those images that have one; one that is damaged is none, and its image is localized again."""
-        found = await asyncio.to_thread(self._read_results, batch_id, list(numbers))
+        found = await asyncio.to_thread(self._files.read_results, batch_id, list(numbers))
         damaged = {number for number, result in found.items() if result is None}
         self._note_damaged(batch_id, damaged)
         return {number: result for number, result in found.items() if result is not None}
 
     async def put_result(self, batch_id: str, number: int, result: Result) -> None:
         """Store what became of an image; to its end, so that nothing is written after a batch is deleted."""
-        await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
+        async with self._turn(batch_id):
+            if self._locks.is_shared and not await asyncio.to_thread(self._files.is_stored, batch_id):
+                return
+            await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
         self._damaged.get(batch_id, set()).discard(number)
         self._statuses.setdefault(batch_id, {})[number] = result["status"]
-        self._num_done[batch_id] += 1
+        if not self._locks.is_shared:
+            self._num_done[batch_id] += 1
 
     async def image(self, batch_id: str, number: int) -> bytes:
         """Return an image as it was uploaded. Raises StorageError."""
@@ -149,21 +189,46 @@ class BatchStore:
     async def remove(self, batch_id: str) -> None:
         """Delete a batch with its images and results. Raises BatchNotFoundError."""
         self.get(batch_id)
-        del self._records[batch_id]
+        self._going.add(batch_id)
+        self._forget(batch_id)
+        try:
+            async with self._turn(batch_id):
+                await _to_the_end(self._storage.delete_all, folder_of(batch_id))
+        finally:
+            self._going.discard(batch_id)
+
+    def _turn(self, batch_id: str) -> AbstractAsyncContextManager[None]:
+        return self._locks.held(f"batch-{batch_id}")
+
+    def _forget(self, batch_id: str) -> None:
+        self._records.pop(batch_id, None)
         self._statuses.pop(batch_id, None)
         self._damaged.pop(batch_id, None)
         self._all_known.discard(batch_id)
-        await _to_the_end(self._storage.delete_all, folder_of(batch_id))
 
-    def _adopt(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
-        for number, (path, digest) in enumerate(images):
-            self._storage.adopt(image_key(record.id, number), path, digest)
-        self._storage.replace(record_key(record.id), record.to_json())
+    def _found(self, batch_id: str) -> BatchRecord | None:
+        """Return a batch, also one that another process has made a moment ago."""
+        found = self._records.get(batch_id)
+        if found is None and self._locks.is_shared and batch_id not in self._going and _ID.fullmatch(batch_id):
+            try:
+                found = self._files.read(batch_id)
+            except StorageError as error:
+                _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
+            if found is not None:
+                self._records[batch_id] = found
+                self._num_done[batch_id] = 0
+        return found
 
-    def _read(self, batch_id: str) -> BatchRecord | None:
-        if "batch.json" not in self._storage.names(folder_of(batch_id)):
-            return None
-        return BatchRecord.from_json(self._storage.read(record_key(batch_id)), record_key(batch_id))
+    async def _remove_unfinished(self, batch_id: str) -> None:
+        """Remove an upload that never became a batch, unless another process is at it."""
+        lock = await self._locks.try_hold(f"batch-{batch_id}")
+        if lock is None:
+            return
+        try:
+            if not await asyncio.to_thread(self._files.is_stored, batch_id):
+                await asyncio.to_thread(self._storage.delete_all, folder_of(batch_id))
+        finally:
+            lock.release()
 
     def _note_damaged(self, batch_id: str, numbers: set[int]) -> None:
         """Take images for waiting again whose results cannot be used; what writes them anew replaces the files."""
@@ -177,18 +242,6 @@ class BatchStore:
         self._num_done[batch_id] -= len(new)
         _log.error("results are damaged, their images are localized again", batch_id=batch_id, numbers=sorted(new))
         self._when_damaged(record)
-
-    def _read_results(self, batch_id: str, numbers: list[int]) -> dict[int, Result | None]:
-        """Return those that are there, None for one that is damaged."""
-        present = set(self._storage.names(results_prefix(batch_id)))
-        return {number: self._read_result(batch_id, number) for number in numbers if f"{number:05}.json" in present}
-
-    def _read_result(self, batch_id: str, number: int) -> Result | None:
-        key = result_key(batch_id, number)
-        try:
-            return result_from_json(self._storage.read(key), key)
-        except (StoredFileDamagedError, StoredFileMissingError):
-            return None
 
 
 def _order(record: BatchRecord) -> tuple[str, str]:

@@ -1,8 +1,9 @@
-"""The folder that holds sockets and logs of one running service, and the lock that keeps a second one out."""
+"""The folder that holds sockets and logs of one running service, and the lock that keeps out others on the same data."""
 
 import contextlib
 import fcntl
 import hashlib
+import itertools
 import os
 import shutil
 import stat
@@ -18,36 +19,50 @@ class DataFolderInUseError(RuntimeError):
 
 
 class RunFolder:
-    """`<data_dir>/run`, or a short stand-in under /tmp when that path is too long for sockets.
+    """`<data_dir>/run`, or a short stand-in under /tmp when that path is too long for sockets, or others use the data as well.
 
-    Holds an exclusive lock for as long as it is open; the kernel drops it when the process ends in any way.
+    Holds a lock on the data for as long as it is open, one for itself alone or one that allows others which share it; the kernel
+    drops it when the process ends in any way.
     """
 
-    def __init__(self, data_dir: Path) -> None:
-        """Raise DataFolderInUseError when another service holds the folder, OSError when it cannot be written."""
+    def __init__(self, data_dir: Path, is_shared: bool = False) -> None:
+        """Raise DataFolderInUseError when another service holds the folder, OSError when it cannot be written.
+
+        is_shared: other services that say so too may use the data.
+        """
         data_dir = data_dir.resolve()
         (data_dir / "run").mkdir(parents=True, exist_ok=True)
         self._own = data_dir / "run"
         # What Ray makes in it is open to everybody; its sockets run code.
         self._own.chmod(0o700)
-        self._lock = _locked(self._own / "lock")
+        self._lock = _shared_lock(self._own / "lock") if is_shared else _sole_lock(self._own / "lock")
+        self._stand_in_lock: IO[str] | None = None
         try:
-            self.path = _short_folder(data_dir)
+            if is_shared:
+                self.path, self._stand_in_lock = _free_stand_in(data_dir)
+            else:
+                self.path = _short_folder(data_dir)
             _empty(self.path)
         except OSError:
-            self._lock.close()
+            self._unlock()
             raise
 
     def close(self) -> None:
         """Remove what is left in the folder, and the folder itself where it is a stand-in, and let the next service in."""
         _empty(self.path)
-        if self.path != self._own:
+        # One with a lock may be taken by another service at any time.
+        if self.path != self._own and self._stand_in_lock is None:
             with contextlib.suppress(OSError):  # Ray may still write its last words
                 self.path.rmdir()
+        self._unlock()
+
+    def _unlock(self) -> None:
         self._lock.close()
+        if self._stand_in_lock is not None:
+            self._stand_in_lock.close()
 
 
-def _locked(path: Path) -> IO[str]:
+def _sole_lock(path: Path) -> IO[str]:
     lock = path.open("a+", encoding="ascii")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -57,7 +72,7 @@ def _locked(path: Path) -> IO[str]:
         lock.close()
         raise DataFolderInUseError(
             f"{path.parent.parent}: expected a data folder of its own, but the service with process id {holder} is"
-            " using it; stop that one or set PANOLOC_DATA_DIR"
+            " using it; stop that one, set PANOLOC_DATA_DIR, or PANOLOC_SHARED for each of them"
         ) from error
     lock.truncate(0)
     lock.write(f"{os.getpid()}\n")
@@ -65,12 +80,41 @@ def _locked(path: Path) -> IO[str]:
     return lock
 
 
+def _shared_lock(path: Path) -> IO[str]:
+    lock = path.open("a+", encoding="ascii")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        lock.close()
+        raise DataFolderInUseError(
+            f"{path.parent.parent}: expected a data folder that only services with PANOLOC_SHARED use, but one without it is using it; "
+            "stop that one, or set PANOLOC_DATA_DIR"
+        ) from error
+    return lock
+
+
+def _free_stand_in(data_dir: Path) -> tuple[Path, IO[str]]:
+    """Return a folder of this machine's own, and the lock that keeps it ours: sockets on a disk of several machines lead nowhere."""
+    for number in itertools.count():
+        folder = _stand_in(data_dir, f"-{number}")
+        lock = (folder / "lock").open("a+", encoding="ascii")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        return folder, lock
+    raise AssertionError
+
+
 def _short_folder(data_dir: Path) -> Path:
     folder = data_dir / "run"
-    if len(os.fsencode(folder)) <= _LONGEST_RUN_PATH:
-        return folder
+    return folder if len(os.fsencode(folder)) <= _LONGEST_RUN_PATH else _stand_in(data_dir, "")
+
+
+def _stand_in(data_dir: Path, suffix: str) -> Path:
     digest = hashlib.blake2b(os.fsencode(data_dir), digest_size=4).hexdigest()
-    short = Path("/tmp") / f"panoloc-{digest}"
+    short = Path("/tmp") / f"panoloc-{digest}{suffix}"
     short.mkdir(mode=0o700, exist_ok=True)
     found = short.lstat()
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():

@@ -1,5 +1,6 @@
 """Who changed what, and when: one JSON object a line, in a file that is only ever appended to."""
 
+import fcntl
 import json
 import logging
 import os
@@ -33,6 +34,8 @@ class AuditLog:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
             try:
+                # Where several front doors share the folder, on a file system that appends for one machine at a time.
+                fcntl.flock(file, fcntl.LOCK_EX)
                 os.write(file, (json.dumps(line) + "\n").encode())
             finally:
                 os.close(file)

@@ -55,6 +55,7 @@ class MapRecord:
     older one until then, None before the first is ready.
     owner: the tenant of the key that made it, None: seen by keys without a tenant alone. shared_with: further tenants, "*" for all.
     coordinate_system: by EPSG code or WKT, where somebody said so. geoid_undulation_m: of the geoid above the ellipsoid, likewise.
+    version: how often the record was written.
     """
 
     id: str
@@ -69,6 +70,7 @@ class MapRecord:
     geoid_undulation_m: float | None = None
     owner: str | None = None
     shared_with: list[str] = field(default_factory=list)
+    version: int = 0
 
     @property
     def newest_ref(self) -> MapRef:
@@ -95,6 +97,8 @@ class MapRecord:
     def to_json(self) -> bytes:
         """Return the record as stored."""
         record = dataclasses.asdict(self)
+        # Beside the record: an older service reads it.
+        version = record.pop("version")
         for name in ("coordinate_system", "geoid_undulation_m", "owner", "shared_with"):
             if record[name] in (None, []):
                 del record[name]  # versions of before it read what does not need it
@@ -105,7 +109,8 @@ class MapRecord:
                 if not revision.num_attempts:
                     # As it was before attempts were counted: an older service reads it.
                     del record[name]["num_attempts"]
-        return json.dumps({"format": _FORMAT, "sha256": _digest(record), "record": record}, indent=1).encode()
+        document = {"format": _FORMAT, "version": version, "sha256": _digest(record), "record": record}
+        return json.dumps(document, indent=1).encode()
 
     @classmethod
     def from_json(cls, data: bytes, key: str) -> Self:
@@ -116,7 +121,10 @@ class MapRecord:
             if document["sha256"] != _digest(record):
                 raise ValueError("its digest differs")
             newest, serving = _revision(record.pop("newest")), record.pop("serving")
-            return cls(newest=newest, serving=None if serving is None else _revision(serving), **record)
+            version = int(document.get("version", 0))
+            return cls(
+                newest=newest, serving=None if serving is None else _revision(serving), version=version, **record
+            )
         except (ValueError, KeyError, TypeError, AttributeError, OptionsError) as error:
             raise StoredFileDamagedError(
                 f"{key}: expected a map record as the service wrote it, but {error}; restore the file from a backup"
@@ -142,6 +150,7 @@ def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str
         **place_on_earth(record),
         "owner": record.owner,
         "shared_with": record.shared_with,
+        "version": record.version,
     }
 
 

@@ -1,6 +1,7 @@
 """Brings every uploaded scan to `ready` or `failed`: after an upload, and again after a restart.
 
-One task per revision waits for the pool. A newer scan or the end of the map cancels it.
+One task per revision waits for the pool. A newer scan or the end of the map cancels it. Of several processes that share the
+maps one has the revision to itself; when that ends, in whatever way, another takes it up.
 """
 
 import asyncio
@@ -25,10 +26,12 @@ from service.errors import (
 )
 from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
 from service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
+from service.maps.attempts import Attempts
 from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.problems import problem_document
+from service.sharing.folder_locks import HeldLock
 
 _log = structlog.get_logger(__name__)
 
@@ -49,14 +52,13 @@ class Registrations:
         self._metrics = metrics
         self._limits = limits
         self._stopping = False
-        # Whose attempt is counted and has not ended.
-        self._attempting: set[MapRef] = set()
+        self._attempts = Attempts(registry)
         self._room_pause_s = _ROOM_PAUSE_S
         self.waiting_for_room: set[MapRef] = set()
         self._running: dict[MapRef, asyncio.Task[None]] = {}
 
     def resume(self) -> None:
-        """Begin again with every scan that has not come to an end."""
+        """Begin again with every scan that has not come to an end and that no other process registers."""
         for record in self._registry.all():
             if record.newest.status == "queued":
                 self.begin(record.newest_ref, request_id=f"resume-{record.id}")
@@ -73,6 +75,10 @@ class Registrations:
         """End the registrations of a map, save that of `keep`, and wait until they have ended."""
         found = [task for ref, task in self._running.items() if ref.id == map_id and ref != keep]
         await _end(found)
+
+    async def end_unwanted(self) -> None:
+        """End the registrations of revisions that other processes have replaced, or whose maps they have deleted."""
+        await _end([task for ref, task in self._running.items() if not self._is_wanted(ref)])
 
     async def forget(self, ref: MapRef) -> None:
         """Remove a revision that its map names no more. A query that still holds it is sent to the new one."""
@@ -96,6 +102,33 @@ class Registrations:
 
     async def _run(self, ref: MapRef, request_id: str) -> None:
         structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
+        own = await self._own(ref)
+        if own is None:
+            return
+        try:
+            # Another process may have brought it to its end before it was ours.
+            await self._registry.refresh(ref.id)
+            if not self._has_ended(ref):
+                await self._register(ref, request_id)
+        finally:
+            own.release()
+
+    async def _own(self, ref: MapRef) -> HeldLock | None:
+        """Take a revision for this process, once it could register it."""
+        await self._wait_until_possible()
+        try:
+            return await self._registry.try_register(ref)
+        except (StorageFullError, StorageReadOnlyError, OSError) as error:
+            _log.warning("a registration cannot be taken up, somebody will try again", error=str(error))
+            return None
+
+    def _is_wanted(self, ref: MapRef) -> bool:
+        return self._registry.has(ref.id) and self._registry.get(ref.id).newest_ref == ref
+
+    def _has_ended(self, ref: MapRef) -> bool:
+        return self._is_wanted(ref) and self._registry.get(ref.id).newest.status != "queued"
+
+    async def _register(self, ref: MapRef, request_id: str) -> None:
         began = time.monotonic()
         try:
             result = await self._result_of(ref, request_id)
@@ -148,7 +181,7 @@ class Registrations:
             scan_bytes = await self._registry.counted_bytes(newest)
             job = _job(newest, ref, request_id, self._limits.seconds(scan_bytes))
             try:
-                return await self._pool.register(job, lambda: self._begin_attempt(ref))
+                return await self._pool.register(job, lambda: self._attempts.begin(ref))
             except TryAgainError as error:
                 attempt = self._registry.get(ref.id).newest.num_attempts
                 if attempt >= MAX_ATTEMPTS:
@@ -156,28 +189,11 @@ class Registrations:
                 _log.warning("a registration is tried again", attempt=attempt, error=str(error))
                 await asyncio.sleep(min(error.retry_after_s * max(1, attempt), _LONGEST_PAUSE_S))
             except asyncio.CancelledError:
-                if self._stopping and ref in self._attempting:
-                    await _to_the_end(self._count_attempt(ref, -1))
+                if self._stopping:
+                    await _to_the_end(self._attempts.take_back(ref))
                 raise
             finally:
-                self._attempting.discard(ref)
-
-    async def _begin_attempt(self, ref: MapRef) -> None:
-        """Note that a registration begins, before it can end the service. Raises RegistrationLimitError after too many."""
-        if self._registry.get(ref.id).newest.num_attempts >= MAX_ATTEMPTS:
-            raise RegistrationLimitError(
-                f"expected a map after {MAX_ATTEMPTS} attempts at most, but the service ended during each; upload a smaller scan, or "
-                "one in another format"
-            )
-        self._attempting.add(ref)
-        await self._count_attempt(ref, 1)
-
-    async def _count_attempt(self, ref: MapRef, step: int) -> None:
-        def counted(record: MapRecord) -> MapRecord:
-            newest = replace(record.newest, num_attempts=max(0, record.newest.num_attempts + step))
-            return replace(record, newest=newest)
-
-        await self._change_if_newest(ref, counted)
+                self._attempts.end(ref)
 
     async def _wait_until_possible(self) -> None:
         while True:
@@ -204,18 +220,14 @@ class Registrations:
             )
             return replace(record, newest=newest, serving=newest)
 
-        await self._change_if_newest(ref, ready)
+        await self._registry.change_newest(ref, ready)
         if former is not None:
             await self.forget(former)
 
     async def _fail(self, ref: MapRef, error: dict[str, Any]) -> None:
-        await self._change_if_newest(
+        await self._registry.change_newest(
             ref, lambda record: replace(record, newest=replace(record.newest, status="failed", error=error))
         )
-
-    async def _change_if_newest(self, ref: MapRef, update: Callable[[MapRecord], MapRecord]) -> None:
-        """Change a map unless a newer scan of it has come meanwhile."""
-        await self._registry.change(ref.id, lambda record: update(record) if record.newest_ref == ref else record)
 
 
 async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:

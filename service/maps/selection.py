@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from service.jobs import MapRef
+from service.maps.known_maps import KnownMaps
 from service.maps.record import MapRecord
-from service.maps.registry import MapRegistry
 
 MAX_MAPS = 64
 """That one query searches."""
@@ -38,7 +38,7 @@ class MapChoice:
             raise _invalid("map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
 
-    def resolve(self, registry: MapRegistry) -> ChosenMaps:
+    def resolve(self, registry: KnownMaps) -> ChosenMaps:
         """Return the revisions that answer now.
 
         Every map that is named has to be ready; of a tag's maps those that are. Raises MapNotFoundError,

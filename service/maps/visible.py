@@ -6,13 +6,13 @@ from service.errors import MapNotFoundError
 from service.maps.record import MapRecord
 
 if TYPE_CHECKING:
-    from service.maps.registry import MapRegistry
+    from service.maps.known_maps import KnownMaps
 
 
 class VisibleMaps:
     """A view for reading. tenant: None sees all maps."""
 
-    def __init__(self, registry: "MapRegistry", tenant: str | None) -> None:
+    def __init__(self, registry: "KnownMaps", tenant: str | None) -> None:
         self._registry = registry
         self.tenant = tenant
 

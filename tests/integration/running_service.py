@@ -49,8 +49,8 @@ class RunningService:
 
     def __init__(self, data_dir: Path, **settings: str) -> None:
         self._data_dir = data_dir
-        self._log = data_dir.with_suffix(".log")
         port = free_port()
+        self._log = data_dir.with_suffix(f".{port}.log")
         own = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
         given = {f"PANOLOC_{name.upper()}": value for name, value in settings.items()}
         environment = own | given | {"PANOLOC_DATA_DIR": str(data_dir), "PANOLOC_PORT": str(port)}

@@ -2,7 +2,6 @@
 
 import shutil
 import signal
-import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
@@ -15,47 +14,14 @@ import pytest
 import redis
 
 from lab.process_memory import family_bytes
-from tests.integration.running_service import RunningService, eventually, free_port, is_running
+from tests.integration.real_redis import RealRedis
+from tests.integration.running_service import RunningService, eventually, is_running
 from tests.integration.small_room import OPTIONS, small_room
 
 pytestmark = [
     pytest.mark.integration,
     pytest.mark.skipif(shutil.which("redis-server") is None, reason="needs redis-server from apt"),
 ]
-
-
-class RealRedis:
-    """`redis-server` on a port, without persistence: a restart has lost everything."""
-
-    def __init__(self) -> None:
-        self._port = free_port()
-        self.url = f"redis://127.0.0.1:{self._port}"
-        self.start()
-
-    def start(self) -> None:
-        command = [
-            "redis-server",
-            "--port",
-            str(self._port),
-            "--bind",
-            "127.0.0.1",
-            "--save",
-            "",
-            "--loglevel",
-            "warning",
-        ]
-        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        assert eventually(self.answers, 90)
-
-    def answers(self) -> bool:
-        try:
-            return bool(redis.Redis.from_url(self.url).ping())
-        except redis.RedisError:
-            return False
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
 
 
 @dataclass

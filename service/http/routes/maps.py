@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import structlog
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Header, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError
+from service.errors import CacheDownError, InvalidOptionsError
 from service.http.access import caller_of, maps_seen, note_change, own_map, require
 from service.http.openapi import json_body
 from service.http.schemas import Map, MapPage, MapPatch
@@ -64,7 +64,10 @@ async def list_maps(
 async def get_map(request: Request, map_id: str) -> Response:
     """Return one map."""
     services = services_of(request)
-    return JSONResponse((await documents(services, [maps_seen(request).get(map_id)]))[0])
+    # Whoever polls a map behind a balancer comes to another front door each time.
+    await services.registry.refresh(map_id)
+    record = maps_seen(request).get(map_id)
+    return JSONResponse((await documents(services, [record]))[0], headers=_tag(record))
 
 
 @router.patch(
@@ -74,18 +77,28 @@ async def get_map(request: Request, map_id: str) -> Response:
     response_model=None,
     responses={
         200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
-        **error_responses(400, 401, 403, 404, 408, 413, 422, 503),
+        **error_responses(400, 401, 403, 404, 408, 412, 413, 422, 503),
     },
     openapi_extra=json_body(MapPatch, {"name": "4th floor", "tags": ["building 7"]}),
 )
-async def patch_map(request: Request, map_id: str) -> Response:
-    """Change the fields that are given; the others stay as they are."""
+async def patch_map(
+    request: Request,
+    map_id: str,
+    if_match: Annotated[
+        str | None, Header(description="The `ETag`, or the `version`, that the map must still have.", max_length=40)
+    ] = None,
+) -> Response:
+    """Change the fields that are given; the others stay as they are.
+
+    With `If-Match` only while nobody else has changed the map since it was read: 412 otherwise.
+    """
     services = services_of(request)
     own_map(request, map_id)
     changes = parse_json(MapPatch, await read_body(request.stream()), "body").changes()
-    record = await services.registry.change(map_id, lambda record: replace(record, **changes))
+    version = _wanted_version(if_match)
+    record = await services.registry.change(map_id, lambda record: replace(record, **changes), version)
     note_change(request, "map changed", map_id)
-    return JSONResponse((await documents(services, [record]))[0])
+    return JSONResponse((await documents(services, [record]))[0], headers=_tag(record))
 
 
 @router.delete(
@@ -109,6 +122,21 @@ async def delete_map(request: Request, map_id: str) -> Response:
     await asyncio.shield(services.cache.forget_map(map_id))
     await asyncio.shield(services.changes.forget(map_id))
     return Response(status_code=204)
+
+
+def _tag(record: MapRecord) -> dict[str, str]:
+    return {"ETag": f'"{record.version}"'}
+
+
+def _wanted_version(if_match: str | None) -> int | None:
+    """Return the version that a map must have, None for any. Raises InvalidOptionsError."""
+    if if_match is None or if_match.strip() == "*":
+        return None
+    version = if_match.strip().strip('"')
+    if version.isascii() and version.isdigit():
+        return int(version)
+    message = f"expected the ETag of a map, or *, got {if_match!r}; GET /maps/{{id}} has it"
+    raise InvalidOptionsError(f"If-Match: {message}", [{"field": "If-Match", "message": message}])
 
 
 async def documents(services: Services, records: Sequence[MapRecord]) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ from service.http.upload_place import hold_upload_place
 from service.http.uploads import MAX_PARTS, Form, read_form
 from service.http.validation import parse_json
 from service.jobs import new_id, now
-from service.maps.registry import decode_cursor, encode_cursor
+from service.maps.cursors import decode_cursor, encode_cursor
 from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import Services, services_of

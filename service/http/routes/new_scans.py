@@ -74,7 +74,7 @@ async def post_map(request: Request) -> Response:
                 geoid_undulation_m=options.geoid_undulation_m,
                 owner=caller_of(request).tenant,
             )
-            await services.registry.add(record)
+            record = await services.registry.add(record)
         except BaseException:
             await services.registry.remove_revision(ref)
             raise
@@ -101,14 +101,14 @@ async def put_scan(request: Request, map_id: str) -> Response:
     with await _read(request, services) as form:
         given = parse_json(ScanOptions, form.single("options"), "options")
         scan = await _checked_scan(form, services)
-        ref = services.registry.next_revision(map_id)
-        options = given.over(services.registry.get(map_id).newest.options)
-        try:
-            revision = await _store(services, ref, scan, options)
-            replaced, record = await _replace(services, map_id, revision)
-        except BaseException:
-            await services.registry.remove_revision(ref)
-            raise
+        async with services.registry.new_revision(map_id) as ref:
+            options = given.over(services.registry.get(map_id).newest.options)
+            try:
+                revision = await _store(services, ref, scan, options)
+                replaced, record = await _replace(services, map_id, revision)
+            except BaseException:
+                await services.registry.remove_revision(ref)
+                raise
     note_change(request, "scan replaced", map_id)
     await services.registrations.cancel(map_id, keep=record.newest_ref)
     reply = _accepted(request, services.registry.get(map_id))

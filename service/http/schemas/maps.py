@@ -63,6 +63,7 @@ class Map(Answer):
     )
     owner: str | None = Field(None, description="The tenant of the key that made it; null: of none.")
     shared_with: list[str] = Field(default_factory=list, description="Further tenants that see it; `*` for all.")
+    version: int = Field(0, ge=0, description="Grows with each change; as `If-Match` of a change: only while it is so.")
 
 
 class MapPage(Answer):
@@ -118,6 +119,7 @@ MAP_EXAMPLE = {
     "geoid_undulation_m": None,
     "owner": None,
     "shared_with": [],
+    "version": 3,
 }
 QUEUED_MAP_EXAMPLE = {
     **MAP_EXAMPLE,

@@ -108,3 +108,27 @@ def test_nobody_else_enters_the_folder_of_a_short_path_either() -> None:
             assert stat.S_IMODE(folder.path.stat().st_mode) == 0o700
         finally:
             folder.close()
+
+
+def test_services_that_share_the_data_have_folders_of_their_own(tmp_path: Path) -> None:
+    first, second = RunFolder(tmp_path, is_shared=True), RunFolder(tmp_path, is_shared=True)
+    assert first.path != second.path
+    assert {folder.path.parent for folder in (first, second)} == {Path("/tmp")}
+    with pytest.raises(DataFolderInUseError, match="PANOLOC_SHARED"):
+        RunFolder(tmp_path)
+    first.close()
+    again = RunFolder(tmp_path, is_shared=True)
+    assert again.path == first.path
+    again.close()
+    second.close()
+    for folder in (first, second):
+        (folder.path / "lock").unlink()
+        folder.path.rmdir()
+    RunFolder(tmp_path).close()
+
+
+def test_a_service_alone_keeps_out_those_that_would_share(tmp_path: Path) -> None:
+    alone = RunFolder(tmp_path)
+    with pytest.raises(DataFolderInUseError, match="expected a data folder that only services with PANOLOC_SHARED use"):
+        RunFolder(tmp_path, is_shared=True)
+    alone.close()

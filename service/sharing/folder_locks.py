@@ -1,0 +1,135 @@
+"""Locks that the front doors on one data folder hold one at a time.
+
+A lock is a file that the kernel locks: whatever ends a process drops what it holds, at once and without a clock, and whoever looks next
+takes over. Several machines need a file system on which `flock` counts for all of them, as NFS 4, CephFS and Amazon EFS are.
+"""
+
+import asyncio
+import contextlib
+import fcntl
+import os
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from service.storage_lacks import lacks_said
+
+_PAUSE_S = 0.005
+_LONGEST_PAUSE_S = 0.1
+
+
+class HeldLock:
+    """A lock until it is released."""
+
+    def __init__(self, release: Callable[[], None]) -> None:
+        self._release = release
+
+    def release(self) -> None:
+        """Let others have it."""
+        self._release()
+
+
+class FolderLocks(Protocol):
+    """Used from one event loop. is_shared: whether other processes use the same folder."""
+
+    is_shared: bool
+
+    async def try_hold(self, name: str) -> HeldLock | None:
+        """Return the lock, None while somebody else holds it. name: of letters, digits, `-` and `_`.
+
+        Raises StorageFullError and StorageReadOnlyError.
+        """
+
+    def held(self, name: str) -> contextlib.AbstractAsyncContextManager[None]:
+        """Wait for a lock and hold it for the duration of a block; for what takes moments."""
+
+
+class OwnFolderLocks:
+    """Of a process that has the folder to itself: nothing is written, and what only processes could do to each other is not waited for."""
+
+    is_shared = False
+
+    def __init__(self) -> None:
+        self._held: set[str] = set()
+
+    async def try_hold(self, name: str) -> HeldLock | None:
+        """Return the lock, None while it is held."""
+        if name in self._held:
+            return None
+        self._held.add(name)
+        return HeldLock(lambda: self._held.discard(name))
+
+    @asynccontextmanager
+    async def held(self, name: str) -> AsyncIterator[None]:
+        """Go on at once: those who call this take turns within their process themselves."""
+        yield
+
+
+class SharedFolderLocks:
+    """Of processes that share a folder; the files of the locks lie in it."""
+
+    is_shared = True
+
+    def __init__(self, folder: Path) -> None:
+        """folder: for the files, made when the first lock is taken."""
+        self._folder = folder
+
+    async def try_hold(self, name: str) -> HeldLock | None:
+        """Return the lock, None while somebody else holds it."""
+        trying = asyncio.ensure_future(asyncio.to_thread(self._try, name))
+        try:
+            return await asyncio.shield(trying)
+        except asyncio.CancelledError:
+            trying.add_done_callback(_release_found)
+            raise
+
+    @asynccontextmanager
+    async def held(self, name: str) -> AsyncIterator[None]:
+        """Wait for a lock and hold it for the duration of a block."""
+        # Not in a thread that sleeps until it has it: who holds the lock may need a thread to get done.
+        pause_s = _PAUSE_S
+        while (lock := await self.try_hold(name)) is None:
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def _try(self, name: str) -> HeldLock | None:
+        path = self._folder / name
+        while True:
+            with lacks_said():
+                self._folder.mkdir(parents=True, exist_ok=True)
+                # Not inherited by child processes, which would hold it after us.
+                file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(file)
+                return None
+            if _is_same_file(file, path):
+                return HeldLock(partial(_let_go, file, path))
+            # Removed by the holder before us, between our opening and our locking.
+            os.close(file)
+
+
+def _let_go(file: int, path: Path) -> None:
+    # While it is still held: a file that somebody waits for would otherwise be removed under him.
+    with contextlib.suppress(OSError):
+        path.unlink()
+    os.close(file)
+
+
+def _is_same_file(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _release_found(trying: asyncio.Future[HeldLock | None]) -> None:
+    if not trying.cancelled() and trying.exception() is None and (lock := trying.result()) is not None:
+        lock.release()

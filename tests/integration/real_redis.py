@@ -1,0 +1,41 @@
+"""A Redis of an operator's, as several services use one."""
+
+import subprocess
+
+import redis
+
+from tests.integration.running_service import eventually, free_port
+
+
+class RealRedis:
+    """`redis-server` on a port, without persistence: a restart has lost everything."""
+
+    def __init__(self) -> None:
+        self._port = free_port()
+        self.url = f"redis://127.0.0.1:{self._port}"
+        self.start()
+
+    def start(self) -> None:
+        command = [
+            "redis-server",
+            "--port",
+            str(self._port),
+            "--bind",
+            "127.0.0.1",
+            "--save",
+            "",
+            "--loglevel",
+            "warning",
+        ]
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        assert eventually(self.answers, 90)
+
+    def answers(self) -> bool:
+        try:
+            return bool(redis.Redis.from_url(self.url).ping())
+        except redis.RedisError:
+            return False
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()

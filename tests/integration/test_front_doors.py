@@ -1,0 +1,74 @@
+"""Two HTTP processes over one data folder and one Redis: each knows what the other did, and takes over when it dies."""
+
+import os
+import shutil
+import signal
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from tests.integration.real_redis import RealRedis
+from tests.integration.running_service import RunningService, eventually
+from tests.integration.small_room import OPTIONS, small_room
+
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(shutil.which("redis-server") is None, reason="needs redis-server from apt"),
+]
+
+
+@pytest.fixture(scope="module")
+def doors() -> Iterator[tuple[RunningService, RunningService]]:
+    server = RealRedis()
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        data = Path(folder) / "data"
+        settings = {"shared": "true", "redis_url": server.url}
+        first, second = RunningService(data, **settings), RunningService(data, **settings)
+        try:
+            for door in (first, second):
+                door.wait_until_ready()
+            yield first, second
+        finally:
+            for door in (first, second):
+                door.stop()
+            server.kill()
+
+
+Doors = tuple[RunningService, RunningService]
+
+
+def test_a_map_posted_through_one_is_served_by_the_other(doors: Doors) -> None:
+    first, second = doors
+    map_id = first.register(small_room().scan, OPTIONS)
+    assert second.map(map_id)["status"] == "ready"
+    answer = second.localize(small_room().panorama, map_id)
+    assert answer.status_code == 200, answer.text
+    assert small_room().error_of(answer.json()).within(0.05, 5)
+
+
+def test_of_two_changes_at_once_one_wins_and_the_other_is_told(doors: Doors) -> None:
+    (map_id,) = [each["id"] for each in doors[0].http.get("/maps").json()["items"]]
+    version = doors[0].map(map_id)["version"]
+
+    def rename(door: RunningService) -> int:
+        headers = {"If-Match": f'"{version}"'}
+        return door.http.patch(f"/maps/{map_id}", json={"name": f"of {door.process.pid}"}, headers=headers).status_code
+
+    with ThreadPoolExecutor(2) as callers:
+        assert sorted(callers.map(rename, doors)) == [200, 412]
+    assert doors[0].map(map_id) == doors[1].map(map_id)
+
+
+def test_a_registration_whose_front_door_is_killed_is_taken_over(doors: Doors) -> None:
+    first, second = doors
+    answer = first.http.post("/maps", files={"file": ("room.ply", small_room().scan)}, data={"options": OPTIONS})
+    map_id = answer.json()["id"]
+    assert eventually(lambda: second.map(map_id)["status"] in ("reading", "indexing", "ready"), 120)
+    os.kill(first.process.pid, signal.SIGKILL)
+    first.process.wait()
+    assert eventually(lambda: second.map(map_id)["status"] in ("ready", "failed"), 240)
+    assert second.map(map_id)["status"] == "ready", second.map(map_id)
+    assert second.localize(small_room().panorama, map_id).status_code == 200

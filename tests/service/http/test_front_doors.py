@@ -1,0 +1,260 @@
+"""Two front doors in this process, over one folder and one Redis: what one does the other knows, and nothing is done twice."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AsyncExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+import redis
+
+from service.host.embedded_redis import EmbeddedRedis
+from service.sharing.change_signal import ChangeSignal
+from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
+
+pytestmark = pytest.mark.anyio
+
+Doors = tuple[RunningService, RunningService]
+
+
+@pytest.fixture
+async def doors(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis", anyio_backend: str
+) -> AsyncIterator[Doors]:
+    async with (
+        running_service(tmp_path, redis_server.url, shared=True) as first,
+        running_service(tmp_path, redis_server.url, shared=True) as second,
+    ):
+        yield first, second
+
+
+@contextmanager
+def taking_nothing_up(door: RunningService) -> Iterator[None]:
+    """Let a front door wait for its workers, so that what comes in is the other one's."""
+    door.pool.is_ready = False
+    yield
+    door.pool.is_ready = True
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    """Wait until it holds, for as long as a busy machine may take."""
+    async with asyncio.timeout(90):
+        while not holds():
+            await asyncio.sleep(0.01)
+
+
+async def test_a_map_posted_through_one_is_served_by_the_other_at_once(doors: Doors) -> None:
+    first, second = doors
+    map_id = (await first.upload()).json()["id"]
+    assert (await second.client.get(f"/maps/{map_id}")).status_code == 200
+    assert (await second.settled(map_id))["status"] == "ready"
+    assert (await second.localize(map_id)).json()["status"] == "localized"
+    assert [each["id"] for each in (await second.client.get("/maps")).json()["items"]] == [map_id]
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+async def test_what_one_changes_the_other_shows(
+    doors: Doors, is_told: bool, redis_client: "redis.Redis", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = doors
+    map_id = await first.ready_map()
+    await second.settled(map_id)
+    if not is_told:
+
+        async def say_nothing(signal: ChangeSignal, map_id: str) -> None:
+            """Be a Redis that is away."""
+
+        for door in doors:
+            registry = door.app.state.services.registry
+            registry.call_on_change(say_nothing.__get__(registry))
+        redis_client.flushall()
+    assert (await first.client.patch(f"/maps/{map_id}", json={"name": "changed"})).status_code == 200
+    await second.eventually(f"/maps/{map_id}", lambda body: body["name"] == "changed")
+    await first.client.delete(f"/maps/{map_id}")
+    await until(lambda: not second.app.state.services.registry.has(map_id))
+    assert (await second.localize(map_id)).status_code == 404
+
+
+async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_other_is_told(doors: Doors) -> None:
+    first, second = doors
+    map_id = await first.ready_map()
+    tag = (await second.client.get(f"/maps/{map_id}")).headers["etag"]
+    replies = await asyncio.gather(
+        *(
+            door.client.patch(f"/maps/{map_id}", json={"name": name}, headers={"If-Match": tag})
+            for door, name in zip(doors, ("one", "two"), strict=True)
+        )
+    )
+    assert sorted(reply.status_code for reply in replies) == [200, 412]
+    (won,), (told,) = ([reply for reply in replies if reply.status_code == status] for status in (200, 412))
+    assert told.json()["type"] == "/problems/version-conflict"
+    assert won.headers["etag"] != tag
+    for door in doors:
+        await door.eventually(f"/maps/{map_id}", lambda body: body == won.json())
+    again = await second.client.patch(
+        f"/maps/{map_id}", json={"name": "three"}, headers={"If-Match": won.headers["etag"]}
+    )
+    assert again.status_code == 200
+
+
+async def test_changes_at_once_of_different_fields_all_hold(doors: Doors) -> None:
+    map_id = await doors[0].ready_map()
+    changes = [{"name": "named"}, {"tags": ["a"]}, {"coordinate_system": "EPSG:25832"}]
+    replies = await asyncio.gather(
+        *(door.client.patch(f"/maps/{map_id}", json=change) for change in changes for door in doors)
+    )
+    assert {reply.status_code for reply in replies} == {200}
+    for door in doors:
+        shown = await door.eventually(f"/maps/{map_id}", lambda body: body["version"] >= 6)
+        assert (shown["name"], shown["tags"], shown["coordinate_system"]) == ("named", ["a"], "EPSG:25832")
+
+
+async def test_a_version_that_is_none_is_refused(doors: Doors) -> None:
+    map_id = await doors[0].ready_map()
+    reply = await doors[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": '"abc"'})
+    assert reply.status_code == 422
+    assert "If-Match" in reply.json()["detail"]
+    reply = await doors[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": "*"})
+    assert reply.status_code == 200
+
+
+async def test_a_registration_is_done_by_one_of_them(doors: Doors) -> None:
+    for door in doors:
+        door.pool.register_gate.clear()
+    map_ids = {(await door.upload()).json()["id"] for door in doors for _ in range(3)}
+    # More than one look of each.
+    await asyncio.sleep(0.7)
+    for door in doors:
+        door.pool.register_gate.set()
+    for map_id in map_ids:
+        assert (await doors[0].settled(map_id))["status"] == "ready"
+    await asyncio.sleep(0.7)
+    registered = [job.map.id for door in doors for job in door.pool.registrations]
+    assert sorted(registered) == sorted(map_ids)
+
+
+async def test_a_front_door_that_leaves_hands_its_registrations_over(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
+) -> None:
+    async with running_service(tmp_path, redis_server.url, shared=True) as stays:
+        async with running_service(tmp_path, redis_server.url, shared=True) as leaves:
+            leaves.pool.register_gate.clear()
+            with taking_nothing_up(stays):
+                map_id = (await leaves.upload()).json()["id"]
+                await until(lambda: bool(leaves.pool.registrations))
+            assert stays.pool.registrations == []
+        assert (await stays.settled(map_id))["status"] == "ready"
+        assert [job.map.id for job in stays.pool.registrations] == [map_id]
+
+
+async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(doors: Doors) -> None:
+    first, second = doors
+    first.pool.register_gate.clear()
+    with taking_nothing_up(second):
+        map_id = (await first.upload()).json()["id"]
+        await until(lambda: bool(first.pool.registrations))
+    assert (await second.client.delete(f"/maps/{map_id}")).status_code == 204
+    await until(lambda: first.pool.ended == ["register"])
+    await until(lambda: first.storage.names("maps") == [])
+    assert first.app.state.services.registry.all() == []
+
+
+async def test_scans_of_a_map_that_come_through_both_at_once_are_revisions_of_their_own(doors: Doors) -> None:
+    map_id = await doors[0].ready_map()
+    replies = await asyncio.gather(
+        *(door.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)}) for door in doors for _ in "ab")
+    )
+    assert [reply.status_code for reply in replies] == [202] * 4
+    shown = await doors[0].eventually(f"/maps/{map_id}", lambda body: body["status"] == "ready")
+    newest = shown["revision"]
+    assert shown["serving_revision"] == newest
+    await until(lambda: doors[0].storage.names(f"maps/{map_id}") == [str(newest), "map.json"])
+    await doors[1].eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == newest)
+
+
+async def test_one_that_starts_leaves_what_others_are_storing(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
+) -> None:
+    async with running_service(tmp_path, redis_server.url, shared=True) as first:
+        map_id = await first.ready_map()
+        upload = first.storage.spool_folder() / "upload-of-the-first"
+        upload.write_bytes(b"half of it")
+        first.storage.put(f"maps/{map_id}/2/scan.ply", b"its record is about to be written")
+        storing = await first.app.state.services.registry._locks.try_hold(f"scan-{map_id}-2")
+        assert storing is not None
+        async with running_service(tmp_path, redis_server.url, shared=True):
+            assert upload.exists()
+            assert first.storage.names(f"maps/{map_id}") == ["1", "2", "map.json"]
+        storing.release()
+        async with running_service(tmp_path, redis_server.url, shared=True):
+            assert first.storage.names(f"maps/{map_id}") == ["1", "map.json"]
+
+
+async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> None:
+    first, second = doors
+    map_id = await first.ready_map()
+    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(6)]
+    first.pool.localize_gate.clear()
+    with taking_nothing_up(second):
+        batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+        assert (await second.client.get(f"/batches/{batch}")).json()["num_images"] == 6
+        await until(lambda: bool(first.pool.jobs))
+    await asyncio.sleep(0.7)
+    first.pool.localize_gate.set()
+    shown = await second.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
+    assert shown["counts"]["localized"] == 6
+    assert (len(first.pool.jobs), second.pool.jobs) == (6, [])
+
+
+async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(
+    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
+) -> None:
+    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
+    async with AsyncExitStack() as stack:
+        stays = await stack.enter_async_context(running_service(tmp_path, redis_server.url, shared=True))
+        map_id = await stays.ready_map()
+        async with running_service(tmp_path, redis_server.url, shared=True) as leaves:
+            with taking_nothing_up(stays):
+                batch = (await leaves.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+                await until(lambda: bool(leaves.storage.names(f"batches/{batch}/results")))
+            leaves.pool.localize_gate.clear()
+        num_done = len(stays.storage.names(f"batches/{batch}/results"))
+        shown = await stays.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
+        assert shown["counts"]["localized"] == 4
+        assert len(stays.pool.jobs) == 4 - num_done
+
+
+async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(doors: Doors) -> None:
+    first, second = doors
+    map_id = await first.ready_map()
+    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
+    first.pool.localize_gate.clear()
+    with taking_nothing_up(second):
+        batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+        await until(lambda: bool(first.pool.jobs))
+    assert (await second.client.delete(f"/batches/{batch}")).status_code == 204
+    await until(lambda: first.pool.ended == ["localize"])
+    await until(lambda: not first.app.state.services.batches.has(batch))
+    assert (await first.client.get(f"/batches/{batch}")).status_code == 404
+    assert first.storage.names("batches") == []
+
+
+async def test_a_result_that_comes_after_another_deleted_its_batch_is_not_written(doors: Doors) -> None:
+    first, second = doors
+    map_id = await first.ready_map()
+    files = [("image", ("a.png", png_of(8, 4)))]
+    first.pool.localize_gate.clear()
+    batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+    await second.app.state.services.batches.refresh()
+    await second.app.state.services.batches.remove(batch)
+    await first.app.state.services.batches.put_result(batch, 0, {"status": "failed", "error": {}})
+    assert first.storage.names("batches") == []
+
+
+async def test_answers_can_be_fetched_through_the_other(doors: Doors) -> None:
+    first, second = doors
+    map_id = await first.ready_map()
+    reply = await first.localize(map_id, headers={"Prefer": "respond-async"})
+    assert reply.status_code == 202
+    answer = await second.eventually(reply.headers["location"], lambda body: body["status"] == "localized")
+    assert answer["map_id"] == map_id
