@@ -3,7 +3,7 @@
     python -m lab.placing.long_batch --photos 1000 --width 512
 
 Starts a service of its own with a painted room in it. Prints JSON; `memory_mb` has the proportional memory (PSS) of all its processes
-together, and of the HTTP process alone, before the batch, at each tenth of it, and after.
+together, and of the HTTP process alone, before the batch and at each tenth of it, which is also told as it comes.
 """
 
 import argparse
@@ -46,6 +46,7 @@ def measure(service: OwnService, num_photos: int, width: int, say: Say) -> JsonO
         first = Path(photos.extract("0000.jpg", service.folder))
     service.client.localize(first, map_ids=[place["id"]])
     memory: list[JsonObject] = [_memory(service, 0)]
+    say(json.dumps(memory[-1]))
     began = time.monotonic()
     with archive.open("rb") as file:
         reply = httpx.post(
