@@ -7,6 +7,8 @@ const SAMPLED = 20_000;
 const CELLS_ACROSS = 64;
 /** A point is drawn somewhat wider than its distance to the next, so that surfaces close. */
 const OVERLAP = 1.5;
+/** The coarse sample behind the others is wider still: it closes the gaps that chance leaves. */
+const COARSE_OVERLAP = 2.4;
 
 export class ScanPoints {
   readonly chunks: PointChunk[] = [];
@@ -48,6 +50,11 @@ export class ScanPoints {
   /** Return how wide points are drawn, in metres, so that so many of them close surfaces. */
   widthOf(count: number): number {
     return OVERLAP * Math.sqrt(this.areaM2 / Math.max(1, count));
+  }
+
+  /** Return how wide points of a coarse sample of so many are drawn behind the others, in metres. */
+  coarseWidthOf(count: number): number {
+    return (COARSE_OVERLAP / OVERLAP) * this.widthOf(count);
   }
 }
 

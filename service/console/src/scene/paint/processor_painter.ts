@@ -19,6 +19,7 @@ const BLOCK = 16_384;
 const STILL_MS = 24;
 /** The first points of a picture are drawn wide and behind: they close the gaps between the others. */
 const MOST_COARSE = 250_000;
+const COARSE_SHARE = 0.3;
 const HIDDEN = 0.998;
 
 export class ProcessorPainter implements Painter {
@@ -91,10 +92,10 @@ export class ProcessorPainter implements Painter {
     if (milliseconds > 0) this.pace.note(milliseconds);
     this.clearPicture(view, this.pace.fineness);
     const count = Math.min(this.points.numPoints, this.pace.numPoints(this.picture.pixels.length));
-    const coarse = Math.floor(count / 4);
+    const coarse = Math.floor(COARSE_SHARE * count);
     if (!this.isCovered) {
       this.drawRange(view, 0, count, this.points.widthOf(count), 0);
-      this.drawRange(view, 0, coarse, this.points.widthOf(coarse), this.points.widthOf(coarse));
+      this.drawRange(view, 0, coarse, this.points.coarseWidthOf(coarse), this.points.coarseWidthOf(coarse));
     }
     this.numDrawn = count;
     this.put(view);
@@ -106,12 +107,12 @@ export class ProcessorPainter implements Painter {
       this.numDrawn = 0;
       this.isStale = false;
     }
-    const coarse = Math.min(MOST_COARSE, Math.floor(this.points.total / 2));
+    const coarse = Math.min(MOST_COARSE, Math.floor(COARSE_SHARE * this.points.total));
     const until = performance.now() + STILL_MS;
     while (this.numDrawn < this.points.numPoints && performance.now() < until) {
       const isCoarse = this.numDrawn < coarse;
       const last = Math.min(this.points.numPoints, this.numDrawn + BLOCK, isCoarse ? coarse : Infinity);
-      const width = this.points.widthOf(isCoarse ? coarse : this.points.total);
+      const width = isCoarse ? this.points.coarseWidthOf(coarse) : this.points.widthOf(this.points.total);
       this.drawRange(view, this.numDrawn, last, width, isCoarse ? 0.9 * width : 0);
       this.numDrawn = last;
     }

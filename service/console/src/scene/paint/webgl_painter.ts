@@ -132,7 +132,7 @@ export class WebglPainter implements Painter {
     const tanHalf = Math.tan((camera.fov / 360) * Math.PI);
     const numCoarse = Math.min(MOST_COARSE, Math.floor(0.3 * count));
     const pixelsPerRadian = this.renderer.domElement.height / (2 * tanHalf);
-    this.cloud.show(first, last, this.points.widthOf(count), numCoarse, this.points.widthOf(numCoarse), pixelsPerRadian, cut);
+    this.cloud.show(first, last, this.points.widthOf(count), numCoarse, this.points.coarseWidthOf(numCoarse), pixelsPerRadian, cut);
     this.markers.scaleTo(camera, tanHalf, isInside);
     if (isAnew) this.renderer.clear();
     this.renderer.render(this.scene, camera);
