@@ -69,7 +69,9 @@ def test_nothing_but_the_local_machine_reaches_a_published_port() -> None:
 
 def test_the_monitoring_files_are_well_formed() -> None:
     for path in DOCKER.rglob("*.yaml"):
-        assert read(path), path
+        documents = list(yaml.safe_load_all(path.read_text(encoding="utf-8")))
+        assert documents, path
+        assert all(documents), path
     for path in DOCKER.rglob("*.json"):
         assert json.loads(path.read_text(encoding="utf-8")), path
 
