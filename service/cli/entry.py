@@ -95,6 +95,10 @@ def _report(session: Session, error: ClientError) -> ExitCode:
         return ExitCode.ERROR
     show(f"[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
     show(escape(str(error)))
+    if error.status == 401:
+        show(
+            "Set [bold]PANOLOC_API_KEY[/] to a key of the service; its operator makes one with [bold]panoloc keys make[/]."
+        )
     if error.retry_after_s is not None:
         show(f"Try again in {error.retry_after_s:g} s.")
     if error.problem.get("request_id"):

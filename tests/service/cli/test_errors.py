@@ -22,6 +22,11 @@ def test_a_problem_shows_what_came_what_to_do_and_the_request_id(
     assert "Traceback" not in done.err
 
 
+def test_a_key_that_is_missing_or_unknown_says_where_to_put_one(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.fail_with = problem(401, "An API key is needed", "expected an API key, got none")
+    assert "Set PANOLOC_API_KEY" in panoloc("maps").err
+
+
 def test_a_full_queue_says_when_to_try_again(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
     fake.fail_with = problem(429, "Queue full", "64 requests wait already.", **{"retry-after": "3"})
     assert "Try again in 3 s." in panoloc("localize", panorama, "--map", "map_1").err
