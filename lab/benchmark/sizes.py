@@ -12,6 +12,7 @@ class Sizes:
     the configuration's. search_rows: (starts, rotations, colour models).
     map_counts: maps searched by one query; num_rooms: how many of them differ, room_points each.
     sweep_*: values of one quantity while the others keep base_*. num_panoramas: that queries take in turn.
+    camera_rooms: furnished rooms that are photographed by every camera.
     """
 
     points: int = 1_000_000
@@ -40,6 +41,7 @@ class Sizes:
     sweep_widths: tuple[int, ...] = (512, 1024, 2048, 4096)
     sweep_maps: tuple[int, ...] = (1, 2, 5, 10, 20)
     num_panoramas: int = 4
+    camera_rooms: int = 4
 
     @property
     def sweep_repeats(self) -> int:
@@ -69,4 +71,5 @@ QUICK = Sizes(
     sweep_widths=(256, 512),
     sweep_maps=(1, 2),
     num_panoramas=2,
+    camera_rooms=1,
 )

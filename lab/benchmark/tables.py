@@ -113,6 +113,16 @@ def _query(figures: Figures) -> list[object]:
     return tables
 
 
+def _cameras(figures: Figures) -> list[object]:
+    title = f"Cameras over HTTP, furnished rooms of which 60 % has changed ({figures['points']:,} points)"
+    table = _table(title, ["camera"], "images", "queries", "right", "localized", "p50", "p95", "to a panorama")
+    for row in figures["rows"]:
+        times = [f"{row['latency'][name]:.0f}" for name in ("median_ms", "p95_ms")]
+        counts = [str(row[name]) for name in ("images", "queries", "right", "localized")]
+        table.add_row(row["camera"], *counts, *times, f"{row['ratio']:.2f}")
+    return [table]
+
+
 def _memory(figures: Figures) -> list[object]:
     table = _table("Memory of the service (PSS), MB", ["process"], "idle", f"after {figures['queries']} queries")
     names = figures["after_by_process"] | figures["idle_by_process"]
@@ -130,6 +140,7 @@ _TABLES: dict[str, Callable[[Figures], list[object]]] = {
     "maps": _maps,
     "scaling": _scaling,
     "query": _query,
+    "cameras": _cameras,
     "memory": _memory,
 }
 

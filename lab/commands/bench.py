@@ -23,6 +23,7 @@ class Part(StrEnum):
     MAPS = "maps"
     SCALING = "scaling"
     QUERY = "query"
+    CAMERAS = "cameras"
     MEMORY = "memory"
 
 

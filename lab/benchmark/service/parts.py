@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lab.benchmark.request import BenchRequest
+from lab.benchmark.service.camera_load import measure_cameras
 from lab.benchmark.service.measured_service import MeasuredService
 from lab.benchmark.service.memory import measure_memory
 from lab.benchmark.service.query_load import LoadFigures, send_queries
@@ -54,6 +55,14 @@ def query_part(run: ServiceBenchmark) -> Figures:
     }
 
 
+def cameras_part(run: ServiceBenchmark) -> Figures:
+    """Measure what a photo and frames take beside a full panorama."""
+    sizes = run.request.sizes
+    with run.session.client(run.service.url) as client:
+        rows = measure_cameras(client, sizes.width, sizes.camera_rooms, sizes.base_points, sizes.repeats, run.say)
+    return {"url": run.service.url, "points": sizes.base_points, "rows": rows}
+
+
 def memory_part(run: ServiceBenchmark) -> Figures:
     """Measure the memory of the service's processes before, while and after they answer queries."""
     if run.service.process_id is None:
@@ -74,4 +83,8 @@ def _paper_query(run: ServiceBenchmark, fast: LoadFigures) -> Figures:
     return {**asdict(paper), "ratio": paper.latency.median_ms / fast.latency.median_ms}
 
 
-SERVICE_PARTS: dict[str, Callable[[ServiceBenchmark], Figures]] = {"query": query_part, "memory": memory_part}
+SERVICE_PARTS: dict[str, Callable[[ServiceBenchmark], Figures]] = {
+    "query": query_part,
+    "cameras": cameras_part,
+    "memory": memory_part,
+}

@@ -92,6 +92,25 @@ def test_queries_to_a_service_that_is_given_are_counted_and_the_map_is_deleted(
     assert fake.requests[-1] == ("DELETE", "/maps/map_1")
 
 
+@pytest.mark.slow
+def test_cameras_take_turns_in_rooms_of_their_own(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
+    done = panoloc("bench", "--quick", "--part", "cameras", "--url", URL, "--json", "--out", tmp_path)
+    assert done.code == ExitCode.OK, done.err
+    rows = done.documents[0]["parts"]["cameras"]["rows"]
+    assert [(row["camera"], row["images"], row["queries"]) for row in rows] == [
+        ("panorama", 1, 2),
+        ("photo", 1, 2),
+        ("frames6", 6, 2),
+    ]
+    # The fake's pose is a fixed one, which is nobody's.
+    assert [(row["localized"], row["right"]) for row in rows] == [(2, 0)] * 3
+    assert rows[0]["ratio"] == 1
+    options = json.loads(fake.parts["options"][0])
+    assert (len(options["cameras"]), options["session"]) == (6, {"up": "known"})
+    # The room of every benchmark of queries, and one of its own.
+    assert fake.requests.count(("DELETE", "/maps/map_1")) == 2
+
+
 def test_the_papers_method_can_be_left_out(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
     done = panoloc("bench", "--quick", "--part", "query", "--url", URL, "--no-paper", "--json", "--out", tmp_path)
     assert done.documents[0]["parts"]["query"]["paper"] is None
