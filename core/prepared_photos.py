@@ -107,6 +107,7 @@ class PreparedPhotos:
             self._look_directions(self.config.photos.coarse_points, self.config.photos.coarse_margin_deg),
             coarse,
             None if self.labels is not None else sizes.contrast_share,
+            None if self.labels is not None else self.config.photos.rough_patch_deg,
         )
 
     def points_from_poses(
@@ -117,11 +118,14 @@ class PreparedPhotos:
         count: int,
         contrast_share: float,
         pixel_weights: Tensor | None = None,
+        patch_deg: float | None = None,
     ) -> CandidatePoints:
-        """Return `count` points that the photos show at the compared poses of a group."""
+        """Return `count` points that the photos show at the compared poses of a group; patch_deg: as of `points_seen_by_photos`."""
         share = None if self.labels is not None else contrast_share
         look = self._look_directions(count, self.config.photos.margin_deg)
-        return points_seen_by_photos(self.atlas, cloud, comparison, *stacked_poses(group), look, share, pixel_weights)
+        return points_seen_by_photos(
+            self.atlas, cloud, comparison, *stacked_poses(group), look, share, pixel_weights, patch_deg
+        )
 
     def _look_directions(self, count: int, margin_deg: float) -> LookDirections:
         key = (count, margin_deg)

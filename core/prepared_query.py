@@ -104,11 +104,20 @@ class MapQuery:
             )
         return points_seen_from_poses(self.cloud, comparison, sizes.middle_points, sizes.contrast_share, weights)
 
+    def points_by_patches(self, group: Sequence[Hypothesis], patch_deg: float) -> CandidatePoints:
+        """Return what the poses of a group themselves see and the photos show, to be aligned by patches of `patch_deg` degrees."""
+        assert isinstance(self.picture, PreparedPhotos)
+        photos = self.config.photos
+        comparison = self.compare(group, self.config.judge.height, with_points=True)
+        count, share = photos.middle_points, photos.patch_contrast_share
+        return self.picture.points_from_poses(self.cloud, comparison, group, count, share, None, patch_deg)
+
     def full_points(self, hypothesis: Hypothesis, comparison: Comparison, count: int) -> CandidatePoints:
         """Return the points of one pose for a refinement at full resolution, with the colours of the comparison."""
         share = self.config.refinement.fine_contrast_share
         if isinstance(self.picture, PreparedPhotos):
-            return self.picture.points_from_poses(self.cloud, comparison, [hypothesis], count, share)
+            patch_deg = None if self.picture.labels is not None else self.config.photos.fine_patch_deg
+            return self.picture.points_from_poses(self.cloud, comparison, [hypothesis], count, share, None, patch_deg)
         return points_seen_from_poses(self.cloud, comparison, count, share)
 
 

@@ -31,7 +31,8 @@ class RefinementSteps:
                 height = sizes.start_view_height // (2 if coarse else 1)
                 level = picture.canonical_level(height, sizes.contrast_share, blur=coarse)
                 points = joined([queries[number].points_from_starts(part, coarse) for number, part in by_map(group)])
-                group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, self._rough_step())
+                step = self._rough_step() if points.patches is None else self.config.photos.rough_patch_step
+                group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, step)
             refined += within_limits(queries, group)
         return refined
 
@@ -39,6 +40,9 @@ class RefinementSteps:
         """Refine on points that the poses themselves see, found anew in each round as what a pose sees changes with it."""
         sizes, refined = self.config.refinement, []
         for picture, group in by_colors(queries, hypotheses):
+            if isinstance(picture, PreparedPhotos) and picture.labels is None:
+                refined += self._by_patches(queries, picture, group)
+                continue
             for rows, scale in sizes.middle_rounds:
                 points = joined([queries[number].points_from_poses(part) for number, part in by_map(group)])
                 level = picture.canonical_level(rows, sizes.contrast_share)
@@ -47,6 +51,19 @@ class RefinementSteps:
                 group = within_limits(queries, group)
             refined += group
         return refined
+
+    def _by_patches(
+        self, queries: Sequence[MapQuery], picture: PreparedPhotos, group: Sequence[Hypothesis]
+    ) -> list[Hypothesis]:
+        """Refine patch by patch on points that the poses themselves see, found anew in each round."""
+        sizes, photos = self.config.refinement, self.config.photos
+        for rows, patch_deg in photos.patch_rounds:
+            points = joined([queries[number].points_by_patches(part, patch_deg) for number, part in by_map(group)])
+            level = picture.canonical_level(rows, photos.patch_contrast_share)
+            step = photos.fine_patch_step if patch_deg == photos.fine_patch_deg else photos.patch_step
+            group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
+            group = within_limits(queries, group)
+        return list(group)
 
     def _rough_step(self) -> StepConfig:
         """Return the steps from the starts."""
@@ -66,7 +83,12 @@ class RefinementSteps:
         ):
             points = query.full_points(hypothesis, comparison, count)
             level = query.picture.level_for(comparison, height, share)
-            (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop)
+            step = None if points.patches is None else self.config.photos.fine_patch_step
+            (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop, step)
+        if points.patches is not None:
+            # How sharp the loss of single points is there says how far off the pose may be.
+            (there,) = self._refine(query.picture, level, replace(points, patches=None), [hypothesis], 1, None)
+            hypothesis = replace(there, rotation=hypothesis.rotation, position=hypothesis.position)
         return query.within_limits(hypothesis)
 
     def with_focal(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
@@ -91,7 +113,7 @@ class RefinementSteps:
         points: CandidatePoints,
         group: Sequence[Hypothesis],
         iterations: int,
-        stop: StoppingRule,
+        stop: StoppingRule | None,
         step: StepConfig | None = None,
     ) -> list[Hypothesis]:
         """Refine hypotheses of maps that share colours; step: None for that of the configuration."""

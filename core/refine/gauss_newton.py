@@ -49,7 +49,7 @@ def initial_history(count: int, config: StepConfig, device: torch.device) -> Ste
 class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
-    photos: (K, N), as in `CandidatePoints`.
+    photos: (K, N) and patches: (N,), as in `CandidatePoints`.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
@@ -58,11 +58,12 @@ class PointPlanes:
     colors: Tensor
     weights: Tensor
     photos: Tensor | None = None
+    patches: Tensor | None = None
 
     def take(self, chosen: Tensor) -> "PointPlanes":
         """Return the points of some of the candidates."""
         photos = None if self.photos is None else self.photos[chosen]
-        return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos)
+        return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos, self.patches)
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def gauss_newton_step(
     weights = base / (1 + ratio).square_()  # Geman-McClure: bounded influence
     hessian, gradient = normal_equations(seen, residual, weights, config.fit_light)
     relaxation = next_relaxation(history, gradient, config)
-    turn, move = _solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
+    turn, move = solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
     step = torch.cat((turn, move), dim=-1)
     history = StepHistory(step, (gradient * step).sum(-1), relaxation)
     moved = torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0]
@@ -193,7 +194,7 @@ def next_relaxation(history: StepHistory, gradient: Tensor, config: StepConfig) 
     return torch.where(history.slope < 0, longer, history.relaxation)
 
 
-def _solve(hessian: Tensor, gradient: Tensor, config: StepConfig, relaxation: Tensor) -> tuple[Tensor, Tensor]:
+def solve(hessian: Tensor, gradient: Tensor, config: StepConfig, relaxation: Tensor) -> tuple[Tensor, Tensor]:
     """Solve the damped normal equations: turns and moves (K, 3), `relaxation` (K,) times the solution but within the limits."""
     diagonal = torch.diagonal(hessian, dim1=-2, dim2=-1)
     damped = hessian + torch.diag_embed(diagonal * config.damping + 1e-6)

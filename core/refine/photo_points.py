@@ -41,6 +41,18 @@ def look_directions(atlas: PhotoAtlas, count: int, margin_deg: float) -> LookDir
     return LookDirections(chosen, atlas.shows(chosen))
 
 
+def patch_numbers(directions: Tensor, side_deg: float) -> Tensor:
+    """Return the number (N,) int64 of the patch, about `side_deg` degrees high and wide at the horizon, of each direction (N, 3)."""
+    x, y, z = directions.unbind(-1)
+    side = math.radians(side_deg)
+    row = torch.div(torch.asin(z.clamp(-1, 1)), side, rounding_mode="floor")
+    # Towards the poles patches span more of the azimuth, so that they stay as wide.
+    middle = ((row + 0.5) * side).cos().clamp_min(0.1)
+    column = torch.div(torch.atan2(y, x) * middle, side, rounding_mode="floor")
+    numbers: Tensor = torch.unique(row * 1000 + column, return_inverse=True)[1]
+    return numbers
+
+
 @dataclass(frozen=True)
 class StartViews:
     """What starts see: point (T, P) int64, −1 for none; colors and contrast (T, P, 3) of views, and of their halves."""
@@ -78,11 +90,12 @@ def points_seen_in_starts(
     look: LookDirections,
     coarse: bool,
     contrast_share: float | None,
+    patch_deg: float | None = None,
 ) -> CandidatePoints:
     """Return the points that K candidates should see, in the colours of the views `rows` (K,) of their starts.
 
     rotations (K, 3, 3) and positions (K, 3): of the rig. coarse: colours of half the views' rows. contrast_share: of contrast in the
-    colours, which are equalized over what the photos show; None: label codes, as they are.
+    colours, which are equalized over what the photos show; None: label codes, as they are. patch_deg: to be aligned by patches so large.
     """
     which, height = (0, views.height // 2) if coarse else (1, views.height)
     towards = torch.einsum("kab,nb->kna", rotations, look.directions)
@@ -93,7 +106,8 @@ def points_seen_in_starts(
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
         colors = torch.lerp(colors, views.contrast[which][rows[:, None], pixel], contrast_share)
     points = cloud.positions[number.clamp_min(0)]
-    return CandidatePoints(points, colors, weights, photos_showing(atlas, points, rotations, positions))
+    patches = None if patch_deg is None else patch_numbers(look.directions, patch_deg)
+    return CandidatePoints(points, colors, weights, photos_showing(atlas, points, rotations, positions), patches)
 
 
 def points_seen_by_photos(
@@ -105,10 +119,11 @@ def points_seen_by_photos(
     look: LookDirections,
     contrast_share: float | None,
     pixel_weights: Tensor | None = None,
+    patch_deg: float | None = None,
 ) -> CandidatePoints:
     """Return the points that photos show at K rendered poses of the rig, in the colours of the comparison.
 
-    pixel_weights: (K, S), further weights of the rendered pixels.
+    pixel_weights: (K, S), further weights of the rendered pixels. patch_deg: to be aligned by patches so large; None: point by point.
     """
     height = comparison.views.depth.shape[1]
     pixel = _pixels(torch.einsum("kab,nb->kna", rotations, look.directions), height)
@@ -128,7 +143,8 @@ def points_seen_by_photos(
         colors = torch.lerp(colors, contrast, contrast_share)
     colors = torch.gather(colors, 1, pixel[..., None].expand(-1, -1, 3))
     points = cloud.positions[number.clamp_min(0)]
-    return CandidatePoints(points, colors, weights, photos_showing(atlas, points, rotations, positions))
+    patches = None if patch_deg is None else patch_numbers(look.directions, patch_deg)
+    return CandidatePoints(points, colors, weights, photos_showing(atlas, points, rotations, positions), patches)
 
 
 def photos_showing(atlas: PhotoAtlas, points: Tensor, rotations: Tensor, positions: Tensor) -> Tensor | None:

@@ -15,7 +15,8 @@ from torch import Tensor
 from core.config import PoseDistance, StepConfig, StoppingRule
 from core.geometry.distinct_poses import first_distinct
 from core.panorama.image_level import ImageLevel
-from core.refine.gauss_newton import PointPlanes, StepHistory, gauss_newton_step, initial_history
+from core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
+from core.refine.patch_step import PatchStep, patch_step
 from core.refine.rig_level import RigLevel
 
 
@@ -23,27 +24,29 @@ from core.refine.rig_level import RigLevel
 class CandidatePoints:
     """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
 
-    photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo.
+    photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo. patches: (N,) int64,
+    which patch of the sphere each point lies in, where points are aligned patch by patch (see `core.refine.patch_step`).
     """
 
     positions: Tensor
     colors: Tensor
     weights: Tensor
     photos: Tensor | None = None
+    patches: Tensor | None = None
 
     def take(self, chosen: Tensor) -> "CandidatePoints":
         """Return the points of the candidates numbered `chosen`."""
         photos = None if self.photos is None else self.photos[chosen]
-        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos)
+        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos, self.patches)
 
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        return PointPlanes(positions, colors, self.weights, self.photos)
+        return PointPlanes(positions, colors, self.weights, self.photos, self.patches)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
-    """Return the points of several groups of candidates, one group after the other; all with the same number N."""
+    """Return the points of several groups of candidates, one group after the other; all with the same number N and patches."""
     return CandidatePoints(
         torch.cat([part.positions for part in parts]),
         torch.cat([part.colors for part in parts]),
@@ -51,6 +54,7 @@ def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
         None
         if any(part.photos is None for part in parts)
         else torch.cat([part.photos for part in parts if part.photos is not None]),
+        parts[0].patches,
     )
 
 
@@ -142,10 +146,25 @@ def _stepped(active: _Active, level: ImageLevel | RigLevel, config: StepConfig, 
     rotations, positions = poses.rotations, poses.positions
     for k in range(count):
         relaxed = not is_last or k + 1 < count
-        step = gauss_newton_step(level, active.points, rotations, positions, weights, history, config, relaxed)
+        step = _step(level, active.points, rotations, positions, weights, history, config, relaxed)
         rotations, positions, weights, history = step.rotations, step.positions, step.weights, step.history
     reached = Refined(poses.numbers, rotations, positions, step.loss, step.hessian, step.scale, poses.steps + count)
     return _Active(active.points, weights, reached, history)
+
+
+def _step(
+    level: ImageLevel | RigLevel,
+    points: PointPlanes,
+    rotations: Tensor,
+    positions: Tensor,
+    weights: Tensor,
+    history: StepHistory,
+    config: StepConfig,
+    relaxed: bool,
+) -> PoseStep | PatchStep:
+    if points.patches is None or not isinstance(level, RigLevel):
+        return gauss_newton_step(level, points, rotations, positions, weights, history, config, relaxed)
+    return patch_step(level, points, points.patches, rotations, positions, history, config, relaxed)
 
 
 def _without_duplicates(

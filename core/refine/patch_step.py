@@ -1,0 +1,123 @@
+"""One step of damped Gauss-Newton on the contrast that photos explain, patch by patch, for many candidates at once.
+
+Where most of what a photo shows has changed, one light for all of it and a robust loss of single points are not enough: poses at which
+everything agrees a little beat the one at which some of it agrees well, and furniture that was moved drags poses away. So points are
+taken together that lie in one patch of the sphere. Each patch has a gain and offsets of its own, and loses its vote the less it agrees:
+what is minimized is the sum of √(1 − c²) over patches, with c the correlation inside a patch, which is what the judge ranks photos by.
+
+Deviation from the paper (§3.3): sampling loss of single points. Of 16 photos of rooms of which 60 % had changed 8 stayed at the true
+pose, with patches 12 (docs/experiments.md).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from core.config import StepConfig
+from core.geometry.rotations import rotation_from_vector
+from core.refine.gauss_newton import PointPlanes, StepHistory, next_relaxation, solve
+from core.refine.rig_level import RigLevel
+
+_FEWEST_POINTS = 8.0  # of a patch that has a vote
+_MOST_CORRELATED = 0.999
+
+
+@dataclass(frozen=True)
+class PatchStep:
+    """Poses after a step, and what the step saw before it moved; as `PoseStep`.
+
+    loss: (K,) in 0..1, mean of √(1 − c²) over patches. scale: (K,), weighted residual of a point.
+    """
+
+    rotations: Tensor
+    positions: Tensor
+    history: StepHistory
+    weights: Tensor
+    hessian: Tensor
+    loss: Tensor
+    scale: Tensor
+
+
+def patch_step(
+    level: RigLevel,
+    points: PointPlanes,
+    patches: Tensor,
+    rotations: Tensor,
+    positions: Tensor,
+    history: StepHistory,
+    config: StepConfig,
+    relaxed: bool,
+) -> PatchStep:
+    """Move K poses by one step. patches: (N,), the number of the patch that each point lies in, the same for all candidates."""
+    seen, inside = level.sample_points(points.positions, points.photos, rotations, positions)
+    by_patch = _Patches(patches, points.weights * inside)
+    shown, scanned = by_patch.centered(seen.color), by_patch.centered(points.colors)
+    common, power = by_patch.covariances(shown, scanned, config.min_patch_variance)
+    correlation = (common / (power[0] * power[1]).sqrt()).clamp(0, _MOST_CORRELATED)
+    unexplained = (1 - correlation.square()).sqrt()
+    gain = (common / power[0]).clamp_min(0)
+    residual = by_patch.spread(gain)[:, None] * shown - scanned
+    votes = (by_patch.mass > _FEWEST_POINTS) / (unexplained * power[1])
+    weights = by_patch.weights * by_patch.spread(votes)
+    if config.patch_robust_scale is not None:
+        relative = residual.square().sum(1) / by_patch.spread(power[1])
+        median = torch.where(by_patch.weights > 0, relative, torch.nan).nanmedian(-1).values.nan_to_num(1.0)
+        ratio = relative / (config.patch_robust_scale**2 * median.clamp_min(config.min_patch_ratio))[:, None]
+        weights = weights / (1 + ratio).square_()
+    jacobian = (seen.directions[:, :, None] * seen.derivatives[:, None]).sum(3) * by_patch.spread(gain)[:, None, None]
+    jacobian = by_patch.without_light(jacobian, shown, power[0])
+    weighted = (jacobian * weights[:, None, None]).flatten(2)
+    hessian = weighted @ jacobian.flatten(2).transpose(1, 2)
+    gradient = (weighted @ residual.flatten(1)[..., None])[..., 0]
+    relaxation = next_relaxation(history, gradient, config)
+    turn, move = solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
+    step = torch.cat((turn, move), dim=-1)
+    total = by_patch.mass.sum(-1).clamp_min(1e-9)
+    return PatchStep(
+        rotations @ rotation_from_vector(turn),
+        torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],
+        StepHistory(step, (gradient * step).sum(-1), relaxation),
+        weights,
+        hessian,
+        (by_patch.mass * unexplained).sum(-1) / total,
+        ((weights[:, None] * residual.square()).sum((1, 2)) / total).sqrt(),
+    )
+
+
+class _Patches:
+    """The points of K candidates by patch: sums over patches are products with one matrix, on every device alike."""
+
+    def __init__(self, patches: Tensor, weights: Tensor) -> None:
+        self.weights = weights  # (K, N)
+        self._patches = patches
+        self._members = torch.nn.functional.one_hot(patches).to(weights.dtype)  # (N, P)
+        self.mass = (weights @ self._members).clamp_min(1e-6)  # (K, P)
+
+    def covariances(self, shown: Tensor, scanned: Tensor, floor: float) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Return the covariance (K, P) of centred planes (K, 3, N) over all channels, and the variance of each, not below `floor` more."""
+        power = self.means((shown * shown).sum(1)) + floor, self.means((scanned * scanned).sum(1)) + floor
+        return self.means((shown * scanned).sum(1)), power
+
+    def spread(self, values: Tensor) -> Tensor:
+        """Return values of patches (..., P) as those of their points (..., N)."""
+        return values[..., self._patches]
+
+    def means(self, values: Tensor) -> Tensor:
+        """Return the weighted means (K, P) of values (K, N)."""
+        return ((values * self.weights) @ self._members) / self.mass
+
+    def centered(self, planes: Tensor) -> Tensor:
+        """Return planes (K, C, N) less their weighted means in each patch."""
+        means = ((planes * self.weights[:, None]) @ self._members) / self.mass[:, None]
+        return planes - self.spread(means)
+
+    def without_light(self, jacobian: Tensor, shown: Tensor, power: Tensor) -> Tensor:
+        """Return the Jacobian (K, U, 3, N) less what offsets and gain of each patch would undo (variable projection).
+
+        shown: (K, 3, N), centred colours of the photos; power: (K, P), their variance.
+        """
+        jacobian = self.centered(jacobian.flatten(1, 2)).view(jacobian.shape)
+        along = (jacobian * shown[:, None]).sum(2) * self.weights[:, None]  # (K, U, N)
+        by_gain = (along @ self._members) / (self.mass * power)[:, None]
+        return jacobian - self.spread(by_gain)[:, :, None] * shown[:, None]

@@ -1,0 +1,145 @@
+"""Steps patch by patch: what is minimized, light of their own, and votes lost to what changed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from core.camera.camera import Camera
+from core.config import PhotoRefinementConfig, StepConfig
+from core.geometry.pose import Pose
+from core.geometry.rotations import even_directions, rotation_from_vector
+from core.panorama.photo_atlas import PhotoAtlas
+from core.panorama.photo_colors import equalized_windows
+from core.panorama.session import Session
+from core.refine.gauss_newton import initial_history
+from core.refine.patch_step import PatchStep, patch_step
+from core.refine.photo_points import look_directions, patch_numbers
+from core.refine.refinement import CandidatePoints, refine
+from core.refine.rig_level import RigLevel
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.panorama.painted_photos import photo_of
+
+POSE = Pose(rotation_of(25.0, 5.0, -3.0), np.array([1.6, 2.1, 1.4]))
+ROTATION, POSITION = (torch.tensor(part, dtype=torch.float32)[None] for part in (POSE.rotation, POSE.position))
+RULES = PhotoRefinementConfig().patch_step
+PLAIN = replace(RULES, patch_robust_scale=None)
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[RigLevel, CandidatePoints]:
+    """A photo, and what it shows with the colours that the level has there: at the true pose nothing is left over."""
+    box = PaintedBox(seed=3)
+    atlas = PhotoAtlas(
+        Session.of_photo(photo_of(box, Camera.from_hfov("pinhole", 640, 480, 80.0), POSE)), 512, None, "cpu"
+    )
+    windows = atlas.windows(128)
+    level = RigLevel(windows.level(equalized_windows(windows)), atlas.rotations, atlas.centers)
+    look = look_directions(atlas, 2000, 0.0).directions
+    place = torch.tensor(box.points_along(POSE.position, look.double().numpy() @ POSE.rotation.T), dtype=torch.float32)
+    seen, inside = level.sample_points(place.T[None], None, ROTATION, POSITION)
+    colors = seen.color.transpose(1, 2).clone()
+    return level, CandidatePoints(place[None], colors, inside.float(), None, patch_numbers(look, 15.0))
+
+
+def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) -> tuple[Tensor, Tensor]:
+    return ROTATION @ rotation_from_vector(torch.tensor([turn])), POSITION + torch.tensor([move]) @ ROTATION[0].T
+
+
+def step_at(scene: tuple[RigLevel, CandidatePoints], pose: tuple[Tensor, Tensor], rules: StepConfig) -> PatchStep:
+    level, points = scene
+    assert points.patches is not None
+    return patch_step(
+        level, points.planes(), points.patches, *pose, initial_history(1, rules, torch.device("cpu")), rules, False
+    )
+
+
+def off_by(found: tuple[Tensor, Tensor]) -> float:
+    return float((found[1] - POSITION).norm())
+
+
+def test_at_the_true_pose_nothing_is_left_to_explain(scene: tuple[RigLevel, CandidatePoints]) -> None:
+    step = step_at(scene, (ROTATION, POSITION), PLAIN)
+    beside = step_at(scene, moved((0.0, 0.0, 0.0), (0.1, 0.1, 0.0)), PLAIN)
+    assert float(step.loss) < float(beside.loss) / 3 < 1
+    assert float(step.history.step.norm()) < 1e-3
+
+
+def test_the_slope_is_that_of_the_contrast_that_is_not_explained(scene: tuple[RigLevel, CandidatePoints]) -> None:
+    pose = moved((0.01, -0.02, 0.015), (0.04, 0.03, -0.02))
+    step = step_at(scene, pose, PLAIN)
+    turn, move = step.history.step[:, :3], step.history.step[:, 3:]
+    small = 0.02
+
+    def loss_along(share: float) -> float:
+        there = pose[0] @ rotation_from_vector(share * turn), pose[1] + (pose[0] @ (share * move)[..., None])[..., 0]
+        return float(step_at(scene, there, PLAIN).loss)
+
+    rise = (loss_along(small) - loss_along(-small)) / (2 * small)
+    mass = float(scene[1].weights.sum())
+    assert rise < 0
+    assert float(step.history.slope) / mass == pytest.approx(rise, rel=0.15)
+
+
+def test_each_patch_may_have_a_light_of_its_own(scene: tuple[RigLevel, CandidatePoints]) -> None:
+    level, points = scene
+    assert points.patches is not None
+    rng = torch.Generator().manual_seed(5)
+    count = int(points.patches.max()) + 1
+    gain, offset = 0.5 + torch.rand(count, 1, generator=rng), torch.rand(count, 3, generator=rng) - 0.5
+    lit = replace(points, colors=points.colors * gain[points.patches] + offset[points.patches])
+    begun = moved((0.02, -0.03, 0.02), (0.1, 0.05, -0.05))
+    found = refine(level, lit, *begun, 20, RULES)
+    assert off_by((found.rotations, found.positions)) < 0.01
+
+
+def test_what_moved_in_most_of_a_photo_drags_single_points_along_but_not_patches(
+    scene: tuple[RigLevel, CandidatePoints],
+) -> None:
+    level, points = scene
+    assert points.patches is not None
+    # In two patches of three everything stands elsewhere than the scan says, each by a way of its own; and each has its lamp.
+    rng = torch.Generator().manual_seed(2)
+    count = int(points.patches.max()) + 1
+    away = torch.randn(count, 3, generator=rng) * 0.4 * (torch.arange(count) % 3 > 0)[:, None]
+    gain = 0.4 + torch.rand(count, 1, generator=rng)
+    colors = points.colors * gain[points.patches]
+    changed = replace(points, positions=points.positions + away[points.patches], colors=colors)
+    begun = moved((0.01, -0.02, 0.01), (0.06, 0.04, -0.03))
+    by_patches = refine(level, changed, *begun, 20, RULES)
+    by_points = refine(level, replace(changed, patches=None), *begun, 20, StepConfig(robust_scale=1.5))
+    assert off_by((by_patches.rotations, by_patches.positions)) < 0.03
+    assert off_by((by_points.rotations, by_points.positions)) > 0.06
+
+
+def test_candidates_do_not_know_of_each_other(scene: tuple[RigLevel, CandidatePoints]) -> None:
+    level, points = scene
+    poses = [moved((0.01, 0.0, 0.02), (0.05, 0.0, 0.0)), moved((0.0, 0.03, 0.0), (0.0, -0.08, 0.02))]
+    both = points.take(torch.tensor([0, 0]))
+    rotations, positions = (torch.cat(part) for part in zip(*poses, strict=True))
+    together = refine(level, both, rotations, positions, 6, RULES)
+    for k, pose in enumerate(poses):
+        alone = refine(level, points, *pose, 6, RULES)
+        torch.testing.assert_close(together.positions[k], alone.positions[0], atol=1e-4, rtol=0)
+
+
+def test_without_points_in_view_a_pose_stays_where_it_is(scene: tuple[RigLevel, CandidatePoints]) -> None:
+    level, points = scene
+    nothing = replace(points, weights=torch.zeros_like(points.weights))
+    found = refine(level, nothing, ROTATION, POSITION, 4, RULES)
+    torch.testing.assert_close(found.positions, POSITION)
+    assert torch.isfinite(found.hessian).all()
+
+
+@pytest.mark.parametrize("side_deg", [11.25, 22.5])
+def test_patches_are_as_large_as_they_should_be_everywhere(side_deg: float) -> None:
+    directions = even_directions(20_000)
+    numbers = patch_numbers(directions, side_deg)
+    count = int(numbers.max()) + 1
+    assert count == pytest.approx(4 * np.pi / np.radians(side_deg) ** 2, rel=0.35)
+    for number in range(count):
+        inside = directions[numbers == number]
+        apart = torch.rad2deg(torch.acos((inside @ inside.T).clamp(-1, 1))).max()
+        assert float(apart) < 2.2 * side_deg
