@@ -126,8 +126,9 @@ class FrontDoor:
 
 
 @pytest.fixture
-def proxied(tmp_path: Path) -> Iterator[tuple[httpx.Client, list[FrontDoor]]]:
+def proxied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[httpx.Client, list[FrontDoor]]]:
     """Run the proxy as it is configured, before three front doors of ours."""
+    monkeypatch.setenv("PATH", f"{os.environ['PATH']}:/usr/sbin")  # where nginx is, and who is not root does not look
     for tool in ("nginx", "openssl"):
         if shutil.which(tool) is None:
             pytest.skip(f"needs {tool} from apt")
