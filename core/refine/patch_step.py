@@ -66,10 +66,7 @@ def patch_step(
         ratio = relative / (config.patch_robust_scale**2 * median.clamp_min(config.min_patch_ratio))[:, None]
         weights = weights / (1 + ratio).square_()
     jacobian = (seen.directions[:, :, None] * seen.derivatives[:, None]).sum(3) * by_patch.spread(gain)[:, None, None]
-    jacobian = by_patch.without_light(jacobian, shown, power[0])
-    weighted = (jacobian * weights[:, None, None]).flatten(2)
-    hessian = weighted @ jacobian.flatten(2).transpose(1, 2)
-    gradient = (weighted @ residual.flatten(1)[..., None])[..., 0]
+    hessian, gradient = by_patch.normal_equations(jacobian, residual, shown, weights)
     relaxation = next_relaxation(history, gradient, config)
     turn, move = solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
     step = torch.cat((turn, move), dim=-1)
@@ -112,12 +109,23 @@ class _Patches:
         means = ((planes * self.weights[:, None]) @ self._members) / self.mass[:, None]
         return planes - self.spread(means)
 
-    def without_light(self, jacobian: Tensor, shown: Tensor, power: Tensor) -> Tensor:
-        """Return the Jacobian (K, U, 3, N) less what offsets and gain of each patch would undo (variable projection).
+    def normal_equations(
+        self, jacobian: Tensor, residual: Tensor, shown: Tensor, weights: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return the Hessian (K, U, U) and gradient (K, U) less what offsets and gain of each patch would undo (variable projection).
 
-        shown: (K, 3, N), centred colours of the photos; power: (K, P), their variance.
+        jacobian: (K, U, 3, N); residual and shown, centred colours of the photos: (K, 3, N); weights: (K, N).
         """
-        jacobian = self.centered(jacobian.flatten(1, 2)).view(jacobian.shape)
-        along = (jacobian * shown[:, None]).sum(2) * self.weights[:, None]  # (K, U, N)
-        by_gain = (along @ self._members) / (self.mass * power)[:, None]
-        return jacobian - self.spread(by_gain)[:, :, None] * shown[:, None]
+        count = jacobian.shape[1]
+        rows = torch.cat((jacobian, residual[:, None]), dim=1)  # the residual is one more row of the same products
+        weighted = rows * weights[:, None, None]
+        products = weighted.flatten(2) @ rows.flatten(2).transpose(1, 2)
+        by_offsets = weighted @ self._members  # (K, U + 1, 3, P)
+        by_gain = (weighted * shown[:, None]).sum(2) @ self._members  # (K, U + 1, P)
+        total = (weights @ self._members).clamp_min(1e-9)
+        power = ((shown.square().sum(1) * weights) @ self._members).clamp_min(1e-9)
+        undone = torch.cat(
+            (by_offsets * total.rsqrt()[:, None, None], (by_gain * power.rsqrt()[:, None])[:, :, None]), 2
+        )
+        products = products - undone.flatten(2) @ undone.flatten(2).transpose(1, 2)
+        return products[:, :count, :count], products[:, :count, count]
