@@ -91,7 +91,7 @@ class PhotoRefinementConfig:
     margin_deg: float = 8.0  # later, when poses hardly turn
     # Of local contrast in the colours: what a photo shows of the light of a room says little about all of it.
     contrast_share: float = 0.8
-    fine_contrast_share: float = 0.5
+    fine_contrast_share: float = 0.2  # patches have a light of their own
     # Changed furniture can be most of a photo, and drags poses away: it loses its vote sooner, and first steps are shorter.
     robust_scale: float = 1.5
     damping: float = 0.1
