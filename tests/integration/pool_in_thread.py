@@ -41,11 +41,12 @@ class PoolInThread:
             registrar=scripted,
         )
         cluster = RayCluster(ray_address, folder / "ray", self.lifeline)
+        self.admission = Admission(queue_limit=10)
         self.pool = self.run(self._build(cluster, RayServing(cluster, plan, None)))
         self.run(self.pool.start())
 
     async def _build(self, cluster: RayCluster, serving: RayServing) -> RayPool:
-        return RayPool(cluster, serving, Admission(queue_limit=10))
+        return RayPool(cluster, serving, self.admission)
 
     def begin(self, work: Coroutine[Any, Any, Result]) -> "Future[Result]":
         return asyncio.run_coroutine_threadsafe(work, self._loop)
