@@ -33,9 +33,7 @@ class StepConfig:
     damping: float = 1e-3  # of the diagonal; 1e-4 and 1e-2 are worse
     # Of points that are aligned patch by patch (see `core.refine.patch_step`).
     min_patch_variance: float = 1e-3  # of aligned colours; below it contrast is noise
-    patch_robust_scale: float | None = (
-        None  # of the median residual, as robust_scale; None: single points keep their vote
-    )
+    patch_robust_scale: float | None = None  # of the median residual, as robust_scale; None: points keep their vote
     min_patch_ratio: float = 1e-4  # floor of that median, squared and over the variance of a patch
     relaxation: float = 1.5  # the first step is this much longer, later ones by what the last one fell short
     max_relaxation: float = 5.0
@@ -91,24 +89,25 @@ class PhotoRefinementConfig:
     margin_deg: float = 8.0  # later, when poses hardly turn
     # Of local contrast in the colours: what a photo shows of the light of a room says little about all of it.
     contrast_share: float = 0.8
-    fine_contrast_share: float = 0.2  # patches have a light of their own
-    # Changed furniture can be most of a photo, and drags poses away: it loses its vote sooner, and first steps are shorter.
+    fine_contrast_share: float = 0.2  # less: patches have a light of their own
+    # Of photos of labels, which are aligned point by point. Changed furniture can be most of a photo, and drags poses away: it loses its
+    # vote sooner, and first steps are shorter. The scale is also that of the curvature that radii are worked out from, of all photos.
     robust_scale: float = 1.5
     damping: float = 0.1
     max_relaxation: float = 1.5
     middle_candidates: int = 12
     middle_points: int = 2048
-    # Aligned patch by patch (see `core.refine.patch_step`): rows, and degrees that a patch is high and wide.
-    rough_patch_deg: float = 22.5  # on what starts see
-    patch_rounds: tuple[tuple[int, float], ...] = ((64, 22.5), (64, 22.5), (128, 11.25))
-    fine_patch_deg: float = 11.25  # also at full resolution
-    patch_contrast_share: float = 0.4  # of local contrast in the colours: patches have a light of their own
+    # Photos in colours are aligned patch by patch (see `core.refine.patch_step`): degrees that a patch is high and wide on what starts see,
+    # at full resolution, and in rounds between them, with their rows and robust scale. Where poses are nearly right points keep their vote:
+    # they come half as near without it.
+    rough_patch_deg: float = 22.5
+    fine_patch_deg: float = 11.25
+    patch_rounds: tuple[tuple[int, float, float | None], ...] = ((64, 22.5, 2.0), (64, 22.5, 2.0), (128, 11.25, None))
+    patch_contrast_share: float = (
+        0.4  # of local contrast in the colours of the rounds: patches have a light of their own
+    )
     rough_patch_step: StepConfig = StepConfig(damping=0.1, relaxation=1.0, max_relaxation=1.5, patch_robust_scale=2.0)
     patch_step: StepConfig = StepConfig(
-        damping=0.05, relaxation=1.3, max_relaxation=1.5, max_turn_rad=0.1, max_move_m=0.15, patch_robust_scale=2.0
-    )
-    # Points of a patch that nearly agrees all keep their vote: without it poses come half as near.
-    fine_patch_step: StepConfig = StepConfig(
         damping=0.05, relaxation=1.3, max_relaxation=1.5, max_turn_rad=0.1, max_move_m=0.15
     )
     fine_points: int = 8000

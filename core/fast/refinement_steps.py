@@ -57,10 +57,10 @@ class RefinementSteps:
     ) -> list[Hypothesis]:
         """Refine patch by patch on points that the poses themselves see, found anew in each round."""
         sizes, photos = self.config.refinement, self.config.photos
-        for rows, patch_deg in photos.patch_rounds:
+        for rows, patch_deg, scale in photos.patch_rounds:
             points = joined([queries[number].points_by_patches(part, patch_deg) for number, part in by_map(group)])
             level = picture.canonical_level(rows, photos.patch_contrast_share)
-            step = photos.fine_patch_step if patch_deg == photos.fine_patch_deg else photos.patch_step
+            step = replace(photos.patch_step, patch_robust_scale=scale)
             group = self._refine(picture, level, points, group, sizes.middle_iterations, sizes.middle_stop, step)
             group = within_limits(queries, group)
         return list(group)
@@ -83,7 +83,7 @@ class RefinementSteps:
         ):
             points = query.full_points(hypothesis, comparison, count)
             level = query.picture.level_for(comparison, height, share)
-            step = None if points.patches is None else self.config.photos.fine_patch_step
+            step = None if points.patches is None else self.config.photos.patch_step
             (hypothesis,) = self._refine(query.picture, level, points, [hypothesis], iterations, sizes.fine_stop, step)
         if points.patches is not None:
             # How sharp the loss of single points is there says how far off the pose may be.

@@ -6,7 +6,7 @@ taken together that lie in one patch of the sphere. Each patch has a gain and of
 what is minimized is the sum of √(1 − c²) over patches, with c the correlation inside a patch, which is what the judge ranks photos by.
 
 Deviation from the paper (§3.3): sampling loss of single points. Of 16 photos of rooms of which 60 % had changed 8 stayed at the true
-pose, with patches 12 (docs/experiments.md).
+pose, with patches 13 (docs/experiments.md).
 """
 
 from dataclasses import dataclass
@@ -62,9 +62,7 @@ def patch_step(
     weights = by_patch.weights * by_patch.spread(votes)
     if config.patch_robust_scale is not None:
         relative = residual.square().sum(1) / by_patch.spread(power[1])
-        median = torch.where(by_patch.weights > 0, relative, torch.nan).nanmedian(-1).values.nan_to_num(1.0)
-        ratio = relative / (config.patch_robust_scale**2 * median.clamp_min(config.min_patch_ratio))[:, None]
-        weights = weights / (1 + ratio).square_()
+        weights = weights * _robust(relative, by_patch.weights, config.patch_robust_scale, config.min_patch_ratio)
     jacobian = (seen.directions[:, :, None] * seen.derivatives[:, None]).sum(3) * by_patch.spread(gain)[:, None, None]
     hessian, gradient = by_patch.normal_equations(jacobian, residual, shown, weights)
     relaxation = next_relaxation(history, gradient, config)
@@ -82,6 +80,13 @@ def patch_step(
     )
 
 
+def _robust(relative: Tensor, weights: Tensor, scale: float, floor: float) -> Tensor:
+    """Return by how much less each point (K, N) counts (Geman-McClure), from squared residuals over the variance of its patch."""
+    median = torch.where(weights > 0, relative, torch.nan).nanmedian(-1).values.nan_to_num(1.0)
+    ratio = relative / (scale**2 * median.clamp_min(floor))[:, None]
+    return 1 / (1 + ratio).square()
+
+
 class _Patches:
     """The points of K candidates by patch: sums over patches are products with one matrix, on every device alike."""
 
@@ -92,7 +97,7 @@ class _Patches:
         self.mass = (weights @ self._members).clamp_min(1e-6)  # (K, P)
 
     def covariances(self, shown: Tensor, scanned: Tensor, floor: float) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        """Return the covariance (K, P) of centred planes (K, 3, N) over all channels, and the variance of each, not below `floor` more."""
+        """Return the covariance (K, P) of centred planes (K, 3, N) over all channels, and the variances of both plus `floor`."""
         power = self.means((shown * shown).sum(1)) + floor, self.means((scanned * scanned).sum(1)) + floor
         return self.means((shown * scanned).sum(1)), power
 

@@ -24,8 +24,8 @@ from tests.core.panorama.painted_photos import photo_of
 
 POSE = Pose(rotation_of(25.0, 5.0, -3.0), np.array([1.6, 2.1, 1.4]))
 ROTATION, POSITION = (torch.tensor(part, dtype=torch.float32)[None] for part in (POSE.rotation, POSE.position))
-RULES = PhotoRefinementConfig().patch_step
-PLAIN = replace(RULES, patch_robust_scale=None)
+PLAIN = PhotoRefinementConfig().patch_step
+RULES = replace(PLAIN, patch_robust_scale=2.0)
 
 
 @pytest.fixture(scope="module")
