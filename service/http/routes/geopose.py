@@ -101,8 +101,9 @@ async def _body(request: Request, settings: Settings, held: HeldBytes) -> bytes:
 def _image(reading: CameraReading, settings: Settings) -> QueryImage:
     camera = reading.camera()
     try:
-        # Browsers put `data:image/jpeg;base64,` before it.
-        data = base64.b64decode(reading.imageBytes.rpartition(",")[2], validate=True)
+        # Browsers put `data:image/jpeg;base64,` before it, encoders of mail line breaks into it.
+        encoded = "".join(reading.imageBytes.rpartition(",")[2].split())
+        data = base64.b64decode(encoded, validate=True)
     except (binascii.Error, ValueError) as error:
         at, message = (
             "sensorReadings.cameraReadings.0.imageBytes",

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from core.errors import OptionsError
 from service.errors import InvalidOptionsError
@@ -13,7 +13,8 @@ _DEPTH = "DEPTH"
 # Names of the protocol, which are COLMAP's: how many numbers are focal lengths, and where the distortion is in OpenCV's order.
 _FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
 _FISHEYE = "OPENCV_FISHEYE"
-_NO_CAMERA = ("", "UNKNOWN_CAMERA")
+# What clients send that know nothing of the camera: of version 2, and of the texts before it.
+_NO_CAMERA = ("", "UNKNOWN", "UNKNOWN_CAMERA")
 _SPHERES = ("EQUIRECTANGULAR", "SPHERICAL")
 
 
@@ -117,7 +118,10 @@ class SensorReadings(_Lenient):
     """What the sensors of the device have read."""
 
     cameraReadings: Annotated[list[CameraReading], Field(min_length=1, max_length=8)]  # noqa: N815
-    geolocationReadings: Annotated[list[GeolocationReading], Field(max_length=100)] | None = None  # noqa: N815
+    # The published client of version 2 writes it with a capital L, its own schema and the text do not.
+    geolocationReadings: Annotated[list[GeolocationReading], Field(max_length=100)] | None = Field(  # noqa: N815
+        None, validation_alias=AliasChoices("geolocationReadings", "geoLocationReadings")
+    )
 
     def image(self) -> CameraReading:
         """Return the one image. Raises InvalidOptionsError for several: `POST /localize` takes sessions, with their poses."""

@@ -1,7 +1,9 @@
-"""JSON schemas, written from the published texts, of which no package registry has any.
+"""JSON schemas, written from the published texts.
 
-Basic-Quaternion: OGC GeoPose 1.0 (21-056r11), all members required and of numbers. Request and response: the interfaces of version 2 of
-the GeoPoseProtocol of OSCP. Localization and capabilities: what OpenFLAME's map server answers.
+Basic-Quaternion: OGC GeoPose 1.0 (21-056r11), all members required and of numbers, as in the building block
+`ogc.geo.geopose.basic.quaternion`. Request and response: the interfaces of version 2 of the GeoPoseProtocol of OSCP; the schemas of its
+published client, `@oarc/gpp-access` 0.2.1, which are TypeScript, took the same documents. Localization and capabilities: what OpenFLAME's
+map server answers.
 """
 
 from typing import Any

@@ -106,6 +106,38 @@ async def test_maps_are_those_around_the_geolocation_or_those_that_are_named(run
     assert (reply.status_code, reply.json()["type"]) == (404, "/problems/map-not-found")
 
 
+async def test_what_the_published_client_sends_is_understood(running: RunningService) -> None:
+    near = await placed_map(running)
+    await placed_map(running, {"latitude_deg": 48.7, "longitude_deg": -122.3})
+    privacy: dict[str, list[str]] = {"dataRetention": [], "dataAcceptableUse": []}
+    of_sensor: dict[str, Any] = {"timestamp": 1750939398316, "sensorId": "camera", "privacy": privacy}
+    # As `GeoPoseRequest` of @oarc/gpp-access 0.2.1 writes itself, with a camera that nobody described; lines as mail has them.
+    body = question(
+        imageFormat="JPG",
+        size=[8, 4],
+        sequenceNumber=0,
+        imageOrientation={"mirrored": False, "rotation": 0},
+        params={"model": "UNKNOWN", "modelParams": []},
+        **of_sensor,
+    )
+    reading = body["sensorReadings"]["cameraReadings"][0]
+    reading["imageBytes"] = base64.encodebytes(PNG).decode()
+    place: dict[str, Any] = {
+        "latitude": 47.7,
+        "longitude": -122.3,
+        "altitude": 0,
+        "accuracy": 0,
+        "altitudeAccuracy": 0,
+        "heading": 0,
+    }
+    body["sensorReadings"]["geoLocationReadings"] = [{**place, "speed": 0, **of_sensor}]
+    body["sensors"] = [{"id": "camera", "type": "camera"}, {"id": "gps", "type": "geolocation"}]
+    reply = await ask(running, body)
+    assert reply.status_code == 200, reply.text
+    (job,) = running.pool.jobs
+    assert (job.images[0].data, job.images[0].camera, [ref.id for ref in job.maps]) == (PNG, None, [near])
+
+
 @pytest.mark.parametrize("status", ["ambiguous", "not_localized"])
 async def test_what_is_not_sure_is_not_told_as_a_place(
     running: RunningService, monkeypatch: pytest.MonkeyPatch, status: Status
