@@ -89,7 +89,7 @@ class DemoRun:
         with show_waiting(self.session.messages, f"localizing {query.image.name}"):
             options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S, **query.options}
             answer = self.client.localize(query.image, [self.place["id"]], options=options)
-        saved = self.folder.save(query.image, answer, self.client)
+        saved = self.folder.save(query.image, [query.image], answer, self.client)
         position_m, orientation_deg = query.error_of(answer)
         if self.session.json_output:
             error = {"position_m": position_m, "orientation_deg": orientation_deg}

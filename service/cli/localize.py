@@ -166,7 +166,7 @@ class _Localize:
                 raise
             self._show_problem(query.name, problem)
             return ExitCode.ERROR
-        saved = self.folder.save(query.name, answer, self.client) if self.folder else []
+        saved = self.folder.save(query.name, query.images, answer, self.client) if self.folder else []
         self._show(query, answer, saved)
         return exit_code_of(answer["status"])
 

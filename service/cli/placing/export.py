@@ -1,4 +1,4 @@
-"""`panoloc export`: placed photos in the formats of other systems, of a folder that `panoloc place` has made, or of a batch."""
+"""`panoloc export`: placed photos in the formats of other systems, of a folder of `panoloc place`, a batch, or single answers."""
 
 import tempfile
 import zipfile
@@ -12,6 +12,7 @@ from core.options import ExportFormat
 from service.cli.exit_codes import ExitCode
 from service.cli.placing.export_folder import Written, formats_of, write_exports
 from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError
+from service.cli.placing.saved_answers import SavedAnswers
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.client import ApiProblemError, ClientError, PanolocClient
 
@@ -21,7 +22,11 @@ _REFUSED = 422
 def export(
     ctx: typer.Context,
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help="The --out of `panoloc place`, or the id of a batch.")
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="The --out of `panoloc place` or of `panoloc localize`, one answer in the latter, or the id of a batch.",
+        ),
     ],
     formats: Annotated[
         str,
@@ -53,13 +58,18 @@ def export(
         raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
     folder = Path(source)
     try:
-        if folder.is_dir():
+        if PlaceFolder.is_at(folder):
             placed = PlaceFolder.open(folder)
             with session.client(url) as client:
                 refreshed = _refresh_maps(client, placed)
             written = write_exports(placed, wanted, include_ambiguous, out or folder, scan)
             if written.refusals and refreshed:
                 written.refusals.append(refreshed)
+        elif folder.exists():
+            with session.client(url) as client, tempfile.TemporaryDirectory(prefix="panoloc-") as maps:
+                answers = SavedAnswers.fetch(folder, client, Path(maps))
+                target = out or (folder if folder.is_dir() else folder.parent)
+                written = write_exports(answers, wanted, include_ambiguous, target, scan)
         elif source.startswith("batch_"):
             with session.client(url) as client:
                 written = Written()
@@ -73,7 +83,9 @@ def export(
                             raise
                         written.refusals.append(str(problem))
         else:
-            raise PlaceFolderError(f"expected a folder or the id of a batch, got {source!r}")
+            raise PlaceFolderError(
+                f"expected a folder of `panoloc place` or `panoloc localize`, an answer, or the id of a batch, got {source!r}"
+            )
     except PlaceFolderError as error:
         raise typer.BadParameter(str(error), param_hint="SOURCE") from error
     for target in written.folders:

@@ -6,14 +6,23 @@ import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import get_args
+from typing import Any, Protocol, get_args
 
 import typer
 
 from core.options import ExportFormat
-from service.cli.placing.place_folder import PlaceFolder
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
+
+
+class Placed(Protocol):
+    """Photos with their poses, wherever they are kept."""
+
+    def maps(self) -> list[str]:
+        """Return the maps in which photos were placed."""
+
+    def tour(self, map_id: str, include_ambiguous: bool, survey: Path | None = None) -> dict[str, Any]:
+        """Return the photos of a map as `core.exports` reads them."""
 
 
 class ExportError(ValueError):
@@ -43,7 +52,7 @@ def formats_of(given: str | None) -> list[ExportFormat]:
 
 
 def write_exports(
-    placed: PlaceFolder, formats: list[ExportFormat], include_ambiguous: bool, out: Path, survey: Path | None = None
+    placed: Placed, formats: list[ExportFormat], include_ambiguous: bool, out: Path, survey: Path | None = None
 ) -> Written:
     """Write each format into a folder of its own below `out`, and below that of its map where there are several.
 

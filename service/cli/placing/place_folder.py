@@ -82,6 +82,11 @@ class PlaceFolder:
                 )
             yield cls(folder, question)
 
+    @staticmethod
+    def is_at(folder: Path) -> bool:
+        """Tell whether `panoloc place` has made a folder."""
+        return (folder / _QUESTION).is_file()
+
     @classmethod
     def open(cls, folder: Path) -> "PlaceFolder":
         """Open a folder that `panoloc place` has made. Raises PlaceFolderError."""
