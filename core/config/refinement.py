@@ -106,6 +106,9 @@ class PhotoRefinementConfig:
     patch_contrast_share: float = (
         0.4  # of local contrast in the colours of the rounds: patches have a light of their own
     )
+    # Of candidates refined at half the rows of what starts see, so many go on: a share, but so many of the best at least.
+    rough_kept_share: float = 0.5
+    rough_kept: int = 10
     rough_patch_step: StepConfig = StepConfig(damping=0.1, relaxation=1.0, max_relaxation=1.5, patch_robust_scale=2.0)
     patch_step: StepConfig = StepConfig(
         damping=0.05, relaxation=1.3, max_relaxation=1.5, max_turn_rad=0.1, max_move_m=0.15

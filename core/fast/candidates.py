@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from core.config import SearchConfig
+from core.config import PhotoRefinementConfig, SearchConfig
 from core.judge.hypotheses import Hypothesis
 from core.prepared_query import MapQuery
 from core.search.map_search import MapCandidates
@@ -34,3 +34,9 @@ def portions(candidates: Sequence[Hypothesis], config: SearchConfig) -> list[lis
     missing = max(0, config.first_elsewhere - (len(best) - near))
     elsewhere = [h for h in rest if not h.is_near(best[0], config.elsewhere)][:missing]
     return [best + elsewhere, [h for h in rest if all(h is not other for other in elsewhere)]]
+
+
+def most_promising(candidates: Sequence[Hypothesis], config: PhotoRefinementConfig) -> list[Hypothesis]:
+    """Return the candidates for photos that are worth refining further after the first steps: those of the smallest loss."""
+    kept = max(config.rough_kept, round(config.rough_kept_share * len(candidates)))
+    return sorted(candidates, key=lambda candidate: candidate.loss)[:kept]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import torch
 
 from core.config import LocalizerConfig, StepConfig, StoppingRule
+from core.fast.candidates import most_promising
 from core.judge.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
 from core.panorama.image_level import ImageLevel
 from core.prepared_panorama import PreparedPanorama
@@ -33,6 +34,8 @@ class RefinementSteps:
                 points = joined([queries[number].points_from_starts(part, coarse) for number, part in by_map(group)])
                 step = self._rough_step() if points.patches is None else self.config.photos.rough_patch_step
                 group = self._refine(picture, level, points, group, iterations, sizes.coarse_stop, step)
+                if coarse and points.patches is not None:
+                    group = most_promising(group, self.config.photos)
             refined += within_limits(queries, group)
         return refined
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from core.config import SearchConfig
-from core.fast.candidates import portions
+from core.config import PhotoRefinementConfig, SearchConfig
+from core.fast.candidates import most_promising, portions
 from core.geometry.rotations import rotation_from_vector
 from core.judge.hypotheses import Hypothesis
 
@@ -49,3 +49,10 @@ def test_few_candidates_are_one_portion(count: int) -> None:
 def test_without_a_first_portion_all_go_together() -> None:
     found = [candidate(float(k)) for k in range(9)]
     assert portions(found, SearchConfig()) == [found]
+
+
+def test_half_of_many_candidates_go_on_and_all_of_few() -> None:
+    found = [replace(candidate(float(k)), loss=float(k * 7 % 24)) for k in range(24)]
+    config = PhotoRefinementConfig(rough_kept_share=0.5, rough_kept=10)
+    assert [each.loss for each in most_promising(found, config)] == [float(k) for k in range(12)]
+    assert {each.loss for each in most_promising(found[:9], config)} == {each.loss for each in found[:9]}
