@@ -89,11 +89,16 @@ class PlaceFolder:
 
     @classmethod
     def open(cls, folder: Path) -> "PlaceFolder":
-        """Open a folder that `panoloc place` has made. Raises PlaceFolderError."""
+        """Open a folder that `panoloc place` has made. Raises PlaceFolderError, also where the photos are gone."""
         found = _read(folder / _QUESTION)
         if found is None:
             raise PlaceFolderError(f"expected the --out of a `panoloc place`, but {folder} has no {_QUESTION}")
-        return cls(folder, Question(**found))
+        question = Question(**found)
+        if not Path(question.photos).is_dir():
+            raise PlaceFolderError(
+                f"expected the photos in {question.photos}, but there is no such folder; put them back"
+            )
+        return cls(folder, question)
 
     def names(self) -> list[str]:
         """Return the photos below their folder, sorted, without hidden files and without what lies in this folder or one like it."""
@@ -104,6 +109,12 @@ class PlaceFolder:
         """Return what lies among the photos and is one by its ending, but of a format that is not read."""
         photos = Path(self.question.photos)
         return sorted(path.relative_to(photos).as_posix() for path in self._files(photos, _UNREAD_ENDINGS))
+
+    def gone(self) -> list[str]:
+        """Return the photos that have a result but are no longer in their folder."""
+        kept = (_read(file) for file in (self.folder / "results").rglob("*.json"))
+        names = {str(each["name"]) for each in kept if each is not None}
+        return sorted(name for name in names if not self.photo(name).exists())
 
     def photo(self, name: str) -> Path:
         """Return the file of a photo."""
@@ -166,6 +177,8 @@ class PlaceFolder:
                 tour.leave_out(name, reason or "waiting")
             else:
                 tour.add(name, self.photo(name), result["answer"])
+        for name in self.gone():
+            tour.leave_out(name, f"was placed, but is no longer in {self.question.photos}")
         created_unix_s = (self.folder / _QUESTION).stat().st_mtime
         points = self.folder / "maps" / f"{map_id}.ply"
         return tour.document(created_unix_s, place, points, survey)

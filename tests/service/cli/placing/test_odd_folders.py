@@ -127,3 +127,17 @@ def test_ctrl_c_keeps_what_is_under_way_and_says_so(
         outcome = panoloc(*command)
     assert (outcome.code, "run again, it goes on" in outcome.err) == (EXIT_INTERRUPTED, True)
     assert "2 of 2 photos are done already" in panoloc(*command).err
+
+
+@pytest.mark.slow
+def test_photos_that_are_gone_are_told_of_when_they_are_exported(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
+    (photos / "hall.jpg").unlink()
+    assert panoloc("export", out, "--export", "tum").code == 0
+    assert (out / "tum" / "unplaced.txt").read_text().startswith("hall.jpg\twas placed, but is no longer in ")
+    photos.rename(tmp_path / "moved")
+    outcome = panoloc("export", out, "--export", "tum")
+    assert (outcome.code, "put them back" in " ".join(outcome.err.replace("│", " ").split())) == (EXIT_USAGE, True)
