@@ -153,6 +153,15 @@ async def test_a_deadline_that_passes_while_an_index_is_built_anew_is_not_the_en
     assert len(running.pool.jobs) == 3
 
 
+@pytest.mark.parametrize(("asked", "timeout_s"), [({}, 600.0), ({"options": '{"timeout_s": 45}'}, 45.0)])
+async def test_nobody_waits_for_an_image_so_it_may_take_as_long_as_a_query_may(
+    running: RunningService, asked: dict[str, str], timeout_s: float
+) -> None:
+    map_id = await running.ready_map()
+    await done(running, (await post(running, map_id, ["a.png"], **asked)).json()["id"])
+    assert [job.options.timeout_s for job in running.pool.jobs] == [timeout_s]
+
+
 async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
     map_id = await running.ready_map()
     busy = PoolState(ready=True, waiting_for=None, num_workers=2, queue_depth=1)
@@ -275,6 +284,25 @@ async def test_deleting_a_batch_cancels_it_and_leaves_nothing(running: RunningSe
     # The place of what was cancelled is free again.
     running.pool.localize_gate.set()
     await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+
+
+async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_what_is_placed_stays(
+    running: RunningService,
+) -> None:
+    map_id = await running.ready_map()
+    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
+    await done(running, batch_id)
+    running.pool.localize_gate.clear()
+    later = (await post(running, map_id, ["b.png", "c.png", "d.png"])).json()["id"]
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    running.pool.localize_gate.set()
+    body = await done(running, later)
+    failed = [item["error"] for item in body["items"] if item["status"] == "failed"]
+    assert len(failed) >= 2
+    assert {error["type"] for error in failed} == {"/problems/map-not-found"}
+    rows = (await export(running, batch_id, "potree")).read("coordinates.txt").decode().splitlines()
+    assert [row.split("\t")[0] for row in rows[1:]] == ["a.png"]
+    assert "points3D.txt" in (await export(running, batch_id, "colmap")).namelist()
 
 
 async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: RunningService) -> None:
