@@ -102,13 +102,16 @@ def main(arguments: list[str]) -> int:
     """Print, for each kind of grey and each scan, how many level panoramas are found, and how many are told as such."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", type=Path, nargs="+")
+    parser.add_argument("--kind", choices=KINDS, action="append", help="Only this grey; repeatable.")
+    given = parser.parse_args(arguments)
     localizer = Localizer()
     torch.set_num_threads(1)
-    for folder in parser.parse_args(arguments).cases:
+    for folder in given.cases:
         truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
         queries = [each for each in truth["queries"] if "upright" in each["tags"]]
         cloud = read_scan(folder / truth["scans"][0])
-        for name, (grey_of, changed) in KINDS.items():
+        for name in given.kind or KINDS:
+            grey_of, changed = KINDS[name]
             index = build_map_index(replace(cloud, colors=_grey_colors(grey_of(cloud))))
             found = [_found(localizer, index, folder, query, changed) for query in queries]
             right, sure = sum(is_right for is_right, _ in found), sum(is_sure for _, is_sure in found)
