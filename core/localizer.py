@@ -10,7 +10,7 @@ from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast.fast_method import FastMethod
-from core.fast.field_of_view import searched_range_deg, with_found_camera, with_its_uncertainty
+from core.fast.field_of_view import searched_range_deg, with_focal_uncertainty, with_found_camera
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement_by_photo
@@ -85,8 +85,10 @@ class Localizer:
             answer = self._answer(result, maps, method, top_k, clock)
         if isinstance(query, Session):
             answer = self._for_session(answer, query, result.comparison)
+            uncertainty = max(image.photo.focal_uncertainty for image in query.images)
+            answer = with_focal_uncertainty(answer, result.comparison, uncertainty) if uncertainty else answer
         if found_camera is not None:
-            answer = with_its_uncertainty(answer, found_camera, result.comparison, self.config.field_of_view)
+            answer = replace(answer, found_camera=found_camera)
         if answer.status == "not_localized" and hints is not None and not answer.warnings:
             answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))

@@ -12,6 +12,7 @@ from core.camera.camera import Camera
 _EXIF_IFD = 0x8769
 _FOCAL_LENGTH_35MM = 0xA405
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+_ROUNDED_MM = 0.5  # at most, for the field holds whole millimetres
 _PLAUSIBLE_MM = (4.0, 2000.0)
 
 
@@ -26,3 +27,12 @@ def camera_of_photo(image: Image.Image, size: tuple[int, int]) -> Camera | None:
     width, height = size
     focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
     return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
+
+
+def rounding_share(camera: Camera) -> float:
+    """Return by which share of itself the focal length of a camera that EXIF data described may be off in 68 of 100 photos.
+
+    What was rounded away is as likely to be much as little: 0.34 mm cover 68 %, of the 26 mm of a phone 1.3 %.
+    """
+    focal_mm = camera.fx_px * _FILM_DIAGONAL_MM / math.hypot(camera.width_px, camera.height_px)
+    return 0.68 * _ROUNDED_MM / focal_mm

@@ -51,7 +51,7 @@ def with_found_camera(
     focal = (
         math.sqrt(low * high) if found is None else _refined(method, session, maps, clock, found, (low, high), config)
     )
-    return _with_focal(session, focal)
+    return _with_focal(session, focal, config.uncertainty)
 
 
 def _localized(
@@ -101,29 +101,26 @@ def _refined(
     return focal
 
 
-def with_its_uncertainty(
-    answer: Localization, camera: Camera, comparison: Comparison | None, config: FieldOfViewConfig
-) -> Localization:
-    """Return the answer with the camera that was found, and a radius that tells what it leaves open.
+def with_focal_uncertainty(answer: Localization, comparison: Comparison | None, share: float) -> Localization:
+    """Return the answer with a radius that tells what focal lengths leave open that may be off by a share of themselves.
 
-    A focal length that is a share too long puts a photo so large a share of the distance to what it shows too far away.
+    One that is so much too long puts a photo so large a share of the distance to what it shows too far away.
     """
-    radius_m = answer.accuracy_position_m
-    if comparison is not None and radius_m is not None:
-        seen = comparison.views.depth.flatten(1)[0][comparison.weights[0] > 0]
-        if len(seen):
-            radius_m = math.hypot(radius_m, config.uncertainty * float(seen.median()))
-    return replace(answer, found_camera=camera, accuracy_position_m=radius_m)
+    if comparison is None or answer.accuracy_position_m is None:
+        return answer
+    seen = comparison.views.depth.flatten(1)[0][comparison.weights[0] > 0]
+    if not len(seen):
+        return answer
+    return replace(answer, accuracy_position_m=math.hypot(answer.accuracy_position_m, share * float(seen.median())))
 
 
 def _focal_px(camera: Camera, hfov_deg: float) -> float:
     return Camera.from_hfov("pinhole", camera.width_px, camera.height_px, hfov_deg).fx_px
 
 
-def _with_focal(session: Session, focal_px: float) -> Session:
-    """Return the session of one photo with another focal length, pixels; its camera is known then."""
+def _with_focal(session: Session, focal_px: float, uncertainty: float = 0.0) -> Session:
+    """Return the session of one photo with another focal length, pixels, which may be off by a share; its camera is known then."""
     image = session.images[0]
-    photo: Photo = replace(
-        image.photo, camera=replace(image.photo.camera, fx_px=focal_px, fy_px=focal_px), hfov_range_deg=None
-    )
+    camera = replace(image.photo.camera, fx_px=focal_px, fy_px=focal_px)
+    photo: Photo = replace(image.photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
     return replace(session, images=(replace(image, photo=photo),))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from core.camera.camera import Camera, CameraDescription
-from core.camera.exif import camera_of_photo
+from core.camera.exif import camera_of_photo, rounding_share
 from core.errors import MaskShapeError, PanoramaShapeError
 from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
@@ -65,7 +65,7 @@ def read_image(
         found = camera_of_photo(image, size)
         if found is None:
             raise _no_camera(size)
-        return _photo(image, mask, found, False, max_pixels)
+        return replace(_photo(image, mask, found, False, max_pixels), focal_uncertainty=rounding_share(found))
     if crop is None and size[1] < MIN_HEIGHT:
         raise PanoramaShapeError(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"

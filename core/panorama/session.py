@@ -19,6 +19,7 @@ class Photo:
 
     color: (h, w, 3) uint8, RGB. valid: (h, w) bool, False where it is to be ignored. camera: of an image of exactly this size.
     left_out: as of a panorama. hfov_range_deg: where only bounds of the field of view are known; the camera is then a guess within them.
+    focal_uncertainty: share of the focal length that it may be off by (68 %), as far as is known.
     """
 
     color: NDArray[np.uint8]
@@ -26,6 +27,7 @@ class Photo:
     camera: Camera
     left_out: tuple[str, ...] = ()
     hfov_range_deg: tuple[float, float] | None = None
+    focal_uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         size = (self.camera.height_px, self.camera.width_px)

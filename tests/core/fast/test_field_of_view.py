@@ -49,6 +49,21 @@ def test_a_known_camera_stays_what_it_is(
     assert localizer.localize(known, [box_index]).found_camera is None
 
 
+@pytest.mark.slow
+def test_the_radius_tells_what_the_focal_length_leaves_open(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
+) -> None:
+    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
+    sharp, blurred = (
+        localizer.localize(replace(known, focal_uncertainty=share), [box_index]).accuracy_position_m
+        for share in (0.0, 0.03)
+    )
+    assert sharp is not None
+    assert blurred is not None
+    walls_m = float(np.sqrt(blurred**2 - sharp**2)) / 0.03
+    assert 0.5 < walls_m < 6  # metres to the walls of the box
+
+
 def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale(box: PaintedBox, box_pose: Pose) -> None:
     photo = of_unknown_field_of_view(box, box_pose, (60.0, 100.0))
     image = SessionImage(photo, Pose(np.eye(3), np.zeros(3)))

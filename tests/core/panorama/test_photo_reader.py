@@ -8,7 +8,8 @@ from PIL import Image
 
 from core.camera.camera import CameraDescription
 from core.errors import MaskShapeError, OptionsError, PanoramaShapeError
-from core.panorama.reader import read_panorama
+from core.panorama.reader import read_image, read_panorama
+from core.panorama.session import Photo
 from tests.core.panorama.picture_files import encoded, picture
 
 
@@ -37,6 +38,17 @@ def test_a_photo_of_a_given_field_of_view_covers_it() -> None:
 def test_a_phones_photo_is_placed_by_its_exif_data() -> None:
     found = read_panorama(photo_file(picture(900, 600), focal_mm=26))
     assert width_and_height_deg(found.valid) == pytest.approx((69.4, 49.6), abs=1.0)
+
+
+def test_a_focal_length_in_whole_millimetres_is_known_no_better_than_they_say() -> None:
+    of_a_phone, zoomed = (read_image(photo_file(picture(900, 600), focal_mm=focal)) for focal in (26, 77))
+    told = read_image(encoded(picture(640, 480)), camera=CameraDescription("pinhole", hfov_deg=69.0))
+    assert isinstance(of_a_phone, Photo)
+    assert isinstance(zoomed, Photo)
+    assert isinstance(told, Photo)
+    assert of_a_phone.focal_uncertainty == pytest.approx(0.34 / 26)
+    assert zoomed.focal_uncertainty == pytest.approx(0.34 / 77)
+    assert told.focal_uncertainty == 0
 
 
 def test_a_portrait_photo_is_turned_upright() -> None:
