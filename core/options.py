@@ -64,6 +64,7 @@ class ScanOptions:
     max_points: a file with more points is refused before anything is allocated.
     max_points_used: how many points may remain after voxel thinning.
     format: file extension ("ply", ".laz"), used when the path has none.
+    from_strangers: the file is parsed in a process of its own whatever its format, not only where its format needs that.
 
     Raises OptionsError for a value out of its range.
     """
@@ -74,6 +75,7 @@ class ScanOptions:
     max_points: int = 200_000_000
     max_points_used: int = 500_000
     format: str | None = None
+    from_strangers: bool = False
 
     def __post_init__(self) -> None:
         _check_choice("unit", self.unit, Unit)

@@ -1,8 +1,9 @@
-"""Which reader reads which format, and which of them in a process of its own."""
+"""Which reader reads which format, and which of them in a process of its own even where the file is trusted."""
 
 from collections.abc import Iterator
 
 from core.scan.box.boxed_reading import read_in_box
+from core.scan.box.limits import BoxLimits
 from core.scan.e57.reader import read_e57
 from core.scan.gltf.reader import read_gltf
 from core.scan.las.reader import read_las
@@ -27,8 +28,14 @@ BOXED = frozenset({"gltf", "obj", "e57"})
 """Formats of many parts that refer to each other and hold pictures, or whose parser is a native one for all of the file."""
 
 
+# Points as text take a second of a processor for a few megabytes.
+_CPU_S_PER_BYTE = 2e-6
+
+
 def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:
     """Yield the raw points of a scan of the format `name`."""
     # A PLY that came with other files may have textures.
-    is_apart = name in BOXED or (name == "ply" and context.folder is not None)
-    return read_in_box(name, context) if is_apart else READERS[name](context)
+    is_apart = name in BOXED or (name == "ply" and context.folder is not None) or context.options.from_strangers
+    if not is_apart:
+        return READERS[name](context)
+    return read_in_box(name, context, BoxLimits(cpu_s=BoxLimits.cpu_s + int(_CPU_S_PER_BYTE * context.size_bytes)))

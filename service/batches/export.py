@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import os
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -133,8 +134,16 @@ def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
 
 
 async def _run(module: str, *arguments: str, time_s: float) -> None:
+    # It opens photos and scans of strangers, and needs no token of Ray for that.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("RAY_", "PANOLOC_"))}
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", module, *arguments, stderr=asyncio.subprocess.PIPE, stdin=asyncio.subprocess.DEVNULL
+        sys.executable,
+        "-m",
+        module,
+        *arguments,
+        stderr=asyncio.subprocess.PIPE,
+        stdin=asyncio.subprocess.DEVNULL,
+        env=environment,
     )
     try:
         async with asyncio.timeout(time_s):

@@ -97,6 +97,8 @@ class Registrar:
             max_points=limits.max_points,
             max_points_used=limits.max_points_used,
             format=PurePosixPath(job.scan_name).suffix or None,
+            # This process has the token of Ray and the address of Redis.
+            from_strangers=True,
         )
         with self._catalog.scan_file(job) as path:
             allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
