@@ -19,6 +19,7 @@ from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
 from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
 from core.panorama.image_header import IMAGE
+from core.panorama.known_camera import is_full_sphere, no_camera_error
 from core.panorama.missing.finding import find_missing
 from core.panorama.panorama import Panorama
 from core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
@@ -61,10 +62,10 @@ def read_image(
         photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
         return replace(photo, hfov_range_deg=camera.hfov_range_deg)
     crop = crop_fields(image, data)
-    if crop is None and not _is_full_sphere(size):
+    if crop is None and not is_full_sphere(size):
         found = camera_of_photo(image, size)
         if found is None:
-            raise _no_camera(size)
+            raise no_camera_error(size)
         return replace(_photo(image, mask, found, False, max_pixels), focal_uncertainty=rounding_share(found))
     if crop is None and size[1] < MIN_HEIGHT:
         raise PanoramaShapeError(
@@ -131,21 +132,5 @@ def _shows_full_sphere(camera: Camera) -> bool:
     return (
         camera.model == "equirectangular"
         and abs(camera.width_px - full_turn) < 1
-        and _is_full_sphere((camera.width_px, camera.height_px))
-    )
-
-
-def _is_full_sphere(size: tuple[int, int]) -> bool:
-    """Tell whether an image of this size (width, height) can be a full sphere: 2:1, but for a little rounding."""
-    width, height = size
-    return abs(width - 2 * height) <= max(2, 0.005 * width)
-
-
-def _no_camera(size: tuple[int, int]) -> PanoramaShapeError:
-    width, height = size
-    return PanoramaShapeError(
-        f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) and nothing that says "
-        "which camera took it; export the full sphere, or keep the GPano crop fields of a partial one; of a photo keep the EXIF "
-        "data (its focal length in 35 mm terms), or send options.cameras with a model and its intrinsics or hfov_deg (--hfov 69); "
-        "where nobody knows it, bounds: hfov_range_deg (--hfov 45-90)"
+        and is_full_sphere((camera.width_px, camera.height_px))
     )

@@ -17,6 +17,7 @@ FOR_THE_APPLICATION = FOR_COMMANDS | {
     "core.geodesy",
     "core.geopose",
     "core.georeference",
+    "core.panorama.known_camera",
     "core.scan",
     "core.scan.format_detection",
     "core.scan.ply",

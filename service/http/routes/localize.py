@@ -10,6 +10,7 @@ from starlette.responses import JSONResponse, Response
 
 from core.options import MAX_IMAGES
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
+from core.panorama.known_camera import check_known_cameras
 from service.errors import InvalidOptionsError
 from service.http.access import caller_of, require
 from service.http.openapi import accepted_headers, files_part, json_part, multipart
@@ -130,6 +131,8 @@ async def _query(request: Request, settings: Settings, held: HeldBytes) -> Local
     with limited_by("PANOLOC_MAX_PIXELS"):
         check_images(images, IMAGE, settings.max_pixels)
         check_images(masks, MASK, settings.max_pixels)
+    if options.cameras is None:
+        check_known_cameras(images)
     return LocalizeRequest(query, maps, checked_options(options, settings), request.state.request_id)
 
 

@@ -11,6 +11,7 @@ import pytest
 from core.errors import ScanTooLargeError
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.lingering import LingeringClose
+from tests.core.panorama.picture_files import encoded, picture
 from tests.service.http.fake_pool import ply_of
 from tests.service.http.running_service import SCAN, RunningService, listening, png_of, running_service
 
@@ -83,6 +84,17 @@ async def test_an_image_that_is_none_never_reaches_a_worker(
     assert says in reply.json()["detail"]
     assert running.pool.jobs == []
     assert (await running.localize(map_id)).status_code == 200
+
+
+async def test_a_photo_of_an_unknown_camera_never_reaches_a_worker(running: RunningService) -> None:
+    map_id, photo = await running.ready_map(), encoded(picture(64, 48), "JPEG")
+    reply = await running.localize(map_id, photo)
+    assert reply.status_code == 422
+    assert reply.json()["type"].endswith("not-a-panorama")
+    assert "64 x 48 (1.33:1) and nothing that says which camera took it" in reply.json()["detail"]
+    assert running.pool.jobs == []
+    reply = await running.localize(map_id, photo, options='{"cameras": [{"model": "pinhole", "hfov_deg": 69}]}')
+    assert reply.status_code == 200
 
 
 @pytest.mark.parametrize(
