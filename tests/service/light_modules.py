@@ -5,6 +5,7 @@ FOR_COMMANDS = frozenset(
         "core",
         "core.camera",
         "core.camera.camera",
+        "core.distinct_names",
         "core.errors",
         "core.options",
         "core.panorama",
@@ -13,7 +14,6 @@ FOR_COMMANDS = frozenset(
     }
 )
 FOR_THE_APPLICATION = FOR_COMMANDS | {
-    "core.distinct_names",
     "core.geodesy",
     "core.geopose",
     "core.georeference",
