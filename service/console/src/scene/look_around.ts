@@ -93,7 +93,7 @@ export class LookAround {
     };
     const turn = turns[event.key];
     if (turn) this.turn(...turn);
-    else if (event.key === "+") this.zoom(1 / 1.15);
+    else if (event.key === "+" || event.key === "=") this.zoom(1 / 1.15);
     else if (event.key === "-") this.zoom(1.15);
     else return;
     event.preventDefault();

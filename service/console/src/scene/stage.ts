@@ -7,6 +7,7 @@ import type { CameraOfImage, Vector3 } from "../api/types.ts";
 import type { SceneCell } from "./change_tint.ts";
 import { directionAngles, type Place3, viewRotation } from "./frames.ts";
 import { LookAround } from "./look_around.ts";
+import { OrbitKeys } from "./orbit_keys.ts";
 import { type Marker, markerAt } from "./markers.ts";
 import { makePainter } from "./paint/make_painter.ts";
 import type { Painter, StageColors } from "./paint/painter.ts";
@@ -23,9 +24,12 @@ const HIDDEN_MS = 300;
 
 export class Stage {
   onMarker: (index: number) => void = () => undefined;
+  /** Where somebody who stands looks: counter-clockwise from +x, radians. */
+  onLook: (yaw: number) => void = () => undefined;
   private readonly painter: Painter;
   private readonly camera = new PerspectiveCamera(OUTSIDE_FOV_DEG, 1, 0.05, 5000);
   private readonly orbit: OrbitControls;
+  private readonly keys: OrbitKeys;
   private readonly look: LookAround;
   private readonly canvas: HTMLCanvasElement;
   private markers: Marker[] = [];
@@ -48,8 +52,8 @@ export class Stage {
     this.camera.up.set(0, 0, 1);
     this.orbit = new OrbitControls(this.camera, canvas);
     this.orbit.addEventListener("change", () => this.touch());
-    this.orbit.listenToKeyEvents(canvas);
     this.orbit.maxPolarAngle = Math.PI * 0.98;
+    this.keys = new OrbitKeys(canvas, this.camera, this.orbit, () => this.touch());
     this.look = new LookAround(canvas, () => this.turned());
     canvas.addEventListener("pointerdown", this.down);
     canvas.addEventListener("pointerup", this.up);
@@ -163,16 +167,12 @@ export class Stage {
 
   /** Turn about the middle by so many degrees, as dragging does. */
   spin(degrees: number): void {
-    const [x, y] = [this.camera.position.x - this.orbit.target.x, this.camera.position.y - this.orbit.target.y];
-    const [c, s] = [Math.cos((degrees / 180) * Math.PI), Math.sin((degrees / 180) * Math.PI)];
-    this.camera.position.x = this.orbit.target.x + c * x - s * y;
-    this.camera.position.y = this.orbit.target.y + s * x + c * y;
-    this.orbit.update();
-    this.touch();
+    this.keys.turn((degrees / 180) * Math.PI, 0);
   }
 
   dispose(): void {
     cancelAnimationFrame(this.frame);
+    this.keys.dispose();
     this.look.dispose();
     this.orbit.dispose();
     this.painter.dispose();
@@ -194,6 +194,7 @@ export class Stage {
     this.camera.fov = this.look.fovDeg;
     this.camera.near = 0.03;
     this.camera.updateProjectionMatrix();
+    this.onLook(directionAngles(this.look.rotation)[0]);
     this.touch();
   }
 
