@@ -41,6 +41,16 @@ def small_room() -> SmallRoom:
     """Build the room once."""
     scene = room_scene()
     pose = sample_pose(scene, np.random.default_rng(1))
+    return SmallRoom(encode_ply(scan_scene(scene, num_points=40_000)), _panorama_from(pose), pose)
+
+
+@cache
+def second_panorama() -> bytes:
+    """Return a JPEG taken elsewhere in the room."""
+    return _panorama_from(sample_pose(room_scene(), np.random.default_rng(2)))
+
+
+def _panorama_from(pose: Pose) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(take_panorama(scene, pose, 512).color).save(buffer, "JPEG", quality=92)
-    return SmallRoom(encode_ply(scan_scene(scene, num_points=40_000)), buffer.getvalue(), pose)
+    Image.fromarray(take_panorama(room_scene(), pose, 512).color).save(buffer, "JPEG", quality=92)
+    return buffer.getvalue()

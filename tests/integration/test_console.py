@@ -1,5 +1,6 @@
 """What people do in the console, in a browser: from a dropped scan to standing where a photo was taken, and what changed since."""
 
+import json
 import re
 import struct
 import zipfile
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.integration.console_page import (
@@ -21,8 +23,9 @@ from tests.integration.console_page import (
     serious_faults,
     wait_until_drawn,
 )
+from tests.integration.picture_edges import best_shift, edges
 from tests.integration.running_service import RunningService
-from tests.integration.small_room import small_room
+from tests.integration.small_room import second_panorama, small_room
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
 
@@ -149,23 +152,27 @@ def test_places_that_fit_are_stepped_through(page: Page, service: RunningService
 def test_a_batch_is_a_tour_with_a_plan_reasons_and_an_export(
     page: Page, service: RunningService, room_id: str, panorama: Path, tmp_path: Path
 ) -> None:
+    (other := tmp_path / "other.jpg").write_bytes(second_panorama())
     notes = tmp_path / "notes.txt"
     notes.write_text("no image")
     page.goto(f"{service.http.base_url}/#/localize")
     page.get_by_role("checkbox", name=HOSTILE).check()
     page.get_by_role("checkbox", name="Keep as a batch").check()
-    page.get_by_label("Choose photos to localize").set_input_files([panorama, notes])
+    page.get_by_label("Choose photos to localize").set_input_files([panorama, other, notes])
     placed = page.get_by_role("region", name="Placed photos")
-    expect(placed.get_by_role("button", name="panorama.jpg")).to_be_visible(timeout=WAIT_MS)
+    expect(placed.get_by_role("button")).to_have_count(2)
     expect(page.get_by_role("region", name="Photos without a place")).to_contain_text("notes.txt")
-    expect(page.get_by_role("region", name="Plan").locator(".marker")).to_have_count(1)
+    expect(page.get_by_role("region", name="Plan").locator(".marker")).to_have_count(2)
     batch_page = page.url
     page.goto(f"{service.http.base_url}/#/batches")
-    expect(page.get_by_role("list", name="Batches").get_by_role("link").first).to_contain_text("2 photos")
+    expect(page.get_by_role("list", name="Batches").get_by_role("link").first).to_contain_text("3 photos")
     assert serious_faults(page) == []
     page.goto(batch_page)
-    page.get_by_role("button", name="Begin the tour").click()
-    expect(page.get_by_role("button", name=STEP_OUT)).to_be_visible()
+    page.get_by_role("button", name="Begin the tour").press("Enter")
+    expect(page.get_by_label("in 3D")).to_be_focused()
+    page.get_by_role("group", name="To the photos around").get_by_role("button", name="To other.jpg").click()
+    expect(placed.get_by_role("button", name="other.jpg")).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_role("button", name="To panorama.jpg")).to_be_visible()
     page.get_by_label("Format").select_option("potree")
     with page.expect_download() as download:
         page.get_by_role("button", name="Download").click()
@@ -191,7 +198,13 @@ def test_the_demo_room_takes_one_click_can_be_renamed_and_is_deleted_only_when_a
     page.get_by_role("button", name="Save").click()
     expect(page.get_by_role("heading", name="renamed")).to_be_visible()
     assert service.map(map_id)["name"] == "renamed"
-    page.get_by_role("button", name="Delete this map…").click()
+    asking = page.get_by_role("button", name="Delete this map…")
+    asking.press("Enter")
+    expect(page.get_by_role("button", name="Keep")).to_be_focused()
+    assert serious_faults(page) == []
+    page.keyboard.press("Escape")
+    expect(asking).to_be_focused()
+    asking.click()
     assert service.status(f"/maps/{map_id}") == 200
     page.get_by_role("button", name="Delete", exact=True).click()
     expect(page.get_by_role("heading", name="Maps")).to_be_visible()
@@ -243,50 +256,102 @@ def test_a_service_that_goes_is_said_to_be_gone_until_it_is_back(page: Page) -> 
     expect(page.get_by_role("banner")).to_contain_text("Ready")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_maps_and_photos_can_be_read_and_reached_by_everybody(
-    service: RunningService, chromium: Browser, room_id: str, scheme: str
+def test_the_scan_is_turned_moved_and_zoomed_by_keys_that_the_view_names(
+    page: Page, service: RunningService, room_id: str
 ) -> None:
-    with page_of(chromium, str(service.http.base_url), color_scheme=scheme) as page:
-        expect(page.get_by_role("link", name=HOSTILE)).to_be_visible()
-        assert serious_faults(page) == []
-        page.goto(f"{service.http.base_url}/#/localize")
-        expect(page.get_by_role("checkbox", name=HOSTILE)).to_be_visible()
-        assert serious_faults(page) == []
+    def view() -> NDArray[np.float64]:
+        middle_and_eye = "({orbit, camera}) => [orbit.target.toArray(), camera.position.toArray()]"
+        found = page.evaluate(f"({middle_and_eye})(document.querySelector('canvas[data-scene]').stage)")
+        return np.array(found)
+
+    page.get_by_role("link", name=HOSTILE).press("Enter")
+    expect(page.get_by_role("main")).to_be_focused()
+    wait_until_drawn(page, _num_stored_points(service, room_id))
+    page.keyboard.press("Tab")
+    expect(page.get_by_label("in 3D")).to_be_focused()
+    expect(page.get_by_text("with Shift move")).to_be_visible()
+    begun = view()
+    page.keyboard.press("ArrowRight")
+    turned = view()
+    page.keyboard.press("Shift+ArrowUp")
+    moved = view()
+    page.keyboard.press("+")
+    zoomed = view()
+    away = [np.linalg.norm(eye - middle) for middle, eye in (begun, turned, moved, zoomed)]
+    assert np.allclose(begun[0], turned[0])
+    assert np.linalg.norm(turned[1] - begun[1]) > 0.05 * away[0]
+    assert np.allclose(moved - turned, moved[0] - turned[0])
+    assert np.linalg.norm(moved[0] - turned[0]) > 0.02 * away[0]
+    assert away[0] == pytest.approx(away[1]) == pytest.approx(away[2])
+    assert zoomed[0] == pytest.approx(moved[0])
+    assert away[3] < 0.9 * away[2]
 
 
-def test_a_phone_gets_a_plan_instead_of_three_dimensions(
-    service: RunningService, chromium: Browser, room_id: str
+def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_view(
+    page: Page, service: RunningService, room_id: str, tmp_path: Path
 ) -> None:
-    url = f"{service.http.base_url}/#/maps/{room_id}"
-    with page_of(chromium, url, viewport={"width": 390, "height": 780}) as page:
-        expect(page.get_by_role("group", name=re.compile("^Plan of"))).to_be_visible()
-        expect(page.get_by_label("Choose photos to localize")).to_be_attached()
-        assert page.evaluate("document.documentElement.scrollWidth") <= 390
-        assert page.get_by_label(re.compile("in 3D")).count() == 0
-        assert serious_faults(page) == []
-
-
-def edges(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the strength of edges (H, W) of the upper part, without the controls, smoothed over the size of a point, mean 0, length 1."""
-    grey = picture[: int(0.8 * len(picture))].mean(axis=2)
-    for axis in (0, 1):
-        grey = np.apply_along_axis(np.convolve, axis, grey, np.ones(15) / 15, "same")
-    down, right = np.gradient(grey)
-    strength = np.hypot(down, right)[20:-20, 20:-20]
-    strength -= strength.mean()
-    return np.asarray(strength / np.linalg.norm(strength), np.float32)
-
-
-def best_shift(first: NDArray[np.float32], second: NDArray[np.float32]) -> tuple[tuple[int, int], float]:
-    """Return the shift in pixels (rows, columns) at which two edge pictures agree most, and the correlation there."""
-    agreement = np.fft.irfft2(np.fft.rfft2(first) * np.conj(np.fft.rfft2(second)), first.shape)
-    row, column = np.unravel_index(np.argmax(agreement), agreement.shape)
-    height, width = agreement.shape
-    return (
-        (int(row) - height * (row > height // 2), int(column) - width * (column > width // 2)),
-        float(agreement.max()),
+    photo = tmp_path / "wall.png"
+    Image.fromarray(np.full((60, 80, 3), 128, np.uint8)).save(photo)
+    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
+    page.get_by_label("Choose photos to localize").set_input_files(photo)
+    expect(page.get_by_role("alert").filter(has_text="How wide does this photo see?")).to_be_visible()
+    # The search itself is none of the page's; what the page asks for is.
+    page.route(re.compile(r"/localize$"), lambda route: route.abort())
+    page.evaluate(
+        """() => {
+            const { append } = FormData.prototype;
+            FormData.prototype.append = function (name, ...rest) {
+                if (name === "options") window.askedFor = rest[0];
+                return append.call(this, name, ...rest);
+            };
+        }"""
     )
+    page.get_by_role("button", name="Search 45° to 90°").click()
+    expect(page.get_by_role("alert").filter(has_text="The connection broke off")).to_be_visible()
+    asked_for = json.loads(page.evaluate("window.askedFor"))
+    assert asked_for["cameras"] == [{"model": "pinhole", "hfov_range_deg": [45, 90]}]
+    page.get_by_role("button", name="Remove wall.png").click()
+    expect(page.get_by_text("wall.png")).to_have_count(0)
+
+
+def test_an_upload_that_broke_off_is_sent_again_when_asked_to(page: Page, tmp_path: Path) -> None:
+    (scan := tmp_path / "broken off.ply").write_bytes(small_room().scan)
+    page.route(re.compile(r"/maps$"), lambda route: route.abort("connectionreset"))
+    page.get_by_label("Choose scans to upload").set_input_files(scan)
+    expect(page.get_by_role("alert").filter(has_text="The connection broke off")).to_be_visible()
+    page.unroute_all()
+    page.get_by_role("button", name="Try again").click()
+    page.get_by_role("link", name="broken off.ply").click()
+    page.get_by_role("button", name="About").click()
+    page.get_by_role("button", name="Delete this map…").click()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_role("heading", name="Maps")).to_be_visible()
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1100), ("dark", 390)])
+def test_every_view_can_be_read_and_reached_by_everybody(
+    service: RunningService, chromium: Browser, room_id: str, scheme: Any, width: int
+) -> None:
+    address = str(service.http.base_url)
+    with page_of(chromium, address, color_scheme=scheme, viewport={"width": width, "height": 800}) as page:
+
+        def check(path: str, *presses: str) -> None:
+            page.goto(f"{address}/#{path}")
+            for name in presses:
+                page.get_by_role("button", name=name).click()
+            expect(page.get_by_role("heading").first).to_be_visible()
+            assert serious_faults(page) == [], (path, presses)
+            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (path, presses)
+
+        expect(page.get_by_role("link", name=HOSTILE)).to_be_visible()
+        check("/maps")
+        check("/localize")
+        expect(page.get_by_role("checkbox", name=HOSTILE)).to_be_visible()
+        for path in (f"/maps/{room_id}", "/batches", "/operations", "/maps/map_none"):
+            check(path)
+        check(f"/maps/{room_id}", "Changes")
+        check(f"/maps/{room_id}", "About", "Edit…")
+        check("/operations", "Key")
 
 
 def _num_stored_points(service: RunningService, map_id: str) -> int:

@@ -23,6 +23,21 @@ export function unreachable(): RequestError {
   });
 }
 
+/** An upload whose connection broke: unlike a request that only asks, it is not sent again by itself. */
+export function brokenOff(): RequestError {
+  return new RequestError({
+    type: "unreachable",
+    title: "The connection broke off",
+    status: 0,
+    detail: "The upload did not get through. Try again once the service is there.",
+  });
+}
+
+/** Whether the same request may well end otherwise later: the service was away, busy or at fault, not the request. */
+export function mayPass(problem: Problem): boolean {
+  return problem.status <= 0 || problem.status >= 500 || [404, 408, 409, 429].includes(problem.status);
+}
+
 /** Return the problem that a body says, or one made of the status where it says none. */
 export function problemOf(status: number, body: string): RequestError {
   try {

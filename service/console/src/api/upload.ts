@@ -2,7 +2,7 @@
 
 import { key } from "./key.svelte.ts";
 import { putOff, wait } from "../state/patience.svelte.ts";
-import { problemOf, unreachable } from "./problem.ts";
+import { brokenOff, problemOf } from "./problem.ts";
 import { relative } from "./service.ts";
 
 export interface Upload<T> {
@@ -49,7 +49,7 @@ function send({ method = "POST", path, form, headers = {}, onProgress }: UploadR
     for (const [name, value] of Object.entries({ ...key.headers(), ...headers })) sending.setRequestHeader(name, value);
     sending.upload.onprogress = (event) => event.lengthComputable && onProgress?.(event.loaded / event.total);
     sending.onabort = () => reject(new DOMException("The upload was cancelled.", "AbortError"));
-    sending.onerror = () => reject(unreachable());
+    sending.onerror = () => reject(brokenOff());
     sending.onload = () => resolve({ status: sending.status, body: sending.responseText, retryAfter: sending.getResponseHeader("Retry-After") });
     sending.send(form);
   });

@@ -9,3 +9,13 @@ export function posesIn(answer: Answer, mapId: string): Alternative[] {
   const others = answer.alternatives.filter((each) => each.map_id === mapId && (answer.status !== "localized" || each.confidence >= LEAST_CONFIDENCE));
   return [...found, ...others];
 }
+
+/** Return the other maps in which a photo may have been taken, the likeliest first, each with its best confidence. */
+export function otherMaps(answer: Answer, mapId: string): { mapId: string; confidence: number }[] {
+  const ids = new Set([...(answer.pose && answer.map_id ? [answer.map_id] : []), ...answer.alternatives.map((each) => each.map_id)]);
+  ids.delete(mapId);
+  return [...ids]
+    .map((id) => ({ mapId: id, confidence: Math.max(0, ...posesIn(answer, id).map((each) => each.confidence)) }))
+    .filter((each) => each.confidence >= LEAST_CONFIDENCE)
+    .sort((a, b) => b.confidence - a.confidence);
+}

@@ -110,9 +110,10 @@ export const queries = {
     pump();
     return added;
   },
-  again(query: Query): void {
+  /** Send a photo once more; angle: of view, where another one than last time. */
+  again(query: Query, angle: ViewAngle = query.target.angle): void {
     queries.remove(query);
-    queries.add([query.photo], query.target);
+    queries.add([query.photo], { ...query.target, angle });
   },
   remove(query: Query): void {
     query.cancel();

@@ -14,6 +14,7 @@ export interface ScanOptions {
 
 export class ScanUpload {
   readonly name: string;
+  readonly numBytes: number;
   share = $state(0);
   problem = $state<Problem | null>(null);
   private readonly scan: File;
@@ -24,6 +25,7 @@ export class ScanUpload {
     this.scan = scan;
     this.options = options;
     this.name = options.name ?? scan.name;
+    this.numBytes = scan.size;
   }
 
   /** Send the scan; return the map, null where that failed or was cancelled. */

@@ -6,6 +6,12 @@ export function statusWords(status: Answer["status"]): string {
   return { localized: "Found", ambiguous: "Several places fit", not_localized: "Not found" }[status];
 }
 
+/** What a row of a list says of an answer. */
+export function answerWords(answer: Answer): string {
+  const found = statusWords(answer.status);
+  return answer.status === "localized" ? `${found} · ${confidenceWords(answer.confidence).toLowerCase()}` : found;
+}
+
 export function confidenceWords(confidence: number): string {
   if (confidence >= 0.95) return "Almost certain";
   if (confidence >= 0.8) return "Very likely";
