@@ -38,24 +38,31 @@ def make_photos(folder: Path) -> list[Path]:
     return [*files, folder / "floor-plan.pdf"]
 
 
-def views(page: Page, service: OwnService, photos: list[Path]) -> Iterator[str]:
-    """Bring the page to one view after the other, and yield the name of each."""
+def prepare(page: Page, service: OwnService, photos: list[Path]) -> tuple[str, str]:
+    """Register the demo room and send the photos as a batch; return the addresses of both pages."""
     page.goto(service.url)
     page.get_by_role("button", name="Try the demo room").click()
     expect(page.get_by_label("Answer", exact=True)).to_be_visible(timeout=_PATIENCE_MS)
+    map_page = page.url.partition("/answers/")[0]
+    page.goto(f"{service.url}/#/localize")
+    page.get_by_role("checkbox", name="Keep as a batch").check()
+    page.get_by_label("Choose photos to localize").set_input_files(photos)
+    expect(page.get_by_text(f"{NUM_PHOTOS} placed")).to_be_visible(timeout=_PATIENCE_MS)
+    return map_page, page.url
+
+
+def views(page: Page, service: OwnService, photos: list[Path], map_page: str, batch_page: str) -> Iterator[str]:
+    """Bring the page to one view after the other, and yield the name of each."""
+    page.goto(map_page)
     page.get_by_label("Choose photos to localize").set_input_files(photos[:3])
-    expect(page.get_by_label("Photos and their answers").get_by_role("img")).to_have_count(4, timeout=_PATIENCE_MS)
-    map_page = page.url
+    expect(page.get_by_label("Photos and their answers").get_by_role("img")).to_have_count(3, timeout=_PATIENCE_MS)
     yield "answer"
     if page.get_by_role("button", name="Stand here").count():
         page.get_by_role("button", name="Stand here").click()
         page.get_by_label("From points to photo").fill("0.55")
     yield "stand"
-    page.goto(f"{service.url}/#/localize")
-    page.get_by_role("checkbox", name="Keep as a batch").check()
-    page.get_by_label("Choose photos to localize").set_input_files(photos)
-    expect(page.get_by_text(f"{NUM_PHOTOS} placed")).to_be_visible(timeout=_PATIENCE_MS)
-    expect(page.get_by_text("Without a place")).to_be_visible()
+    page.goto(batch_page)
+    expect(page.get_by_text("Without a place")).to_be_visible(timeout=_PATIENCE_MS)
     yield "batch"
     page.goto(map_page)
     page.get_by_role("button", name="Changes").click()
@@ -74,11 +81,11 @@ def take_screenshots(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with own_service() as service:
         photos = make_photos(service.folder)
+        with open_page() as page:
+            map_page, batch_page = prepare(page, service, photos)
         for width, height in SIZES:
-            for place in list(service.client.list_maps()):
-                service.client.delete_map(place["id"])
             with open_page(viewport={"width": width, "height": height}, color_scheme="light") as page:
-                for name in views(page, service, photos):
+                for name in views(page, service, photos, map_page, batch_page):
                     wait_until_still(page)
                     page.wait_for_timeout(1500)
                     shot = Image.open(io.BytesIO(page.screenshot()))
