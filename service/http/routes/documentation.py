@@ -1,10 +1,10 @@
 """The description of the API for programs and for people; with keys set, for callers who bring one."""
 
 from fastapi import APIRouter, Depends, Request
-from fastapi.openapi.docs import get_swagger_ui_html
-from starlette.responses import JSONResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from service.http.access import require_for_details
+from service.http.api_page import HEADERS, api_page
 
 router = APIRouter(include_in_schema=False, dependencies=[Depends(require_for_details)])
 
@@ -16,6 +16,6 @@ async def openapi_document(request: Request) -> Response:
 
 
 @router.get("/docs")
-async def pages(request: Request) -> Response:
+async def page(request: Request) -> Response:
     """Show it."""
-    return get_swagger_ui_html(openapi_url="/openapi.json", title=request.app.title)
+    return HTMLResponse(api_page(request.app.openapi()), headers=HEADERS)
