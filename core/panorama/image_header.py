@@ -94,7 +94,8 @@ def read_image_header(data: bytes) -> ImageHeader:
         raise PanoramaFormatError(
             f"expected an image, got one that ends within its header ({len(data):,} bytes); send the whole file"
         ) from error
-    raise PanoramaFormatError(f"expected a {KNOWN_FORMATS} image, got {_description(data)}; convert it to one of them")
+    advice = "convert it to one of them" if data else "nothing of it was saved or sent; look at the file"
+    raise PanoramaFormatError(f"expected a {KNOWN_FORMATS} image, got {_description(data)}; {advice}")
 
 
 def _jpeg(data: bytes) -> ImageHeader:

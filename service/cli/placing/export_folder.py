@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, get_args
@@ -80,4 +81,6 @@ def _export(tour: dict[str, object], name: ExportFormat, target: Path) -> None:
         command = [sys.executable, "-m", "core.exports", str(document), name, str(target)]
         process = subprocess.run(command, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True, check=False)
     if process.returncode != 0:
+        with suppress(OSError):  # what a refused format leaves is an empty folder
+            target.rmdir()
         raise ExportError((process.stderr.strip().splitlines() or [f"{name}: the export failed without a word"])[-1])

@@ -184,3 +184,8 @@ def test_a_png_says_its_size_in_four_bytes_a_side() -> None:
         read_image_header(data[:-1])
     with pytest.raises(PanoramaFormatError):
         read_image_header(data.replace(b"IHDR", b"IDAT"))
+
+
+def test_an_empty_file_is_not_said_to_be_of_another_format() -> None:
+    with pytest.raises(PanoramaFormatError, match="got an empty file; nothing of it was saved or sent"):
+        read_image_header(b"")

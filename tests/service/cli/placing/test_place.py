@@ -264,6 +264,7 @@ def test_wrong_usage_is_told(panoloc: Panoloc, fake: FakeService, photos: Path, 
     outcome = panoloc("export", out, "--export", "geojson")
     assert outcome.code == EXIT_ERROR
     assert "georeference" in outcome.err
+    assert not (out / "geojson").exists()
     assert num_queries(fake) == 3
 
 
