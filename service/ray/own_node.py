@@ -13,12 +13,15 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 _log = logging.getLogger(__name__)
 
 _LONGEST_S = 240.0
+_RAYLET_S = 150.0
+_PAUSE_S = 0.1
 _END_S = 10.0
 _SAID = "Ray listens at "
 # Panoramas and pictures in flight; what does not fit goes to disk.
@@ -96,6 +99,7 @@ def _start(folder: str, num_cpus: int) -> str:
     from ray._private.parameter import RayParams
 
     _start_only_what_is_needed()
+    _wait_longer_for_the_raylet()
     stay_on_loopback()
     parameters = RayParams(
         node_ip_address="127.0.0.1",
@@ -131,6 +135,33 @@ def _start_only_what_is_needed() -> None:
             setattr(Node, name, _start_nothing)
         else:
             _log.warning("Ray has changed: a process of it that nobody needs may run", extra={"call": name})
+
+
+def _wait_longer_for_the_raylet() -> None:
+    """Let the raylet take its time on a busy machine: Ray has no setting for the 30 s that it gives it, and begins anew afterwards, which
+    takes no less time."""
+    from ray._private import services
+
+    if hasattr(services, "get_node"):
+        services.get_node = patient(services.get_node, _RAYLET_S)
+    else:
+        _log.warning("Ray has changed: on a busy machine it may give up its start after 30 s and begin anew")
+
+
+def patient(ask: Callable[..., Any], within_s: float) -> Callable[..., Any]:
+    """Return `ask`, asked again for `within_s` while it raises RuntimeError, which is how Ray says that a node is not there yet."""
+
+    def asked(*arguments: Any, **named: Any) -> Any:
+        deadline = time.monotonic() + within_s
+        while True:
+            try:
+                return ask(*arguments, **named)
+            except RuntimeError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(_PAUSE_S)
+
+    return asked
 
 
 def _start_nothing(node: Any, **_: Any) -> None:
