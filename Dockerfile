@@ -34,7 +34,8 @@ COPY requirements ./requirements
 RUN --mount=type=secret,id=pip_config,target=/etc/pip.conf \
     if [ -n "${TORCH}" ]; then pip install "${TORCH}"; \
     elif [ "${DEVICE}" = cuda ]; then pip install "torch>=2.6,<2.14"; \
-    else pip install --require-hashes --no-deps -r requirements/torch.txt; fi \
+    else pip install --require-hashes --no-deps -r requirements/torch.txt \
+    || { echo "expected pip to find the CPU build of PyTorch; name its index: --secret id=pip_config,src=pip.conf" >&2; exit 1; }; fi \
     && pip install --require-hashes --no-deps -r requirements/service.txt
 COPY docker/check_torch_build.py ./
 RUN python check_torch_build.py "${DEVICE}"

@@ -38,6 +38,8 @@ ExportFormat = Literal[
     "pannellum",
     "geojson",
 ]
+FORMATS_ON_EARTH: frozenset[ExportFormat] = frozenset({"arcgis", "stac", "gpano", "geojson"})
+"""They have places on Earth, so that a map needs a georeference or a coordinate system."""
 
 METRES_PER_UNIT: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 

@@ -103,9 +103,8 @@ class PhotoRefinementConfig:
     rough_patch_deg: float = 22.5
     fine_patch_deg: float = 11.25
     patch_rounds: tuple[tuple[int, float, float | None], ...] = ((64, 22.5, 2.0), (64, 22.5, 2.0), (128, 11.25, None))
-    patch_contrast_share: float = (
-        0.4  # of local contrast in the colours of the rounds: patches have a light of their own
-    )
+    # Of local contrast in the colours of the rounds: patches have a light of their own.
+    patch_contrast_share: float = 0.4
     # Of candidates refined at half the rows of what starts see, so many go on: a share, but so many of the best at least.
     rough_kept_share: float = 0.5
     rough_kept: int = 10

@@ -13,7 +13,7 @@ from core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudi
 from core.exports.robots import ros, tum
 from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from core.exports.viewers import gltf, navvis, pannellum, photo_sphere_viewer, potree
-from core.options import ExportFormat
+from core.options import FORMATS_ON_EARTH, ExportFormat
 
 North = Literal["map", "grid", "true"]
 UNPLACED = "unplaced.txt"
@@ -21,14 +21,13 @@ UNPLACED = "unplaced.txt"
 
 @dataclass(frozen=True)
 class Exporter:
-    """What a format can hold. why_not: says of a photo why it cannot be written, None: it can. needs_georeference: or a coordinate system.
+    """What a format can hold. why_not: says of a photo why it cannot be written, None: it can.
     uses_grid: writes a map in a coordinate system in its own axes.
     """
 
     write: Callable[[Tour], Iterator[ExportedFile]]
     why_not: Callable[[PlacedPhoto], str | None] | None = None
     spheres_only: bool = True
-    needs_georeference: bool = False
     uses_georeference: bool = False
     uses_grid: bool = False
 
@@ -41,16 +40,16 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "opensfm": Exporter(opensfm.write, uses_georeference=True),
     "nerfstudio": Exporter(nerfstudio.write),
     "metashape": Exporter(metashape.write),
-    "arcgis": Exporter(arcgis.write, arcgis.why_not, needs_georeference=True, uses_grid=True),
-    "stac": Exporter(stac.write, needs_georeference=True, uses_grid=True),
+    "arcgis": Exporter(arcgis.write, arcgis.why_not, uses_grid=True),
+    "stac": Exporter(stac.write, uses_grid=True),
     "e57": Exporter(e57.write, e57.why_not),
-    "gpano": Exporter(gpano.write, gpano.why_not, needs_georeference=True),
+    "gpano": Exporter(gpano.write, gpano.why_not),
     "ros": Exporter(ros.write, spheres_only=False),
     "tum": Exporter(tum.write, spheres_only=False),
     "gltf": Exporter(gltf.write, spheres_only=False),
     "psv": Exporter(photo_sphere_viewer.write),
     "pannellum": Exporter(pannellum.write),
-    "geojson": Exporter(geojson.write, spheres_only=False, needs_georeference=True),
+    "geojson": Exporter(geojson.write, spheres_only=False),
 }
 
 
@@ -61,7 +60,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     where the format needs one.
     """
     exporter = EXPORTERS[format_name]
-    if exporter.needs_georeference and tour.georeference is None and tour.coordinate_system is None:
+    if format_name in FORMATS_ON_EARTH and tour.georeference is None and tour.coordinate_system is None:
         raise ExportRefusedError(
             f"{format_name}: expected a map with a georeference or a coordinate system, because this format has places on Earth, got one "
             "without; set it with PATCH /maps/{id}, or choose another format"
@@ -76,7 +75,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
 def north_of(format_name: ExportFormat, tour: Tour) -> North:
     """Return what headings and axes of an export refer to: the map's own axes, which may be those of a grid, or true north."""
     exporter = EXPORTERS[format_name]
-    if exporter.needs_georeference and not (exporter.uses_grid and grid_of(tour) is not None):
+    if format_name in FORMATS_ON_EARTH and not (exporter.uses_grid and grid_of(tour) is not None):
         return "true"
     if exporter.uses_georeference and tour.georeference is not None:
         return "true"

@@ -90,6 +90,8 @@ def localize(
     json: JsonOption = False,
 ) -> int:
     """Find where panoramas, photos or the frames of a session were taken. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
+    if not panoramas and not tracked:
+        raise typer.BadParameter("expected at least one image, or --session PATH, got neither", param_hint="IMAGE")
     if bool(map_id) == bool(tag):
         raise typer.BadParameter(
             f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them.",

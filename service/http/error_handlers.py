@@ -8,6 +8,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
+from starlette.routing import Match
 
 from service.errors import (
     EXPECTED_ERRORS,
@@ -24,6 +25,7 @@ from service.errors import (
 from service.http.validation import mistakes_error
 from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with, problem_document, problem_of
 
+_METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _log = structlog.get_logger(__name__)
 _CLIENT_CLOSED_REQUEST = 499
 _RETRY_AFTER_S = 2
@@ -85,8 +87,18 @@ async def _http_exception(request: Request, error: HTTPException) -> Response:
     problem = HTTP_PROBLEMS.get(error.status_code) or Problem(
         "http-error", "The request cannot be answered", error.status_code, ""
     )
-    detail = f"{problem.title}: got {request.method} {request.url.path[:200]}; {problem.advice}"
-    return plain_problem_response(problem, detail, request, dict(error.headers or {}))
+    headers, expected = dict(error.headers or {}), "one of the paths that /docs lists"
+    if error.status_code == 405:
+        methods = _methods_at(request)
+        headers, expected = {**headers, "Allow": ", ".join(methods)}, f"{' or '.join(methods)} at this path"
+    detail = f"expected {expected}, got {request.method} {request.url.path[:200]}"
+    return plain_problem_response(problem, detail, request, headers)
+
+
+def _methods_at(request: Request) -> list[str]:
+    """Return the methods that a path knows; the exception has those of one of its routes."""
+    scopes = [{**request.scope, "method": method} for method in _METHODS]
+    return [s["method"] for s in scopes if any(each.matches(s)[0] is Match.FULL for each in request.app.routes)]
 
 
 async def _client_disconnect(request: Request, error: ClientDisconnect) -> Response:

@@ -18,7 +18,8 @@ _EXPECTED = {
     "too_long": "expected at most {max_length} items",
     "string_too_short": "expected text of at least {min_length} characters",
     "string_too_long": "expected text of at most {max_length} characters",
-    "string_pattern_mismatch": "expected text that is like {pattern}",
+    # The one pattern that there is, of names and tags, is for people who read expressions.
+    "string_pattern_mismatch": "expected text without control characters",
 }
 _KINDS = {
     "int": "expected a whole number",

@@ -20,8 +20,9 @@ from typing import Any
 _log = logging.getLogger(__name__)
 
 _LONGEST_S = 240.0
+# Ray gives its raylet 30 s; on a machine with twenty times its work it needs two minutes.
 _RAYLET_S = 150.0
-_PAUSE_S = 0.1
+_PAUSE_S = 0.1  # between two looks for it
 _END_S = 10.0
 _SAID = "Ray listens at "
 # Panoramas and pictures in flight; what does not fit goes to disk.

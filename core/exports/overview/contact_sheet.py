@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageOps
 
 from core.exports.overview.document import PhotoSeen, Placement
-from core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, shortened
+from core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, legible, shortened
 
 # Pixels of a photo by how many there are: a sheet stays small enough to look at.
 _WIDTHS = ((60, 320), (300, 240), (10**9, 160))
@@ -40,7 +40,7 @@ def _draw(sheet: Image.Image, photo: PhotoSeen, left: int, top: int, width: int,
     if small is not None:
         sheet.paste(small, (left + (width - small.width) // 2, top + (height - small.height) // 2))
     font = font_of(text)
-    name = shortened(photo.name, font, width - font.getlength(f"{photo.number}  "))
+    name = shortened(legible(photo.name, font), font, width - font.getlength(f"{photo.number}  "))
     pen.text((left, top + height + _GAP), f"{photo.number}  {name}", fill=INK, font=font)
     sure = "" if photo.confidence is None else f" {photo.confidence:.2f}"
     said = photo.status.replace("_", " ") + sure

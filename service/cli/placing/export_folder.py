@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,8 @@ from typing import Any, Protocol, get_args
 
 import typer
 
-from core.options import ExportFormat
+from core.options import FORMATS_ON_EARTH, ExportFormat
+from service.client import JsonObject
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 
@@ -50,6 +52,21 @@ def formats_of(given: str | None) -> list[ExportFormat]:
     if unknown:
         raise typer.BadParameter(f"expected some of {', '.join(FORMATS)}, got {unknown[0]!r}", param_hint="--export")
     return [name for name in FORMATS if name in wanted]
+
+
+def why_not_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> str | None:
+    """Return why formats cannot be written of any of the maps, None: nothing is known against it.
+
+    maps: as the service describes them; asked for only where a format depends on it.
+    """
+    on_earth = [name for name in formats if name in FORMATS_ON_EARTH]
+    known = list(maps) if on_earth else []
+    if not known or any(each.get("georeference") or each.get("coordinate_system") for each in known):
+        return None
+    return (
+        f"{', '.join(on_earth)}: expected a map with a georeference or a coordinate system, because such a format has places on Earth, got "
+        "none with one; set it with PATCH /maps/{id}, or leave the format out and write it later with `panoloc export`"
+    )
 
 
 def write_exports(

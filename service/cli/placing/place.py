@@ -17,7 +17,7 @@ from core.options import Method
 from service.batches.archive import IMAGE_ENDINGS
 from service.batches.record import Result
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.placing.export_folder import formats_of, write_exports
+from service.cli.placing.export_folder import formats_of, why_not_on_earth, write_exports
 from service.cli.placing.overview_files import draw_overviews
 from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError, Question, are_options_refused
 from service.cli.placing.survey_images import SurveyError, folder_of_photos
@@ -73,6 +73,10 @@ def place(
     try:
         folder = folder_of_photos(photos, out)
         question = Question(str(folder.resolve()), list(map_id or ()), tag, options)
+        with session.client(url) as client:
+            refused = why_not_on_earth(formats, _maps_of(client, question))
+            if refused is not None:
+                raise typer.BadParameter(refused, param_hint="--export")
         with PlaceFolder.held(out, question) as placed:
             with session.client(url) as client:
                 codes = _Placing(session, client, placed).run(parallel)
@@ -89,6 +93,13 @@ def place(
     return ExitCode.ERROR if written.refusals else worst_of(codes)
 
 
+def _maps_of(client: PanolocClient, question: Question) -> Iterator[JsonObject]:
+    if question.tag is not None:
+        yield from client.list_maps(question.tag)
+    for each in question.map_ids:
+        yield client.get_map(each)
+
+
 @dataclass
 class _Placing:
     """One run: sends what has no result yet, a few photos at a time."""
@@ -98,6 +109,7 @@ class _Placing:
     placed: PlaceFolder
     stopped: threading.Event = field(default_factory=threading.Event)
     _has_answers: bool = False
+    _has_told_of_waiting: bool = False
 
     def run(self, parallel: int) -> list[ExitCode]:
         """Bring every photo to a result and tell of them; raises what says nothing of a photo, with the results so far kept."""
@@ -166,6 +178,7 @@ class _Placing:
                     break
                 if time.monotonic() > give_up:
                     raise
+                self._tell_of_waiting(problem)
                 if self.stopped.wait(problem.retry_after_s or 1.0):
                     raise
         self._has_answers = True
@@ -175,6 +188,12 @@ class _Placing:
     def _is_of_all(self, problem: ApiProblemError) -> bool:
         """Tell whether options are refused with which no photo has been answered: they are what is wrong, not the photo."""
         return are_options_refused(problem.problem) and not self._has_answers
+
+    def _tell_of_waiting(self, problem: ApiProblemError) -> None:
+        """Say once why nothing comes: a service that starts, or one that others keep busy."""
+        if not self._has_told_of_waiting:
+            self._has_told_of_waiting = True
+            self.session.messages.print(f"waiting for the service: {problem}", markup=False)
 
     def _keep_maps(self) -> None:
         for map_id in self.placed.maps():

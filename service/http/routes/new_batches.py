@@ -103,7 +103,7 @@ async def post_batch(request: Request) -> Response:
     with await read_form(
         request.stream(), request.headers, _rules(services.settings), folder, max_parts=_max_parts(services.settings)
     ) as form:
-        options = _patient(parse_json(BatchOptions, form.single("options"), "options"), services.settings)
+        options = _with_all_the_time(parse_json(BatchOptions, form.single("options"), "options"), services.settings)
         maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
         maps.resolve(services.registry)
         images, ignored = await _images(form, services)
@@ -129,12 +129,12 @@ async def post_batch(request: Request) -> Response:
     return JSONResponse(await batch_document(services, record, []), 202, headers)
 
 
-def _patient(options: BatchOptions, settings: Settings) -> BatchOptions:
+def _with_all_the_time(options: BatchOptions, settings: Settings) -> BatchOptions:
     """Return the options with as much time as a query may have, where none is named: nobody waits for an image of a batch, and a service
     that is busy with other work must not fail it for good."""
-    return (
-        options if options.timeout_s is not None else options.model_copy(update={"timeout_s": settings.max_timeout_s})
-    )
+    if options.timeout_s is not None:
+        return options
+    return options.model_copy(update={"timeout_s": settings.max_timeout_s})
 
 
 def _max_parts(settings: Settings) -> int:

@@ -10,7 +10,7 @@ import pytest
 from core.exports.formats import EXPORTERS
 from core.exports.geodesy import earth_pose
 from core.exports.tour import Georeference, Tour
-from core.options import ExportFormat
+from core.options import FORMATS_ON_EARTH, ExportFormat
 from tests.core.exports.readers import READERS
 from tests.core.exports.tours import turned_tour, written
 
@@ -34,7 +34,7 @@ def test_every_format_of_the_contract_has_a_writer_and_a_reader_that_checks_it()
     assert set(FORMATS) == set(EXPORTERS) == set(READERS)
 
 
-@pytest.mark.parametrize("name", [name for name in FORMATS if not EXPORTERS[name].needs_georeference])
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in FORMATS_ON_EARTH])
 def test_photos_turned_every_way_come_back_from_a_format_in_the_axes_of_the_map(
     name: ExportFormat, tmp_path: Path
 ) -> None:
@@ -50,7 +50,7 @@ def test_photos_turned_every_way_come_back_from_a_format_in_the_axes_of_the_map(
             close(pose.position, photo.map_from_camera.position, 1e-6)
 
 
-@pytest.mark.parametrize("name", [name for name in FORMATS if EXPORTERS[name].needs_georeference])
+@pytest.mark.parametrize("name", [name for name in FORMATS if name in FORMATS_ON_EARTH])
 def test_photos_turned_every_way_come_back_from_a_format_of_places_on_earth(name: ExportFormat, tmp_path: Path) -> None:
     tour = georeferenced(turned_tour(tmp_path, upright=name == "arcgis"))
     found = READERS[name](written(name, tour, tmp_path / "out"))

@@ -1,6 +1,7 @@
 """The page that describes the API to people."""
 
 import re
+from html.parser import HTMLParser
 
 import pytest
 
@@ -30,6 +31,32 @@ async def test_browsers_run_and_fetch_nothing_on_it(running: RunningService) -> 
     assert "script-src" not in policy
 
 
+class _Tags(HTMLParser):
+    """Collects the names of the elements."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.add(tag)
+
+
+def tags_of(page: str) -> set[str]:
+    """Return the names of the page's elements."""
+    parser = _Tags()
+    parser.feed(page)
+    return parser.found
+
+
+PLAIN = {
+    "summary": "A",
+    "description": "1",
+    "parameters": [{"name": "i", "in": "query", "required": True, "schema": {"type": "string"}}],
+    "responses": {"200": {"description": "none", "content": {"application/json": {"example": "1"}}}},
+}
+
+
 def test_what_descriptions_say_is_text() -> None:
     operation = {
         "summary": "<b>A</b>",
@@ -38,5 +65,5 @@ def test_what_descriptions_say_is_text() -> None:
         "responses": {"200": {"description": "<img>", "content": {"application/json": {"example": "</pre><script>"}}}},
     }
     page = api_page({"info": {"title": "<t>", "version": "1"}, "paths": {"/<p>": {"get": operation}}})
-    assert re.findall(r"<(?:b|script|i|img|t|p>/)>", page) == []
+    assert tags_of(page) <= tags_of(api_page({"info": {"title": "t", "version": "1"}, "paths": {"/p": {"get": PLAIN}}}))
     assert "&lt;script&gt;1&lt;/script&gt;" in page

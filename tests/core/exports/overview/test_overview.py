@@ -10,7 +10,7 @@ from PIL import Image
 from core.exports.overview.__main__ import main
 from core.exports.overview.contact_sheet import draw_contact_sheet
 from core.exports.overview.document import PhotoSeen, Placement, read_placement
-from core.exports.overview.lettering import COLOR_OF, PAPER, font_of, shortened
+from core.exports.overview.lettering import COLOR_OF, PAPER, font_of, legible, shortened
 from core.exports.overview.plan import draw_plan
 from core.geometry.pose import Pose
 from core.scan.ply.writer import write_ply
@@ -121,3 +121,10 @@ def test_pictures_are_drawn_of_a_document(tmp_path: Path, scan: Path) -> None:
     for target, kind in zip(targets, ("PNG", "JPEG"), strict=True):
         with Image.open(target) as image:
             assert image.format == kind
+
+
+def test_letters_of_many_languages_are_drawn_and_those_of_no_font_are_question_marks() -> None:
+    font = font_of(16)
+    assert legible("Küche Кухня Κουζίνα.jpg", font) == "Küche Кухня Κουζίνα.jpg"
+    assert legible("Ku\u0308che.jpg", font) == "Küche.jpg"  # as macOS writes it
+    assert legible("厨房 1.jpg", font) == "?? 1.jpg"
