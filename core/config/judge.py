@@ -24,11 +24,14 @@ class JudgeConfig:
     # Of several images: correlation below which one contradicts the pose of the others, and the share that may.
     contradiction: float = 0.2
     contradicting_share: float = 0.25
-    ambiguous_margin: float = 0.1  # of the score, between two places that both fit well
+    # Two places that both fit well are equals when their scores differ by less than both: of the score, and of the better one a share.
+    ambiguous_margin: float = 0.1
+    ambiguous_share: float = 0.15
     # Of the score, in the features of the confidence: beyond the first the runner-up says nothing more; the second stands
     # for a runner-up that is not there. The coefficients were fitted with both.
     max_margin: float = 0.5
     unknown_margin: float = 0.2
+    unknown_relative_margin: float = 0.4
 
 
 @dataclass(frozen=True)

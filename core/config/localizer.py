@@ -71,6 +71,8 @@ class LocalizerConfig:
                 rough_damping=photos.damping,
                 rough_max_relaxation=photos.max_relaxation,
                 middle_candidates=photos.middle_candidates,
+                middle_margin=photos.middle_margin,
+                fine_margin=photos.fine_margin,
                 middle_points=photos.middle_points,
                 middle_rounds=tuple((rows, photos.robust_scale) for rows, _ in refinement.middle_rounds),
                 visibility_height=finer * refinement.visibility_height,

@@ -15,7 +15,7 @@ import torch
 from core.config import JudgeConfig
 from core.judge.hypotheses import Hypothesis
 
-FEATURES = ("correlation", "patch_correlation", "inlier_share", "log_coverage", "margin")
+FEATURES = ("correlation", "patch_correlation", "inlier_share", "log_coverage", "margin", "relative_margin")
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,17 @@ def load_confidence_model() -> ConfidenceModel:
 def features_of(hypothesis: Hypothesis, best_elsewhere: float, config: JudgeConfig) -> dict[str, float]:
     """Return the signs of confidence of a hypothesis; `best_elsewhere`: the judge's score of the best candidate at
     another place, 0 where there is none."""
-    measures = hypothesis.measures
+    measures, score = hypothesis.measures, hypothesis.score
+    has_rival = best_elsewhere > 0
     return {
         "correlation": measures["correlation"],
         "patch_correlation": measures["patch_correlation"],
         "inlier_share": measures["inlier_share"],
         "log_coverage": math.log(max(measures["coverage"], 1e-3)),
-        "margin": min(hypothesis.score - best_elsewhere, config.max_margin)
-        if best_elsewhere > 0
-        else config.unknown_margin,
+        "margin": min(score - best_elsewhere, config.max_margin) if has_rival else config.unknown_margin,
+        "relative_margin": 1 - best_elsewhere / max(score, best_elsewhere)
+        if has_rival
+        else config.unknown_relative_margin,
     }
 
 

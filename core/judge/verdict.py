@@ -21,7 +21,8 @@ class Verdict:
 def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> Verdict:
     """Judge the places of hypotheses that are sorted by falling score, at least one."""
     places = distinct(hypotheses, config.place)
-    equals = [h for h in places if places[0].score - h.score < config.ambiguous_margin]
+    close = min(config.ambiguous_margin, config.ambiguous_share * places[0].score)
+    equals = [h for h in places if places[0].score - h.score < close]
     # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
     alone = model.probability(features_of(places[0], 0.0, config))
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:

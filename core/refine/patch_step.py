@@ -61,10 +61,10 @@ def patch_step(
     votes = (by_patch.mass > _FEWEST_POINTS) / (unexplained * power[1])
     weights = by_patch.weights * by_patch.spread(votes)
     if config.patch_robust_scale is not None:
-        relative = residual.square().sum(1) / by_patch.spread(power[1])
+        relative = _over_channels(residual, residual) / by_patch.spread(power[1])
         weights = weights * _robust(relative, by_patch.weights, config.patch_robust_scale, config.min_patch_ratio)
-    jacobian = (seen.directions[:, :, None] * seen.derivatives[:, None]).sum(3) * by_patch.spread(gain)[:, None, None]
-    hessian, gradient = by_patch.normal_equations(jacobian, residual, shown, weights)
+    derivatives = seen.derivatives * by_patch.spread(gain)[:, None, None]
+    hessian, gradient = by_patch.normal_equations(seen.directions, derivatives, residual, shown, weights)
     relaxation = next_relaxation(history, gradient, config)
     turn, move = solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
     step = torch.cat((turn, move), dim=-1)
@@ -76,7 +76,7 @@ def patch_step(
         weights,
         hessian,
         (by_patch.mass * unexplained).sum(-1) / total,
-        ((weights[:, None] * residual.square()).sum((1, 2)) / total).sqrt(),
+        ((weights * _over_channels(residual, residual)).sum(-1) / total).sqrt(),
     )
 
 
@@ -85,6 +85,12 @@ def _robust(relative: Tensor, weights: Tensor, scale: float, floor: float) -> Te
     median = torch.where(weights > 0, relative, torch.nan).nanmedian(-1).values.nan_to_num(1.0)
     ratio = relative / (scale**2 * median.clamp_min(floor))[:, None]
     return 1 / (1 + ratio).square()
+
+
+def _over_channels(first: Tensor, second: Tensor) -> Tensor:
+    """Return the product of (K, ..., 3, N) and (K, ..., 3, N) summed over channels, (K, ..., N)."""
+    red = first[..., 0, :] * second[..., 0, :]
+    return red.addcmul_(first[..., 1, :], second[..., 1, :]).addcmul_(first[..., 2, :], second[..., 2, :])
 
 
 class _Patches:
@@ -98,8 +104,8 @@ class _Patches:
 
     def covariances(self, shown: Tensor, scanned: Tensor, floor: float) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         """Return the covariance (K, P) of centred planes (K, 3, N) over all channels, and the variances of both plus `floor`."""
-        power = self.means((shown * shown).sum(1)) + floor, self.means((scanned * scanned).sum(1)) + floor
-        return self.means((shown * scanned).sum(1)), power
+        power = self.means(_over_channels(shown, shown)) + floor, self.means(_over_channels(scanned, scanned)) + floor
+        return self.means(_over_channels(shown, scanned)), power
 
     def spread(self, values: Tensor) -> Tensor:
         """Return values of patches (..., P) as those of their points (..., N)."""
@@ -115,20 +121,25 @@ class _Patches:
         return planes - self.spread(means)
 
     def normal_equations(
-        self, jacobian: Tensor, residual: Tensor, shown: Tensor, weights: Tensor
+        self, directions: Tensor, derivatives: Tensor, residual: Tensor, shown: Tensor, weights: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return the Hessian (K, U, U) and gradient (K, U) less what offsets and gain of each patch would undo (variable projection).
 
-        jacobian: (K, U, 3, N); residual and shown, centred colours of the photos: (K, 3, N); weights: (K, N).
+        directions: (K, U, 2, N), as of `SampledPoints`; derivatives of the residual by azimuth and by elevation: (K, 3, 2, N); residual
+        and shown, centred colours of the photos: (K, 3, N); weights: (K, N).
         """
-        count = jacobian.shape[1]
-        rows = torch.cat((jacobian, residual[:, None]), dim=1)  # the residual is one more row of the same products
+        count = directions.shape[1]
+        # The Jacobian, and the residual as one more row of the same products; written in place, for memory is what takes the time.
+        rows = residual.new_empty((len(residual), count + 1, *residual.shape[1:]))
+        across, up = derivatives[:, None, :, 0], derivatives[:, None, :, 1]
+        torch.mul(directions[:, :, :1], across, out=rows[:, :count]).addcmul_(directions[:, :, 1:], up)
+        rows[:, count] = residual
         weighted = rows * weights[:, None, None]
         products = weighted.flatten(2) @ rows.flatten(2).transpose(1, 2)
         by_offsets = weighted @ self._members  # (K, U + 1, 3, P)
-        by_gain = (weighted * shown[:, None]).sum(2) @ self._members  # (K, U + 1, P)
+        by_gain = _over_channels(weighted, shown[:, None]) @ self._members  # (K, U + 1, P)
         total = (weights @ self._members).clamp_min(1e-9)
-        power = ((shown.square().sum(1) * weights) @ self._members).clamp_min(1e-9)
+        power = ((_over_channels(shown, shown) * weights) @ self._members).clamp_min(1e-9)
         undone = torch.cat(
             (by_offsets * total.rsqrt()[:, None, None], (by_gain * power.rsqrt()[:, None])[:, :, None]), 2
         )

@@ -73,6 +73,23 @@ def test_the_margin_is_what_the_best_other_place_is_behind(best_elsewhere: float
     assert features_of(judged(), best_elsewhere, JudgeConfig())["margin"] == pytest.approx(margin)
 
 
+@pytest.mark.parametrize(
+    ("score", "best_elsewhere", "share"),
+    [
+        (0.5, 0.4, 0.2),
+        (1.5, 1.2, 0.2),  # photos and panoramas have scores of different sizes
+        (0.4, 0.5, 0.0),  # the other place is the better one
+        (-0.1, 0.2, 0.0),
+        (0.5, 0.0, 0.4),  # nobody knows
+    ],
+)
+def test_the_relative_margin_is_the_share_that_the_best_other_place_is_behind(
+    score: float, best_elsewhere: float, share: float
+) -> None:
+    found = features_of(judged(score), best_elsewhere, JudgeConfig())
+    assert found["relative_margin"] == pytest.approx(share)
+
+
 def test_the_signs_of_confidence_are_the_judges_measures_and_the_logarithm_of_the_coverage() -> None:
     found = features_of(judged(coverage=0.25), 0.9, JudgeConfig())
     assert set(found) == set(FEATURES)

@@ -40,6 +40,13 @@ def test_of_three_equals_each_is_a_third_and_the_rest_stays_improbable() -> None
     assert found.confidences[0] == found.confidences[2] > found.confidences[3]
 
 
+def test_of_small_scores_a_smaller_difference_tells_two_places_apart() -> None:
+    # As of photos: 0.08 of 0.45 is more than 0.08 of 1.8.
+    clear, alike = (verdict([judged(0.0, 0.45, 0.9), judged(3.0, rival, 0.9)], MODEL, CONFIG) for rival in (0.37, 0.4))
+    assert (clear.status, alike.status) == ("localized", "ambiguous")
+    assert verdict([judged(0.0, 1.8, 0.9), judged(3.0, 1.72, 0.9)], MODEL, CONFIG).status == "ambiguous"
+
+
 def test_where_nothing_fits_equals_are_not_ambiguous() -> None:
     assert verdict([judged(0.0, 0.3, 0.15), judged(3.0, 0.29, 0.15)], MODEL, CONFIG).status == "not_localized"
 
