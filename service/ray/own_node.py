@@ -31,6 +31,10 @@ _OBJECT_STORE_BYTES = 128 * 2**20
 _END_WITH_INPUT = "read -r _; kill -KILL 0"
 
 
+class RayStartError(RuntimeError):
+    """Ray does not start; the message has what it said."""
+
+
 class OwnNode:
     """GCS and raylet, below a process that ends with us. Blocking; may be used in any thread."""
 
@@ -43,12 +47,12 @@ class OwnNode:
         )
 
     def address(self) -> str:
-        """Wait until it runs and return the address to join. Raises RuntimeError with what Ray said where it does not."""
+        """Wait until it runs and return the address to join. Raises RayStartError with what Ray said where it does not."""
         said = self._said()
         address = next((line.removeprefix(_SAID) for line in said if line.startswith(_SAID)), None)
         if address is None:
             reason = ([line for line in said if line.strip()] or ["it said nothing"])[-1][:300]
-            raise RuntimeError(f"Ray does not start: {reason}")
+            raise RayStartError(f"Ray does not start: {reason}")
         return address
 
     def end(self) -> None:

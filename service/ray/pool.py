@@ -18,6 +18,7 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.cluster_loss import ClusterLoss
 from service.ray.map_builds import MapBuilds
+from service.ray.own_node import RayStartError
 from service.ray.serving import RayServing
 from service.worker.reply import WorkerReply, error_of
 
@@ -197,7 +198,8 @@ class RayPool:
             except Exception as error:
                 if self._loss.has_come():
                     return
-                _log.warning("the worker pool is down, starting it again", extra={"error": str(error)}, exc_info=True)
+                told, traced = {"error": str(error)}, not isinstance(error, RayStartError)
+                _log.warning("the worker pool is down, starting it again", extra=told, exc_info=traced)
                 self._waiting_for = f"workers ({error})"
                 self._handle, self._num_running = None, 0
                 with contextlib.suppress(Exception):

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from core.exports.overview.document import PhotoSeen, Placement
-from core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of
+from core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, legible
 from core.options import ScanOptions
 from core.scan.from_above import Area, SeenFromAbove, draw_from_above
 from core.scan.reading import read_scan
@@ -16,6 +16,7 @@ _OVERHEAD_M = 0.4  # over the highest photo: what is above hides the rooms
 _CEILING = 0.85  # of the height of a scan without photos
 _EDGES = 0.001  # share of points, at each end, that are no part of the building
 _RADIUS, _ARROW, _LEGEND = 7, 26, 34  # pixels
+_SMALL = 15  # pixels of letters
 _MAX_NUMBERS = 4  # of photos taken at one place
 _BAR_STEPS_M = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 _EMPTY_ROOM_M = 5.0
@@ -93,10 +94,16 @@ def _draw_legend(pen: ImageDraw.ImageDraw, seen: SeenFromAbove, placement: Place
         if number:
             at = _write(pen, at + 24, row, f"{number} {status.replace('_', ' ')}", color)
     shown = sum(bool(photo.poses) for photo in placement.photos)
-    _write(pen, at + 24, row, f"{shown} of {len(placement.photos)} drawn; y up; {placement.map_name}", INK)
+    _write(
+        pen,
+        at + 24,
+        row,
+        f"{shown} of {len(placement.photos)} drawn; y up; {legible(placement.map_name, font_of(_SMALL))}",
+        INK,
+    )
 
 
 def _write(pen: ImageDraw.ImageDraw, column: float, row: float, text: str, color: tuple[int, int, int]) -> float:
-    font = font_of(15)
+    font = font_of(_SMALL)
     pen.text((column, row), text, fill=color, font=font, anchor="lm")
     return column + font.getlength(text)

@@ -28,6 +28,7 @@ from service.jobs import (
 )
 from service.ray import pool as pool_module
 from service.ray.admission import Admission
+from service.ray.own_node import RayStartError
 from service.ray.pool import RayPool
 from service.worker.reply import WorkerFailure, WorkerReply
 from tests.service.ray.scripted_ray import ScriptedCluster, ScriptedServing
@@ -448,6 +449,21 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
         run(scenario())
     (told,) = (vars(each) for each in caplog.records if each.name == "service.ray.pool")
     assert told["error"].startswith("machine b: no Redis")
+
+
+@pytest.mark.parametrize(("error", "is_traced"), [(RayStartError("no room"), False), (ValueError("a fault"), True)])
+def test_the_log_traces_faults_but_not_a_ray_that_does_not_start(
+    error: Exception, is_traced: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scenario() -> None:
+        pool = RayPool(cast(Any, ScriptedCluster(error)), cast(Any, ScriptedServing()), Admission(3))
+        await pool.start()
+        await until(lambda: str(error) in (pool.state().waiting_for or ""))
+        await pool.stop(drain_s=0)
+
+    with caplog.at_level(logging.WARNING, "service.ray.pool"):
+        run(scenario())
+    assert [bool(each.exc_info) for each in caplog.records if each.name == "service.ray.pool"] == [is_traced]
 
 
 def test_after_a_start_that_failed_ray_is_tried_elsewhere_until_it_starts_there(
