@@ -113,12 +113,14 @@ class _Placing:
 
     def run(self, parallel: int) -> list[ExitCode]:
         """Bring every photo to a result and tell of them; raises what says nothing of a photo, with the results so far kept."""
-        names = self.placed.names()
+        files = self.placed.files()
+        names, unread = files.photos, _several(files.unread, " cannot be read; write photos as JPEG, PNG or WebP")
         if not names:
             endings, folder = ", ".join(sorted(IMAGE_ENDINGS)), self.placed.question.photos
-            raise SurveyError(f"expected photos ({endings}), got none in {folder}{_of_other_formats(self.placed)}")
-        if self.placed.unread():
-            self.session.messages.print(f"left alone{_of_other_formats(self.placed)}", markup=False)
+            raise SurveyError(f"expected photos ({endings}), got none in {folder}{': ' if unread else ''}{unread}")
+        for left in (unread, _several(files.others, " (no photo by name)")):
+            if left:
+                self.session.messages.print(f"left alone: {left}", markup=False)
         done = [name for name in names if self.placed.is_final(name)]
         results = {name: result for name in done if (result := self.placed.result(name)) is not None}
         self._has_answers = bool(results)
@@ -223,13 +225,10 @@ def _why_unreadable(photo: Path) -> str | None:
         return f"expected a file that can be read, got: {error.strerror}"
 
 
-def _of_other_formats(placed: PlaceFolder) -> str:
-    """Return which files look like photos but are in no format that is read, as the end of a sentence."""
-    unread = placed.unread()
-    if not unread:
-        return ""
-    more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
-    return f": {unread[0]}{more} cannot be read; write photos as JPEG, PNG or WebP"
+def _several(names: list[str], said: str) -> str:
+    """Return the first of these files and how many more there are, with what is said of them; nothing of none."""
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return f"{names[0]}{more}{said}" if names else ""
 
 
 def counted(num_photos: int) -> str:

@@ -10,24 +10,21 @@ plan.png, contact-sheet.jpg   where the photos stand in the scan, and what becam
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from core.options import CAMERAS_FILE
-from service.batches.archive import IMAGE_ENDINGS
 from service.batches.record import Result
 from service.batches.tour import TourDocument, maps_of
+from service.cli.placing.photo_files import PhotoFiles, photo_files
 from service.client import JsonObject
 
 _QUESTION = "place.json"
 _LOCK = ".lock"
 _OF_THE_PHOTO = (413, 415, 422)
-_UNREAD_ENDINGS = frozenset(
-    {".heic", ".heif", ".avif", ".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"}
-)
 _OPTIONS_REFUSED = "/problems/invalid-options"
 
 
@@ -100,15 +97,13 @@ class PlaceFolder:
             )
         return cls(folder, question)
 
-    def names(self) -> list[str]:
-        """Return the photos below their folder, sorted, without hidden files and without what lies in this folder or one like it."""
-        photos = Path(self.question.photos)
-        return sorted(path.relative_to(photos).as_posix() for path in self._files(photos, IMAGE_ENDINGS))
+    def files(self) -> PhotoFiles:
+        """Return what lies in the folder of the photos, without what lies in this folder or one like it."""
+        return photo_files(Path(self.question.photos), self.folder, _QUESTION)
 
-    def unread(self) -> list[str]:
-        """Return what lies among the photos and is one by its ending, but of a format that is not read."""
-        photos = Path(self.question.photos)
-        return sorted(path.relative_to(photos).as_posix() for path in self._files(photos, _UNREAD_ENDINGS))
+    def names(self) -> list[str]:
+        """Return the photos below their folder, sorted."""
+        return self.files().photos
 
     def gone(self) -> list[str]:
         """Return the photos that have a result but are no longer in their folder."""
@@ -196,18 +191,6 @@ class PlaceFolder:
         # A name that is no UTF-8 stands there as it is.
         _replace(target, os.fsencode("".join(lines)))
         return target
-
-    def _files(self, photos: Path, endings: Set[str]) -> Iterator[Path]:
-        own = self.folder.resolve()
-        for folder, folders, files in os.walk(photos):
-            here = Path(folder)
-            if here != photos and _QUESTION in files:
-                folders[:] = []
-                continue
-            folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != own]
-            for name in files:
-                if Path(name).suffix.lower() in endings and not name.startswith("."):
-                    yield here / name
 
     def _result_file(self, name: str) -> Path:
         return self.folder / "results" / f"{name}.json"

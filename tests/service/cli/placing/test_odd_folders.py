@@ -90,11 +90,13 @@ def test_a_folder_without_photos_is_wrong_usage_and_names_what_looks_like_some(
 
 def test_photos_of_formats_that_are_not_read_are_told_of(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
     folder = folder_of(tmp_path, "a.jpg")
-    for name in ("b.heic", "c.TIF"):
-        (folder / name).write_bytes(b"x")
+    for name in ("b.heic", "c.TIF", "notes.txt", "cameras.json", ".hidden.txt"):
+        (folder / name).write_bytes(b"{}")
     outcome = panoloc("place", folder, "--map", "map_1", "--out", tmp_path / "out")
     assert outcome.code == 0
-    assert "left alone: b.heic and 1 more cannot be read" in " ".join(outcome.err.split())
+    said = " ".join(outcome.err.split())
+    assert "left alone: b.heic and 1 more cannot be read" in said
+    assert "left alone: notes.txt (no photo by name)" in said
 
 
 def test_a_folder_that_cannot_be_written_is_told_of(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
