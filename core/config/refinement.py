@@ -84,7 +84,10 @@ class RefinementConfig:
 class PhotoRefinementConfig:
     """What is different in the refinement of photos (see `core.refine.photo_points`)."""
 
-    coarse_points: int = 400  # that the photos show
+    # That the photos show, where they show this share of the sphere or less, as one of 69 degrees does; more of photos that show more:
+    # a patch has a gain and offsets of its own, and a dozen points agree with anything.
+    coarse_points: int = 400
+    coarse_points_share: float = 0.085
     coarse_margin_deg: float = 35.0  # around what they show, likewise dense
     margin_deg: float = 8.0  # later, when poses hardly turn
     # Of local contrast in the colours: what a photo shows of the light of a room says little about all of it.

@@ -17,7 +17,9 @@ def main(arguments: list[str]) -> int:
         prog="scripts/campaign", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument(
-        "parts", nargs="*", help="scans, images, requests, replica, controller, redis, overload, soak; all"
+        "parts",
+        nargs="*",
+        help="scans, images, requests, replica, controller, redis, front-door, service, overload, soak; all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
@@ -65,6 +67,16 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
 
         return run
 
+    def front_door() -> Outcome:
+        from tests.campaign.front_doors import front_door_kills
+
+        return front_door_kills(given.kills)
+
+    def service() -> Outcome:
+        from tests.campaign.front_doors import service_kills
+
+        return service_kills(given.kills)
+
     def overloaded() -> Outcome:
         from tests.campaign.running import overload
 
@@ -81,6 +93,8 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "images": images,
         "requests": requests,
         **of_processes,
+        "front-door": front_door,
+        "service": service,
         "overload": overloaded,
         "soak": soaked,
     }

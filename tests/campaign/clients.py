@@ -1,7 +1,10 @@
 """Clients that ask a running service without a pause, and what they got."""
 
+import ssl
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import httpx
@@ -26,11 +29,15 @@ class Answers:
 class Clients:
     """Threads that localize the same panorama until `stop`."""
 
-    def __init__(self, url: str, map_id: str, number: int, timeout_s: float = 300.0) -> None:
+    def __init__(
+        self, url: str, map_id: str, number: int, timeout_s: float = 300.0, context: ssl.SSLContext | None = None
+    ) -> None:
         self.answers = Answers()
+        self._context = context or True
         self._url, self._map_id, self._timeout_s = url, map_id, timeout_s
         self._lock = threading.Lock()
-        self._ending = threading.Event()
+        self._ending, self._going = threading.Event(), threading.Event()
+        self._going.set()
         self._threads = [threading.Thread(target=self._ask, daemon=True) for _ in range(number)]
         for thread in self._threads:
             thread.start()
@@ -42,6 +49,15 @@ class Clients:
             thread.join(self._timeout_s + 60)
         return self.answers
 
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Ask nothing new meanwhile."""
+        self._going.clear()
+        try:
+            yield
+        finally:
+            self._going.set()
+
     def answered_since(self, when: float) -> bool:
         """Tell whether there was a right answer to a request that ended after a moment."""
         with self._lock:
@@ -51,8 +67,9 @@ class Clients:
 
     def _ask(self) -> None:
         options = f'{{"timeout_s": {self._timeout_s:g}}}'
-        with httpx.Client(base_url=self._url, timeout=self._timeout_s + 30) as client:
+        with httpx.Client(base_url=self._url, timeout=self._timeout_s + 30, verify=self._context) as client:
             while not self._ending.is_set():
+                self._going.wait()
                 began, status, wrong = time.monotonic(), 0, False
                 try:
                     reply = client.post(
@@ -64,6 +81,8 @@ class Clients:
                     wrong = status == 200 and not small_room().error_of(reply.json()).within(0.05, 5)
                 except httpx.TransportError:
                     time.sleep(0.2)
+                if status == 503:  # as its Retry-After asks
+                    time.sleep(1.0)
                 with self._lock:
                     self.answers.at.append(time.monotonic())
                     self.answers.status.append(status)

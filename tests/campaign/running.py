@@ -16,26 +16,26 @@ from tests.integration.small_room import OPTIONS, small_room
 
 # What comes back by itself. Ray's own processes end the service, which a supervisor starts again.
 KILLED = {"replica": "ServeReplica", "controller": "ServeController", "redis": "redis.sock"}
-_PATIENCE_S = 300.0
+PATIENCE_S = 300.0
 
 
 def kills(process: str, times: int, num_clients: int = 4) -> Outcome:
     """Kill one class of processes again and again under clients."""
     outcome, began = Outcome(f"kill the {process} under {num_clients} clients"), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        service, map_id = _ready(Path(folder))
+        service, map_id = ready_service(Path(folder))
         clients = Clients(str(service.http.base_url), map_id, num_clients)
         back_s = []
         try:
-            assert eventually(lambda: clients.answered_since(0.0), _PATIENCE_S)
+            assert eventually(lambda: clients.answered_since(0.0), PATIENCE_S)
             for _ in range(times):
-                assert eventually(lambda: bool(_pids(service, process)), _PATIENCE_S)
+                assert eventually(lambda: bool(_pids(service, process)), PATIENCE_S)
                 killed = time.monotonic()
                 for pid in _pids(service, process):
                     os.kill(pid, signal.SIGKILL)
                 # Answers that were on their way when it was killed do not count.
                 time.sleep(0.2)
-                assert eventually(lambda since=killed + 0.2: clients.answered_since(since), _PATIENCE_S)  # type: ignore[misc]
+                assert eventually(lambda since=killed + 0.2: clients.answered_since(since), PATIENCE_S)  # type: ignore[misc]
                 back_s.append(time.monotonic() - killed)
                 outcome.cases += 1
             answers = clients.stop()
@@ -44,7 +44,7 @@ def kills(process: str, times: int, num_clients: int = 4) -> Outcome:
         finally:
             clients.stop()
             service.stop()
-    _tell(outcome, answers)
+    tell(outcome, answers)
     outcome.figures |= {
         "answers flow again after (median, longest)": f"{quantile(back_s, 0.5):.1f} s, {max(back_s):.1f} s"
     }
@@ -56,7 +56,7 @@ def overload(seconds: float, num_clients: int = 40) -> Outcome:
     """Ask ten times as much as a queue of four holds."""
     outcome, began = Outcome(f"{num_clients} clients, a queue of 4"), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        service, map_id = _ready(Path(folder), queue_limit="4")
+        service, map_id = ready_service(Path(folder), queue_limit="4")
         try:
             alone = Clients(str(service.http.base_url), map_id, 1)
             time.sleep(min(20.0, seconds / 3))
@@ -69,7 +69,7 @@ def overload(seconds: float, num_clients: int = 40) -> Outcome:
         finally:
             service.stop()
     outcome.cases = len(answers.status)
-    _tell(outcome, answers, allowed=(429, 503, 504))
+    tell(outcome, answers, allowed=(429, 503, 504))
     taken = [lasted for lasted, status in zip(answers.seconds, answers.status, strict=True) if status == 200]
     refused = [lasted for lasted, status in zip(answers.seconds, answers.status, strict=True) if status == 429]
     outcome.figures |= {
@@ -86,7 +86,7 @@ def soak(seconds: float) -> Outcome:
     """Ask without a pause; compare memory, descriptors and files at the end with those after a sixth of the time."""
     outcome, began = Outcome("soak with 2 clients"), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        service, map_id = _ready(Path(folder))
+        service, map_id = ready_service(Path(folder))
         try:
             clients = Clients(str(service.http.base_url), map_id, 2)
             time.sleep(seconds / 6)
@@ -97,7 +97,7 @@ def soak(seconds: float) -> Outcome:
         finally:
             service.stop()
     outcome.cases = len(answers.status)
-    _tell(outcome, answers)
+    tell(outcome, answers)
     for name, before in first.items():
         outcome.figures[name] = f"{before:,} → {last[name]:,}"
         if last[name] > 1.05 * before + 20:
@@ -106,7 +106,8 @@ def soak(seconds: float) -> Outcome:
     return outcome
 
 
-def _ready(folder: Path, **settings: str) -> tuple[RunningService, str]:
+def ready_service(folder: Path, **settings: str) -> tuple[RunningService, str]:
+    """Start a service, register a room, and return the id of its map."""
     service = RunningService(folder / "data", **settings)
     try:
         service.wait_until_ready()
@@ -127,7 +128,8 @@ def _name(pid: int) -> str:
         return ""
 
 
-def _tell(outcome: Outcome, answers: Answers, allowed: tuple[int, ...] = ()) -> None:
+def tell(outcome: Outcome, answers: Answers, allowed: tuple[int, ...] = ()) -> None:
+    """Count the answers by status; any but 200 and what is allowed is a fault. 0: no answer."""
     statuses = Counter(answers.status)
     outcome.figures |= {
         "answers": f"{len(answers.status):,}",

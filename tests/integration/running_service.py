@@ -45,11 +45,11 @@ def eventually(holds: Callable[[], bool], within_s: float) -> bool:
 
 
 class RunningService:
-    """`panoloc serve` on a free port."""
+    """`panoloc serve`, on a free port where the settings name none."""
 
     def __init__(self, data_dir: Path, **settings: str) -> None:
         self._data_dir = data_dir
-        port = free_port()
+        self.port = port = int(settings.get("port") or free_port())
         self._log = data_dir.with_suffix(f".{port}.log")
         own = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
         given = {f"PANOLOC_{name.upper()}": value for name, value in settings.items()}

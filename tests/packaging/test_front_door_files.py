@@ -1,11 +1,7 @@
 """The files for several front doors: the compose file, the proxy's configuration, the Kubernetes manifests."""
 
 import http.server
-import os
 import re
-import shutil
-import ssl
-import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,12 +11,11 @@ import httpx
 import pytest
 
 from docs.settings_table import settings_table
-from tests.integration.running_service import eventually, free_port
+from tests.integration.proxy import NGINX, missing_tool, proxy_before
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE = ROOT / "docker" / "compose.front-doors.yaml"
-NGINX = ROOT / "docker" / "nginx" / "nginx.conf"
 MANIFESTS = ROOT / "docker" / "kubernetes" / "panoloc.yaml"
 
 
@@ -101,6 +96,9 @@ class FrontDoor:
         door = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                self.send_error(404)
+
             def do_POST(self) -> None:
                 door.bodies.append(self.rfile.read(int(self.headers.get("Content-Length", 0))))
                 if door.is_dying:
@@ -126,50 +124,21 @@ class FrontDoor:
 
 
 @pytest.fixture
-def proxied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[httpx.Client, list[FrontDoor]]]:
+def proxied(tmp_path: Path) -> Iterator[tuple[httpx.Client, list[FrontDoor]]]:
     """Run the proxy as it is configured, before three front doors of ours."""
-    monkeypatch.setenv("PATH", f"{os.environ['PATH']}:/usr/sbin")  # where nginx is, and who is not root does not look
-    for tool in ("nginx", "openssl"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"needs {tool} from apt")
-    key, certificate, port = tmp_path / "tls.key", tmp_path / "tls.crt", free_port()
-    subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", key, "-out", certificate, "-days", "2",
-         "-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"], check=True, capture_output=True,
-    )  # fmt: skip
+    if (tool := missing_tool()) is not None:
+        pytest.skip(f"needs {tool} from apt")
     doors = [FrontDoor() for _ in range(3)]
-    configuration = NGINX.read_text(encoding="utf-8").replace("/tmp/", f"{tmp_path}/")
-    configuration = configuration.replace("8443", f"127.0.0.1:{port}").replace("/etc/nginx/tls", str(tmp_path))
-    for number, door in enumerate(doors, 1):
-        configuration = configuration.replace(f"front-door-{number}:8000", door.address)
-    # Not as many as there are processors: this machine has other things to do.
-    configuration = configuration.replace("worker_processes auto", "worker_processes 1")
-    (tmp_path / "nginx.conf").write_text(configuration)
-    # Its workers would be of a user who may not enter the folders of tests.
-    user = "user root;" if os.getuid() == 0 else ""
-    command = ["nginx", "-c", str(tmp_path / "nginx.conf"), "-g", f"daemon off; {user}"]
-    proxy = subprocess.Popen(command, stderr=subprocess.PIPE)
-    context = ssl.create_default_context(cafile=certificate)
     try:
-        with httpx.Client(base_url=f"https://localhost:{port}", verify=context, timeout=90) as client:
-            assert eventually(lambda: proxy.poll() is not None or _answers(client), 90)
-            assert proxy.poll() is None
-            for door in doors:
-                door.bodies.clear()
+        with (
+            proxy_before([door.address for door in doors], tmp_path) as proxy,
+            httpx.Client(base_url=proxy.url, verify=proxy.context, timeout=90) as client,
+        ):
             yield client, doors
     finally:
-        proxy.terminate()
-        proxy.communicate()
         for door in doors:
             door.server.shutdown()
             door.server.server_close()
-
-
-def _answers(client: httpx.Client) -> bool:
-    try:
-        return client.post("/localize").status_code == 200
-    except httpx.TransportError:
-        return False
 
 
 @pytest.mark.slow

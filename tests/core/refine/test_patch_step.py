@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from core.camera.camera import Camera
-from core.config import PhotoRefinementConfig, StepConfig
+from core.config import LocalizerConfig, PhotoRefinementConfig, StepConfig
 from core.geometry.pose import Pose
 from core.geometry.rotations import even_directions, rotation_from_vector
-from core.panorama.photo_atlas import PhotoAtlas
+from core.panorama.photo_atlas import PhotoAtlas, shown_share
 from core.panorama.photo_colors import equalized_windows
 from core.panorama.session import Session
 from core.refine.gauss_newton import initial_history
@@ -20,7 +20,7 @@ from core.refine.photo_points import look_directions, patch_numbers
 from core.refine.refinement import CandidatePoints, refine
 from core.refine.rig_level import RigLevel
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import photo_of
+from tests.core.panorama.painted_photos import photo_of, session_of
 
 POSE = Pose(rotation_of(25.0, 5.0, -3.0), np.array([1.6, 2.1, 1.4]))
 ROTATION, POSITION = (torch.tensor(part, dtype=torch.float32)[None] for part in (POSE.rotation, POSE.position))
@@ -143,3 +143,15 @@ def test_patches_are_as_large_as_they_should_be_everywhere(side_deg: float) -> N
         inside = directions[numbers == number]
         apart = torch.rad2deg(torch.acos((inside @ inside.T).clamp(-1, 1))).max()
         assert float(apart) < 2.2 * side_deg
+
+
+@pytest.mark.parametrize("num_photos", [1, 2, 4, 6])
+def test_patches_of_many_photos_have_no_fewer_points_than_those_of_one(num_photos: int) -> None:
+    camera = Camera.from_hfov("pinhole", 80, 60, 69.0)
+    poses = [Pose(rotation_of(60.0 * number), np.zeros(3)) for number in range(num_photos)]
+    session = session_of(PaintedBox(seed=3), POSE, poses, [camera] * num_photos)
+    photos = LocalizerConfig().for_photos(shown_share(session)).photos
+    look = look_directions(PhotoAtlas(session, 256, None, "cpu"), photos.coarse_points, margin_deg=0.0)
+    in_patches = patch_numbers(look.directions[look.inside], photos.rough_patch_deg).bincount()
+    # Those at the edges of photos are cut.
+    assert float(in_patches.double().quantile(0.75)) > 30

@@ -1,0 +1,101 @@
+"""Kills of HTTP processes: one of three behind the proxy, and a service alone, with a supervisor that starts it again."""
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.campaign.clients import Clients
+from tests.campaign.outcome import Outcome, quantile
+from tests.campaign.running import PATIENCE_S, ready_service, tell
+from tests.integration.proxy import proxy_before
+from tests.integration.real_redis import RealRedis
+from tests.integration.running_service import RunningService, eventually
+from tests.integration.small_room import OPTIONS, small_room
+
+_DOORS = 3
+
+
+def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
+    """Kill one of three HTTP processes again and again; each is started anew before the next."""
+    outcome = Outcome(f"kill one of {_DOORS} front doors under {num_clients} clients")
+    redis = RealRedis()
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        data, settings = Path(folder) / "data", {"shared": "true", "redis_url": redis.url}
+        doors: list[RunningService] = []
+        try:
+            for _ in range(_DOORS):  # one after the other: each starts a Ray
+                doors.append(RunningService(data, **settings))
+                doors[-1].wait_until_ready()
+            map_id = doors[0].register(small_room().scan, OPTIONS)
+
+            def kill(number: int) -> None:
+                os.kill(doors[number % _DOORS].process.pid, signal.SIGKILL)
+
+            def start(number: int) -> None:
+                gone = doors[number % _DOORS]
+                gone.kill()
+                doors[number % _DOORS] = RunningService(data, port=str(gone.port), **settings)
+                doors[number % _DOORS].wait_until_ready()
+
+            with proxy_before([f"127.0.0.1:{door.port}" for door in doors], Path(folder)) as proxy:
+                _killed_again(
+                    outcome, Clients(proxy.url, map_id, num_clients, context=proxy.context), times, kill, start
+                )
+        finally:
+            for door in doors:
+                door.kill()
+            redis.kill()
+    return outcome
+
+
+def service_kills(times: int, num_clients: int = 4) -> Outcome:
+    """Kill every process of a service at once, and start it again."""
+    outcome = Outcome(f"kill the whole service under {num_clients} clients")
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        service, map_id = ready_service(Path(folder))
+        running = [service]
+
+        def kill(_: int) -> None:
+            running[0].kill()
+            running[0] = RunningService(Path(folder) / "data", port=str(service.port))
+
+        try:
+            clients = Clients(str(service.http.base_url), map_id, num_clients)
+            _killed_again(outcome, clients, times, kill, lambda _: None, allowed=(0, 503))
+            if running[0].http.get("/maps").json()["items"][0]["id"] != map_id:
+                outcome.faults.append("a map is lost")
+        finally:
+            running[0].kill()
+    return outcome
+
+
+def _killed_again(
+    outcome: Outcome,
+    clients: Clients,
+    times: int,
+    kill: Callable[[int], None],
+    start: Callable[[int], None],
+    allowed: tuple[int, ...] = (),
+) -> None:
+    """Kill under clients, wait for the next answer, start what is gone, and so on; say what came of it."""
+    began, back_s = time.monotonic(), []
+    try:
+        assert eventually(lambda: clients.answered_since(0.0), PATIENCE_S)
+        for number in range(times):
+            killed = time.monotonic()
+            kill(number)
+            # Answers that were on their way when it was killed do not count.
+            assert eventually(lambda since=killed + 0.2: clients.answered_since(since), PATIENCE_S)  # type: ignore[misc]
+            back_s.append(time.monotonic() - killed)
+            with clients.paused():  # on two processors a Ray beside busy ones takes minutes to start
+                start(number)
+            outcome.cases += 1
+    finally:
+        answers = clients.stop()
+    tell(outcome, answers, allowed)
+    flows = f"{quantile(back_s, 0.5):.1f} s, {max(back_s, default=0.0):.1f} s"
+    outcome.figures["answers flow again after (median, longest)"] = flows
+    outcome.seconds = time.monotonic() - began
