@@ -8,10 +8,8 @@ from PIL import Image
 
 _EMPTY = 250  # grey of what the scan does not show
 _NARROWEST = 16  # pixels
-_GAP_PASSES, _FEWEST_NEIGHBOURS = (
-    2,
-    4,
-)  # of eight: floors that a thinned scan leaves spotted close, walls and windows do not
+_GAP_PASSES = 2
+_FEWEST_NEIGHBOURS = 4  # of eight: spots that thinning leaves in floors close, what lies outside does not grow
 
 
 @dataclass(frozen=True)

@@ -94,13 +94,8 @@ def _draw_legend(pen: ImageDraw.ImageDraw, seen: SeenFromAbove, placement: Place
         if number:
             at = _write(pen, at + 24, row, f"{number} {status.replace('_', ' ')}", color)
     shown = sum(bool(photo.poses) for photo in placement.photos)
-    _write(
-        pen,
-        at + 24,
-        row,
-        f"{shown} of {len(placement.photos)} drawn; y up; {legible(placement.map_name, font_of(_SMALL))}",
-        INK,
-    )
+    name = legible(placement.map_name, font_of(_SMALL))
+    _write(pen, at + 24, row, f"{shown} of {len(placement.photos)} drawn; y up; {name}", INK)
 
 
 def _write(pen: ImageDraw.ImageDraw, column: float, row: float, text: str, color: tuple[int, int, int]) -> float:
