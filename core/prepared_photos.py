@@ -96,7 +96,8 @@ class PreparedPhotos:
         """Return what the starts of the hypotheses see where the photos look, with colours of half the views' rows or all."""
         rows, views = self._start_views(index, sorted({h.start for h in group}))
         rotations, positions = stacked_poses(group)
-        sizes = self.config.refinement
+        sizes, photos = self.config.refinement, self.config.photos
+        count = photos.coarse_points if self.labels is not None else photos.coarse_points_of(self.share)
         return points_seen_in_starts(
             self.atlas,
             index.render_cloud,
@@ -104,10 +105,10 @@ class PreparedPhotos:
             torch.tensor([rows[h.start] for h in group], device=rotations.device),
             rotations,
             positions,
-            self._look_directions(self.config.photos.coarse_points, self.config.photos.coarse_margin_deg),
+            self._look_directions(count, photos.coarse_margin_deg),
             coarse,
             None if self.labels is not None else sizes.contrast_share,
-            None if self.labels is not None else self.config.photos.rough_patch_deg,
+            None if self.labels is not None else photos.rough_patch_deg,
         )
 
     def points_from_poses(

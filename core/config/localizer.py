@@ -56,10 +56,8 @@ class LocalizerConfig:
         """Return the configuration for photos that show a `share` of the sphere: the less they show, the closer they are looked at."""
         finer = 2 if share < _NARROW_SHARE else 1
         refinement, judge, photos = self.refinement, self.judge, self.photos
-        denser = max(1.0, share / photos.coarse_points_share)
         return replace(
             self,
-            photos=replace(photos, coarse_points=round(denser * photos.coarse_points)),
             search=replace(
                 self.search,
                 num_candidates=self.photo_search.num_candidates,

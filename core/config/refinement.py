@@ -84,9 +84,9 @@ class RefinementConfig:
 class PhotoRefinementConfig:
     """What is different in the refinement of photos (see `core.refine.photo_points`)."""
 
-    # That the photos show, where they show this share of the sphere or less, as one of 69 degrees does; more of photos that show more:
-    # a patch has a gain and offsets of its own, and a dozen points agree with anything.
-    coarse_points: int = 400
+    coarse_points: int = 400  # that the photos show
+    # Where points are aligned by patches they are so many only for photos that show this share of the sphere or less, as one of 69
+    # degrees does, and more for others: a patch has a gain and offsets of its own, and a dozen points agree with anything.
     coarse_points_share: float = 0.085
     coarse_margin_deg: float = 35.0  # around what they show, likewise dense
     margin_deg: float = 8.0  # later, when poses hardly turn
@@ -120,3 +120,7 @@ class PhotoRefinementConfig:
     )
     fine_points: int = 8000
     finest_points: int = 12_000
+
+    def coarse_points_of(self, share: float) -> int:
+        """Return how many points are aligned by patches on what starts see, of photos that show a `share` of the sphere."""
+        return round(max(1.0, share / self.coarse_points_share) * self.coarse_points)

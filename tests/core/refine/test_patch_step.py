@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from core.camera.camera import Camera
-from core.config import LocalizerConfig, PhotoRefinementConfig, StepConfig
+from core.config import PhotoRefinementConfig, StepConfig
 from core.geometry.pose import Pose
 from core.geometry.rotations import even_directions, rotation_from_vector
-from core.panorama.photo_atlas import PhotoAtlas, shown_share
+from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_colors import equalized_windows
 from core.panorama.session import Session
 from core.refine.gauss_newton import initial_history
@@ -150,8 +150,8 @@ def test_patches_of_many_photos_have_no_fewer_points_than_those_of_one(num_photo
     camera = Camera.from_hfov("pinhole", 80, 60, 69.0)
     poses = [Pose(rotation_of(60.0 * number), np.zeros(3)) for number in range(num_photos)]
     session = session_of(PaintedBox(seed=3), POSE, poses, [camera] * num_photos)
-    photos = LocalizerConfig().for_photos(shown_share(session)).photos
-    look = look_directions(PhotoAtlas(session, 256, None, "cpu"), photos.coarse_points, margin_deg=0.0)
+    photos, atlas = PhotoRefinementConfig(), PhotoAtlas(session, 256, None, "cpu")
+    look = look_directions(atlas, photos.coarse_points_of(atlas.share()), margin_deg=0.0)
     in_patches = patch_numbers(look.directions[look.inside], photos.rough_patch_deg).bincount()
     # Those at the edges of photos are cut.
     assert float(in_patches.double().quantile(0.75)) > 30
