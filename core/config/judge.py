@@ -31,7 +31,7 @@ class JudgeConfig:
     # for a runner-up that is not there. The coefficients were fitted with both.
     max_margin: float = 0.5
     unknown_margin: float = 0.2
-    unknown_relative_margin: float = 0.4
+    unknown_relative_margin: float = 0.2
 
 
 @dataclass(frozen=True)

@@ -50,10 +50,10 @@ def siblings(count: int) -> bytes:
     ids=["siblings", "levels", "nodes", "attributes"],
 )
 def test_xml_that_no_scanner_writes_is_refused_in_linear_time(xml: bytes, said: str) -> None:
-    began = time.perf_counter()
+    began = time.process_time()
     with pytest.raises(ScanContentError, match=said):
         check_description(xml)
-    assert time.perf_counter() - began < 5
+    assert time.process_time() - began < 5
 
 
 def test_a_file_of_siblings_is_refused_before_libe57_compares_them_all(tmp_path: Path) -> None:
