@@ -16,8 +16,10 @@ import ray
 
 from service.host.process_tree import descendants
 from tests.integration.pool_in_thread import PoolInThread, query, registration
+from tests.integration.running_service import eventually
 
 pytestmark = pytest.mark.integration
+RUNS = b"will now block forever"
 
 
 @pytest.fixture(scope="module")
@@ -29,18 +31,35 @@ def cluster_address() -> Iterator[str]:
         command = [str(Path(sys.executable).with_name("ray")), "start", "--head", "--block", "--num-cpus=4",
                    "--include-dashboard=false", "--object-store-memory=80000000", "--node-ip-address=127.0.0.1",
                    f"--port={address.rpartition(':')[2]}", f"--temp-dir={folder}"]  # fmt: skip
-        environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0"}
-        head = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+        head = started_head(command, Path(folder) / "head.log")
         try:
             wait_for_port(address)
             yield address
         finally:
-            family = descendants(head.pid)
-            head.kill()
-            head.wait()
-            for pid in family:
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
+            end(head)
+
+
+def started_head(command: list[str], log: Path) -> "subprocess.Popen[bytes]":
+    """Return the head of a cluster once it runs. It gives its raylet 30 s, which on a busy machine is too little, so it is tried again."""
+    environment = os.environ | {"RAY_USAGE_STATS_ENABLED": "0"}
+    for _ in range(5):
+        with log.open("wb") as out:
+            head = subprocess.Popen(command, stdout=out, stderr=out, env=environment)
+        eventually(lambda tried=head: tried.poll() is not None or RUNS in log.read_bytes(), 240)  # type: ignore[misc]
+        if head.poll() is None and RUNS in log.read_bytes():
+            return head
+        end(head)
+    raise AssertionError(log.read_text(errors="replace")[-3000:])
+
+
+def end(head: "subprocess.Popen[bytes]") -> None:
+    """Kill the head and all that it has started."""
+    family = descendants(head.pid)
+    head.kill()
+    head.wait()
+    for pid in family:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
 
 
 def wait_for_port(address: str) -> None:
