@@ -5,15 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from core.camera.camera import Camera
+from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
 from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
+from core.judge.hypotheses import Hypothesis
 from core.localizer import Localizer
-from core.options import MAX_SESSION_TILT_DEG, Hints, IndexOptions
+from core.options import MAX_SESSION_TILT_DEG, ColorKind, Hints, IndexOptions
 from core.panorama.photo import photo_on_sphere
 from core.panorama.session import Session, SessionImage
+from core.prepared_photos import PreparedPhotos
+from core.refine.photo_points import look_directions
 from core.results import Localization
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -94,6 +99,23 @@ def test_a_photo_of_labels_is_found_in_a_map_of_labels(localizer: Localizer, box
     index = build_map_index(box.scan(), IndexOptions(color_kind="labels"))
     found = localizer.localize(photo_of(box, WIDE, box_pose), [index])
     assert_found(found, box_pose, 0.05, 2.0)
+
+
+@pytest.mark.parametrize("color_kind", ["rgb", "labels"])
+def test_only_points_that_are_aligned_by_patches_are_more_for_photos_that_show_more(
+    color_kind: ColorKind, box_pose: Pose
+) -> None:
+    box, config = PaintedBox(seed=1, palette=((0, 0, 0), (255, 0, 0), (0, 128, 255))), LocalizerConfig()
+    index = build_map_index(box.scan(), IndexOptions(color_kind=color_kind))
+    photos = PreparedPhotos(
+        Session.of_photo(photo_of(box, WIDE, box_pose)), 256, index.labels, torch.device("cpu"), config
+    )
+    start = Hypothesis(0, 0, torch.eye(3), index.starts[0])
+    sizes = config.photos
+    count = sizes.coarse_points if color_kind == "labels" else sizes.coarse_points_of(photos.share)
+    expected = look_directions(photos.atlas, count, sizes.coarse_margin_deg)
+    assert photos.points_from_starts(index, [start], coarse=True).weights.shape == (1, len(expected.directions))
+    assert sizes.coarse_points_of(photos.share) > sizes.coarse_points
 
 
 def test_of_several_maps_the_one_is_found_in_which_a_photo_was_taken(

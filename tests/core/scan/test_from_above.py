@@ -24,4 +24,4 @@ def test_small_gaps_between_points_are_closed_and_what_lies_outside_stays_empty(
     seen = draw_from_above(thinned, colors, Area(np.zeros(2), np.array([8.0, 4.0]), top_m=1.0), 160)
     is_floor = (seen.picture == (200, 60, 20)).all(-1)
     assert is_floor[:, :80].mean() > 0.99  # of 0.8 that points fell on
-    assert is_floor[:, 84:].sum() == 0
+    assert is_floor[:, 80:].sum() == 0
