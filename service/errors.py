@@ -28,11 +28,13 @@
     │   ├── WrongKeysError            many unknown API keys from one address
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
-    │   ├── StorageFullError          the disk is full
-    │   └── StorageReadOnlyError      the data folder cannot be written
+    │   ├── StorageFullError          the disk or the bucket is full
+    │   ├── StorageReadOnlyError      the data folder or the bucket cannot be written
+    │   └── StorageAwayError          the bucket does not answer, or lets nobody in
     ├── StorageError                  what was stored cannot be read back
     │   ├── StoredFileMissingError    nothing under this key
-    │   └── StoredFileDamagedError    the bytes do not match their digest
+    │   ├── StoredFileDamagedError    the bytes do not match their digest
+    │   └── StoredFileChangedError    something else is there than what was to be replaced
     ├── ExportFailedError             the process that writes exports failed
     └── WorkerError                   a worker met a fault that nobody raises on purpose
 
@@ -183,7 +185,11 @@ class StorageFullError(TryAgainError):
 
 
 class StorageReadOnlyError(TryAgainError):
-    """The data folder cannot be written."""
+    """The data folder or the bucket cannot be written."""
+
+
+class StorageAwayError(TryAgainError):
+    """The bucket does not answer, or lets nobody in."""
 
 
 class StorageError(ServiceError):
@@ -196,6 +202,10 @@ class StoredFileMissingError(StorageError):
 
 class StoredFileDamagedError(StorageError):
     """The stored bytes do not match their digest."""
+
+
+class StoredFileChangedError(StorageError):
+    """Something else is stored than what was to be replaced: somebody has been faster."""
 
 
 class ExportFailedError(ServiceError):

@@ -139,11 +139,15 @@ PROBLEMS: dict[type[Exception], Problem] = {
         "storage-full", "There is no space left", 503, "Ask the operator for space; try again."
     ),
     service.StorageReadOnlyError: Problem(
-        "storage-read-only", "The data folder cannot be written", 503, "Ask the operator; try again."
+        "storage-read-only", "The storage cannot be written", 503, "Ask the operator; try again."
+    ),
+    service.StorageAwayError: Problem(
+        "storage-away", "The storage does not answer", 503, "Send it again after Retry-After seconds."
     ),
     service.StorageError: _STORAGE,
     service.StoredFileMissingError: _STORAGE,
     service.StoredFileDamagedError: _STORAGE,
+    service.StoredFileChangedError: _STORAGE,
     service.ExportFailedError: _INTERNAL,
     service.WorkerError: _INTERNAL,
     core.CoreError: _INTERNAL,

@@ -8,6 +8,7 @@ from collections.abc import MutableMapping
 
 from service.app import create_app
 from service.cache import Cache
+from service.errors import StorageAwayError
 from service.host.address import is_loopback
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from service.host.lifeline import Lifeline
@@ -22,7 +23,9 @@ from service.ray.cluster import RayCluster
 from service.ray.pool import RayPool
 from service.ray.serving import RayServing
 from service.settings import Settings
-from service.storage import open_storage
+from service.storage import Storage, open_storage
+from service.storage.opening import take_out_variables
+from service.storage.start_check import StorageUnusableError, check_at_start
 from service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)
@@ -39,6 +42,7 @@ def run_service(settings: Settings) -> int:
     When it loses the workers of its own cluster, this process ends with exit code 1, so that a supervisor starts another.
     """
     configure_logging(settings.log_level, settings.log_format)
+    access = settings.bucket_access  # reads what is taken out of the environment now
     take_secrets_out(os.environ)
     if exposure := why_exposed(settings):
         _log.warning(exposure)
@@ -50,13 +54,15 @@ def run_service(settings: Settings) -> int:
         try:
             folder = RunFolder(settings.data_dir, settings.shared)
             stack.callback(folder.close)
+            storage = open_storage(settings.storage_url, access)
+            check_at_start(storage, is_shared=settings.shared)
             lifeline = Lifeline()
             stack.callback(lifeline.close)
             redis_url = settings.redis_url or _start_redis(folder, lifeline, stack)
-        except (DataFolderInUseError, EmbeddedRedisError, OSError) as error:
+        except (DataFolderInUseError, EmbeddedRedisError, StorageUnusableError, StorageAwayError, OSError) as error:
             _log.error("the service cannot start", extra={"error": str(error)})
             return 1
-        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), folder, lifeline)
+        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), storage, folder, lifeline)
     if loss is not None:
         # Threads that wait for Ray would be joined otherwise, and what it does at the exit would wait as well.
         logging.shutdown()
@@ -76,9 +82,10 @@ def why_exposed(settings: Settings) -> str | None:
 
 
 def take_secrets_out(environment: MutableMapping[str, str]) -> None:
-    """Remove the keys of callers from what child processes inherit: some of them read files of strangers."""
+    """Remove the keys of callers and of buckets from what child processes inherit: some of them read files of strangers."""
     for name in _SECRETS:
         environment.pop(name, None)
+    take_out_variables(environment)
 
 
 def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:
@@ -95,12 +102,12 @@ def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitSt
     return server.url
 
 
-def _serve(settings: Settings, folder: RunFolder, lifeline: Lifeline) -> str | None:
+def _serve(settings: Settings, storage: Storage, folder: RunFolder, lifeline: Lifeline) -> str | None:
     """Run the HTTP process to its end; return what was lost when that made it end."""
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url, folder, lifeline)
     cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
-    app = create_app(settings, pool, cache, open_storage(settings.storage_url))
+    app = create_app(settings, pool, cache, storage)
     count: ConnectionCount = app.state.services.connections
     config = guarded_config(app, count, host=settings.host, port=settings.port, server_header=False)
     server = DrainingServer(config, pool, settings.drain_s)

@@ -1,5 +1,6 @@
 """Everything that an operator may set, read from environment variables with the prefix `PANOLOC_`."""
 
+import os
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, Self
@@ -13,6 +14,7 @@ from service.keys.key_ring import KeyRing
 from service.keys.setting import callers_of_setting
 from service.limits.connection_limits import ConnectionLimits
 from service.limits.registration_limits import RegistrationLimits
+from service.storage.opening import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
 
 class Settings(BaseSettings):
@@ -22,10 +24,23 @@ class Settings(BaseSettings):
 
     host: str = Field("127.0.0.1", description="Address to listen on; `0.0.0.0` for all.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
-    data_dir: Path = Field(Path("panoloc-data"), description="Folder for scans and map records: what must not be lost.")
+    data_dir: Path = Field(
+        Path("panoloc-data"),
+        description="Folder for scans, map records and batches, which must not be lost, and for keys and the audit log.",
+    )
+    storage: str | None = Field(
+        None,
+        description="Bucket for scans, map records and batches in place of the data folder: `s3://bucket/prefix`, `gs://bucket/prefix`, "
+        "`az://container/prefix`; or another folder, `file:///folder`.",
+    )
+    local_copies_bytes: int = Field(
+        4 * 2**30,
+        ge=0,
+        description="Bytes of files of a bucket that are kept in the data folder, so that they need not be fetched again.",
+    )
     shared: bool = Field(
         False,
-        description="Other services use the same data folder and the same Redis: several front doors behind a balancer.",
+        description="Other services use the same data folder or bucket and the same Redis: several front doors behind a balancer.",
     )
     redis_url: str | None = Field(None, description="Redis to use; without it the service starts its own.")
     ray_address: str | None = Field(
@@ -133,10 +148,17 @@ class Settings(BaseSettings):
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
 
-    @field_validator("redis_url", "ray_address", mode="before")
+    @field_validator("redis_url", "ray_address", "storage", mode="before")
     @classmethod
     def _empty_means_unset(cls, value: object) -> object:
         return None if value == "" else value
+
+    @field_validator("storage")
+    @classmethod
+    def _storage_is_a_url(cls, value: str | None) -> str | None:
+        if value is not None:
+            split_url(value)
+        return value
 
     @field_validator("api_keys")
     @classmethod
@@ -149,6 +171,10 @@ class Settings(BaseSettings):
         if self.shared and self.redis_url is None:
             raise ValueError(
                 "expected PANOLOC_REDIS_URL with PANOLOC_SHARED, got none: all front doors need the same Redis"
+            )
+        if self.shared and self.has_bucket:
+            raise ValueError(
+                "expected no PANOLOC_SHARED with a bucket: several front doors need a data folder that they share"
             )
         if self.shared and self.ray_address is not None:
             raise ValueError(
@@ -197,4 +223,25 @@ class Settings(BaseSettings):
     @property
     def storage_url(self) -> str:
         """Return where scans and map records live, for `service.storage.open_storage`."""
-        return str(self.data_dir.resolve())
+        if self.has_bucket:
+            return str(self.storage)
+        return str(self.storage_folder)
+
+    @property
+    def has_bucket(self) -> bool:
+        """Tell whether scans and map records live in a bucket, and not in a folder."""
+        return self.storage is not None and split_url(self.storage)[0] in BUCKET_SCHEMES
+
+    @property
+    def storage_folder(self) -> Path:
+        """Return the folder in which scans and map records live; with a bucket, the data folder."""
+        is_elsewhere = self.storage is not None and not self.has_bucket
+        return folder_of(self.storage).resolve() if self.storage and is_elsewhere else self.data_dir.resolve()
+
+    @cached_property
+    def bucket_access(self) -> BucketAccess | None:
+        """Return what processes need to use the bucket, None without one. The environment is read when this is asked for first."""
+        if not self.has_bucket:
+            return None
+        variables = variables_of(self.storage_url, os.environ)
+        return BucketAccess(str(self.data_dir.resolve()), self.local_copies_bytes, variables)

@@ -248,7 +248,7 @@ def _order(record: BatchRecord) -> tuple[str, str]:
     return record.created_at, record.id
 
 
-async def _to_the_end(work: Callable[..., None], *arguments: object) -> None:
+async def _to_the_end(work: Callable[..., object], *arguments: object) -> None:
     """Run blocking work in a thread; a cancellation takes effect after it."""
     task = asyncio.create_task(asyncio.to_thread(work, *arguments))
     try:

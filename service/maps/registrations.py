@@ -38,10 +38,12 @@ _log = structlog.get_logger(__name__)
 _POLL_S = 0.1
 _ROOM_PAUSE_S = 2.0
 _LONGEST_PAUSE_S = 30.0
+_NO_ROOM = "waiting for room on the disk"
+_NO_STORAGE = "waiting for the storage"
 
 
 class Registrations:
-    """Used from one event loop. waiting_for_room: revisions that are done but cannot be stored."""
+    """Used from one event loop. waiting_for_room: revisions that are done but cannot be stored, each with what is waited for."""
 
     def __init__(
         self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics, limits: RegistrationLimits
@@ -54,7 +56,7 @@ class Registrations:
         self._stopping = False
         self._attempts = Attempts(registry)
         self._room_pause_s = _ROOM_PAUSE_S
-        self.waiting_for_room: set[MapRef] = set()
+        self.waiting_for_room: dict[MapRef, str] = {}
         self._running: dict[MapRef, asyncio.Task[None]] = {}
 
     def resume(self) -> None:
@@ -110,6 +112,8 @@ class Registrations:
             await self._registry.refresh(ref.id)
             if not self._has_ended(ref):
                 await self._register(ref, request_id)
+        except TryAgainError as error:
+            _log.warning("a registration cannot go on, somebody will try again", error=str(error))
         finally:
             own.release()
 
@@ -118,7 +122,7 @@ class Registrations:
         await self._wait_until_possible()
         try:
             return await self._registry.try_register(ref)
-        except (StorageFullError, StorageReadOnlyError, OSError) as error:
+        except (TryAgainError, OSError) as error:
             _log.warning("a registration cannot be taken up, somebody will try again", error=str(error))
             return None
 
@@ -165,20 +169,21 @@ class Registrations:
                 try:
                     await _to_the_end(store())
                     return
-                except (StorageFullError, StorageReadOnlyError) as error:
-                    self.waiting_for_room.add(ref)
+                except TryAgainError as error:
+                    has_no_room = isinstance(error, StorageFullError | StorageReadOnlyError)
+                    self.waiting_for_room[ref] = _NO_ROOM if has_no_room else _NO_STORAGE
                     _log.warning("a map cannot be stored, trying again", map_id=ref.id, error=str(error))
                 await asyncio.sleep(min(self._room_pause_s * attempt, _LONGEST_PAUSE_S))
                 attempt += 1
         finally:
-            self.waiting_for_room.discard(ref)
+            self.waiting_for_room.pop(ref, None)
 
     async def _outcome_of(self, ref: MapRef, request_id: str) -> RegisterOutcome:
         """Let a worker do it; what is only a matter of time is tried again, a few times."""
         while True:
             await self._wait_until_possible()
             newest = self._registry.get(ref.id).newest
-            scan_bytes = await self._registry.counted_bytes(newest)
+            scan_bytes = await self._counted_bytes(newest)
             job = _job(newest, ref, request_id, self._limits.seconds(scan_bytes))
             try:
                 return await self._pool.register(job, lambda: self._attempts.begin(ref))
@@ -194,6 +199,14 @@ class Registrations:
                 raise
             finally:
                 self._attempts.end(ref)
+
+    async def _counted_bytes(self, revision: Revision) -> int:
+        while True:
+            try:
+                return await self._registry.counted_bytes(revision)
+            except TryAgainError as error:
+                _log.warning("a scan cannot be looked at, trying again", error=str(error))
+                await asyncio.sleep(min(error.retry_after_s, _LONGEST_PAUSE_S))
 
     async def _wait_until_possible(self) -> None:
         while True:

@@ -4,7 +4,6 @@ import secrets
 
 import redis
 
-from service.storage import open_storage
 from service.worker.plan import WorkerSettings
 
 _TOKEN_KEY = "cluster/token"
@@ -14,7 +13,7 @@ _TIMEOUT_S = 5.0
 def leave_token(settings: WorkerSettings) -> str:
     """Leave a token in storage that other machines should find, and return it."""
     token = secrets.token_hex(8)
-    open_storage(settings.storage_url).put(_TOKEN_KEY, token.encode())
+    settings.open_storage().put(_TOKEN_KEY, token.encode())
     return token
 
 
@@ -30,12 +29,12 @@ def missing_here(settings: WorkerSettings, token: str) -> list[str]:
             " of the cluster reach"
         )
     try:
-        found = open_storage(settings.storage_url).read(_TOKEN_KEY).decode()
+        found = settings.open_storage().read(_TOKEN_KEY).decode()
     except Exception as error:
         found = str(error)
     if found != token:
         missing.append(
             f"expected the files of {settings.storage_url}, got {found}; set PANOLOC_DATA_DIR to a folder that all"
-            " machines of the cluster share"
+            " machines of the cluster share, or PANOLOC_STORAGE to a bucket"
         )
     return missing

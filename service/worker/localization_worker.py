@@ -22,7 +22,6 @@ from service.cache import WorkerCache
 from service.errors import CacheDownError
 from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
-from service.storage import open_storage
 from service.worker.change_cells import change_cells
 from service.worker.map_catalog import MapCatalog
 from service.worker.outcomes import localize_outcome
@@ -198,4 +197,4 @@ def build_worker(settings: WorkerSettings) -> LocalizationWorker:
     keep_freed_memory()
     torch.set_num_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return LocalizationWorker(settings, Localizer(), MapCatalog(open_storage(settings.storage_url)), cache)
+    return LocalizationWorker(settings, Localizer(), MapCatalog(settings.open_storage()), cache)

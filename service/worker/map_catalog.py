@@ -46,7 +46,7 @@ class MapCatalog:
         """Return the copy of an encoded index, None without one that is whole. digest: of the configuration, hexadecimal."""
         try:
             return self._storage.read(_index_key(map_ref, digest))
-        except StorageError:
+        except (StorageError, TryAgainError):
             return None
 
     def store_index(self, map_ref: MapRef, digest: str, encoded: bytes) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
 from service.limits.registration_limits import RegistrationLimits
+from service.storage import BucketAccess, Storage, open_storage
 from service.worker.reply import WorkerReply
 
 if TYPE_CHECKING:
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
 class WorkerSettings:
     """Values that a worker takes from the service's settings.
 
-    redis_url and storage_url: reachable from every machine that runs a worker. workers_per_machine: that share its
-    processors. resident_bytes: map indexes kept in memory, least recently used out. index_lifetime_s: of an index in
-    Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
+    redis_url and storage_url: reachable from every machine that runs a worker. bucket: where storage_url names one.
+    workers_per_machine: that share its processors. resident_bytes: map indexes kept in memory, least recently used out.
+    index_lifetime_s: of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
     registration_limits: of which the worker keeps those of its process.
     """
 
@@ -35,6 +36,7 @@ class WorkerSettings:
     index_lifetime_s: int
     workers_per_machine: int = 1
     registration_limits: RegistrationLimits = field(default_factory=RegistrationLimits)
+    bucket: BucketAccess | None = None
 
     @classmethod
     def of(cls, settings: "Settings", redis_url: str) -> "WorkerSettings":
@@ -48,7 +50,12 @@ class WorkerSettings:
             max_points_used=settings.max_points_used,
             index_lifetime_s=settings.index_ttl_s,
             registration_limits=settings.registration_limits,
+            bucket=settings.bucket_access,
         )
+
+    def open_storage(self) -> Storage:
+        """Return the storage, in the process that will use it."""
+        return open_storage(self.storage_url, self.bucket)
 
 
 class QueryWorker(Protocol):

@@ -27,7 +27,6 @@ from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitEr
 from service.host.process_resources import limit_process, num_usable_cpus
 from service.jobs import MapRef, RegisterJob, RegisterOutcome
 from service.limits.registration_limits import MAX_COUNTED_BYTES
-from service.storage import open_storage
 from service.worker.map_catalog import MapCatalog
 from service.worker.outcomes import sample_ply, starts_of, stats_of
 from service.worker.plan import WorkerSettings
@@ -162,4 +161,4 @@ def build_registrar(settings: WorkerSettings) -> Registrar:
     """Build a registrar in the process that will run it."""
     torch.set_num_threads(num_usable_cpus())
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return Registrar(settings, MapCatalog(open_storage(settings.storage_url)), cache, limit_process)
+    return Registrar(settings, MapCatalog(settings.open_storage()), cache, limit_process)

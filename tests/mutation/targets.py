@@ -17,7 +17,7 @@ _INDEX = ("tests/core/index/test_map_codec.py", "tests/core/index/test_map_index
 
 # Pattern of files: files or folders of tests.
 TARGETS: dict[str, tuple[str, ...]] = {
-    "service/storage.py": ("tests/service/test_storage.py",),
+    "service/storage/folder.py": ("tests/service/storage/test_folder.py", "tests/service/storage/test_contract.py"),
     "service/cache.py": ("tests/service/test_cache.py",),
     "service/maps/registry.py": _STORED_MAPS,
     "service/ray/admission.py": ("tests/service/ray/test_admission.py",),

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError, StorageFullError, StorageReadOnlyError
+from service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
 from service.http.access import caller_of, require_for_details, sees_details
 from service.http.schemas import Health, Liveness, Readiness
 from service.problems import error_responses
@@ -44,7 +44,7 @@ async def live() -> Response:
     },
 )
 async def ready(request: Request) -> Response:
-    """Answer 200 when Redis takes values, the data folder can be written, a worker is up and start-up is over.
+    """Answer 200 when Redis takes values, the storage can be written, a worker is up and start-up is over.
 
     With keys set, a caller without one learns no more than that.
     """
@@ -110,9 +110,11 @@ async def _lack_of_storage(services: Services) -> str | None:
     try:
         await asyncio.to_thread(services.storage.check_writable)
     except StorageFullError:
-        return "room on the disk"
+        return "room on the disk" if not services.settings.has_bucket else "room on the disk or in the bucket"
+    except StorageAwayError:
+        return "the bucket"
     except (StorageReadOnlyError, OSError):
-        return "a data folder that can be written"
+        return f"a {'bucket' if services.settings.has_bucket else 'data folder'} that can be written"
     return None
 
 

@@ -23,7 +23,7 @@ from service.services import Services, services_of
 
 router = APIRouter(tags=["maps"])
 _log = structlog.get_logger(__name__)
-_WAITING_FOR_ROOM = {"status": "indexing", "stage": "waiting for room on the disk", "progress": 0.99}
+_LAST_PROGRESS = 0.99
 
 
 @router.get(
@@ -148,5 +148,6 @@ async def documents(services: Services, records: Sequence[MapRecord]) -> list[di
         _log.warning("progress is not known", error=str(error))
         unknown = {"status": "queued", "stage": "unknown while Redis does not answer", "progress": 0.0}
         progress = dict.fromkeys(waiting, unknown)
-    progress |= dict.fromkeys(services.registrations.waiting_for_room, _WAITING_FOR_ROOM)
+    for ref, stage in services.registrations.waiting_for_room.items():
+        progress[ref] = {"status": "indexing", "stage": stage, "progress": _LAST_PROGRESS}
     return [map_document(record, progress.get(record.newest_ref)) for record in records]

@@ -1,0 +1,73 @@
+"""What a bucket says that does not serve, told as what a caller can do about it."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from obstore.exceptions import (
+    AlreadyExistsError,
+    BaseError,
+    PermissionDeniedError,
+    PreconditionError,
+    UnauthenticatedError,
+)
+
+from service.errors import (
+    ServiceError,
+    StorageAwayError,
+    StorageFullError,
+    StorageReadOnlyError,
+    StoredFileChangedError,
+)
+from service.storage.protocol import missing
+
+_RETRY_AFTER_S = 10
+_LONGEST_REASON = 200
+_CODE = re.compile(r"<Code>(\w+)</Code>|\"code\": ?\"?(\w+)")
+_FULL = re.compile(r"status code: 507|XMinioStorageFull|QuotaExceeded|InsufficientStorage|AccountStorageLimit")
+_NO_BUCKET = re.compile(r"NoSuchBucket|ContainerNotFound|The specified bucket does not exist")
+
+
+@contextmanager
+def bucket_lacks_said(url: str, key: str, *, writes: bool) -> Iterator[None]:
+    """Raise what `Storage` promises in place of what obstore raises."""
+    try:
+        yield
+    except (FileNotFoundError, BaseError) as error:
+        raise _told(url, key, error, writes) from error
+
+
+def reason_of(error: Exception) -> str:
+    """Return in one line what a bucket said."""
+    text = str(error)
+    code = _CODE.search(text)
+    first = text.splitlines()[0][:_LONGEST_REASON] if text else type(error).__name__
+    return f"{code[1] or code[2]} ({first})" if code else first
+
+
+def _told(url: str, key: str, error: Exception, writes: bool) -> ServiceError:
+    text, reason = str(error), reason_of(error)
+    if _NO_BUCKET.search(text):
+        return StorageAwayError(
+            f"expected a bucket at {url}, got {reason}; let the operator create it or correct PANOLOC_STORAGE",
+            _RETRY_AFTER_S,
+        )
+    if isinstance(error, AlreadyExistsError | PreconditionError):
+        return StoredFileChangedError(f"{key}: somebody else has replaced it since it was read")
+    if isinstance(error, FileNotFoundError):
+        return missing(key)
+    if _FULL.search(text):
+        return StorageFullError(
+            f"expected room in the bucket {url}, got {reason}; ask the operator for space", _RETRY_AFTER_S
+        )
+    if isinstance(error, PermissionDeniedError | UnauthenticatedError):
+        kind = StorageReadOnlyError if writes else StorageAwayError
+        verb = "written" if writes else "read"
+        return kind(
+            f"expected a bucket {url} that can be {verb}, got {reason}; let the operator check the key and its rights",
+            _RETRY_AFTER_S,
+        )
+    return StorageAwayError(
+        f"expected an answer from the bucket {url}, got {reason}; try again, or let the operator check the endpoint and the network",
+        _RETRY_AFTER_S,
+    )

@@ -1,0 +1,43 @@
+"""Whether a bucket does what the service needs of one: asked once, at the start, when an operator can still correct what is wrong."""
+
+import uuid
+
+from service.errors import ServiceError, StorageError, StoredFileChangedError
+from service.storage.bucket import BucketStorage
+from service.storage.protocol import Storage
+
+
+class StorageUnusableError(RuntimeError):
+    """The storage cannot be used as it is set; the message says what to correct."""
+
+
+def check_at_start(storage: Storage, *, is_shared: bool) -> None:
+    """Write, list, read and delete a probe. is_shared: and replace it only as it was read. Raises StorageUnusableError; folders pass."""
+    if not isinstance(storage, BucketStorage):
+        return
+    prefix = f"probes/{uuid.uuid4().hex}"
+    key = f"{prefix}/probe"
+    try:
+        storage.put(key, b"first")
+        if storage.names(prefix) != ["probe"]:
+            raise StorageUnusableError(f"expected {storage.url} to list what was just written, but it does not")
+        _, stamp = storage.read_stamped(key)
+        if is_shared:
+            storage.replace(key, b"second", stamp)
+            _check_that_an_old_stamp_is_refused(storage, key, stamp)
+        storage.delete_all(prefix)
+    except StorageError as error:
+        raise StorageUnusableError(f"{storage.url} does not keep what is written: {error}") from error
+    except ServiceError as error:
+        raise StorageUnusableError(str(error)) from error
+
+
+def _check_that_an_old_stamp_is_refused(storage: BucketStorage, key: str, stamp: tuple[int, int, int] | str) -> None:
+    try:
+        storage.replace(key, b"third", stamp)
+    except StoredFileChangedError:
+        return
+    raise StorageUnusableError(
+        f"expected {storage.url} to refuse a write to what has changed since it was read (If-Match), as several front doors need, but it "
+        "took it; use a newer version of that storage, or one front door without PANOLOC_SHARED"
+    )

@@ -1,0 +1,95 @@
+"""An S3 of the tests' own: moto, in a process that can be stopped in the middle of anything."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import obstore
+from obstore.store import ObjectStore
+
+from service.storage import BucketAccess
+from service.storage.bucket import BucketStorage
+from service.storage.bucket_client import open_client
+
+BUCKET = "scans"
+
+
+class BucketServer:
+    """Keeps everything in memory: it is gone when the process is."""
+
+    def __init__(self, port: int | None = None) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", port or 0))
+            self.port = int(probe.getsockname()[1])
+        self.endpoint = f"http://127.0.0.1:{self.port}"
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(self.port)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self._wait()
+        self._ask(f"/{BUCKET}", "PUT")
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """Return what an operator would put into the environment."""
+        return {
+            "AWS_ENDPOINT_URL": self.endpoint,
+            "AWS_ACCESS_KEY_ID": "an-id",
+            "AWS_SECRET_ACCESS_KEY": "a-secret",
+            "AWS_REGION": "us-east-1",
+        }
+
+    def storage(self, folder: Path, prefix: str = "panoloc", copies_bytes: int = 2**20) -> BucketStorage:
+        """Return a storage in the bucket. folder: of its uploads and local copies."""
+        access = BucketAccess(str(folder), copies_bytes, self.variables)
+        return BucketStorage(f"s3://{BUCKET}/{prefix}", access)
+
+    def client(self, prefix: str = "panoloc") -> ObjectStore:
+        """Return what looks into the bucket, and changes what is in it, beside the storage."""
+        return open_client(f"s3://{BUCKET}/{prefix}", self.variables)
+
+    def overwrite(self, prefix: str, key: str, data: bytes) -> None:
+        """Put other bytes into an object and leave what is said about them as it is, as a fault of a disk would."""
+        attributes = obstore.get(self.client(prefix), key).attributes
+        obstore.put(self.client(prefix), key, data, attributes=attributes)
+
+    def refuse_strangers(self, refuse: bool = True) -> None:
+        """Let nobody in whose key is unknown, which is everybody; or everybody."""
+        self._ask("/moto-api/reset-auth", "POST", json.dumps(0 if refuse else 10**9).encode())
+
+    def pause(self) -> None:
+        """Let every request wait."""
+        os.kill(self._process.pid, 19)
+
+    def go_on(self) -> None:
+        """Answer again."""
+        os.kill(self._process.pid, 18)
+
+    def stop(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+
+    def _ask(self, path: str, method: str = "GET", data: bytes | None = None) -> None:
+        headers = {"Content-Type": "application/octet-stream"}
+        request = urllib.request.Request(self.endpoint + path, data, headers, method=method)
+        urllib.request.urlopen(request, timeout=30).close()
+
+    def _wait(self) -> None:
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                self._ask("/moto-api/")
+                return
+            except urllib.error.HTTPError:
+                return
+            except OSError:
+                assert time.monotonic() < deadline, "moto does not start"
+                time.sleep(0.05)

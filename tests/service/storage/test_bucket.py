@@ -1,0 +1,429 @@
+"""What is peculiar to a bucket: steps of a deletion, copies on this disk, and buckets that are away, full or closed."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import obstore
+import pytest
+
+from service.errors import (
+    StorageAwayError,
+    StorageFullError,
+    StorageReadOnlyError,
+    StoredFileDamagedError,
+    StoredFileMissingError,
+)
+from service.storage import BucketAccess, open_storage
+from service.storage.bucket import BucketStorage
+from service.storage.bucket_lacks import bucket_lacks_said
+from service.storage.start_check import StorageUnusableError, check_at_start
+from tests.service.storage.bucket_server import BUCKET, BucketServer
+
+
+def keys_in(server: BucketServer, prefix: str) -> list[str]:
+    """Return all that is in the bucket below a prefix, in order."""
+    pages: Any = obstore.list(server.client(prefix))
+    return sorted(each["path"] for page in pages for each in page)
+
+
+class InterruptedDeletionError(BaseException):
+    """The process is gone."""
+
+
+@pytest.fixture
+def cut_deletions(monkeypatch: pytest.MonkeyPatch) -> Callable[[int | None], None]:
+    """Let the process end at its nth call of `obstore.delete`, until told None."""
+    left: list[int | None] = [None]
+    really_delete = obstore.delete
+
+    def delete(*arguments: Any, **named: Any) -> None:
+        if left[0] is not None:
+            left[0] -= 1
+            if left[0] < 0:
+                raise InterruptedDeletionError
+        really_delete(*arguments, **named)
+
+    monkeypatch.setattr(obstore, "delete", delete)
+
+    def cut_at(number: int | None) -> None:
+        left[0] = number
+
+    return cut_at
+
+
+MAP = ("maps/m/map.json", "maps/m/1/scan.ply", "maps/m/1/points.ply")
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_deletion_that_is_interrupted_leaves_no_map_and_is_finished_at_the_next_start(
+    bucket: BucketStorage,
+    bucket_server: BucketServer,
+    prefix: str,
+    cut_deletions: Callable[[int | None], None],
+    step: int,
+) -> None:
+    for key in (*MAP, "maps/other/map.json"):
+        bucket.put(key, b"x")
+    cut_deletions(step)
+    with pytest.raises(InterruptedDeletionError):
+        bucket.delete_all("maps/m")
+    cut_deletions(None)
+    with pytest.raises(StoredFileMissingError):
+        bucket.read("maps/m/map.json")
+    assert sorted(bucket.stamps("maps", "map.json")) == ["other"]
+    bucket.tidy(24 * 3600.0)
+    assert keys_in(bucket_server, prefix) == ["maps/other/map.json"]
+
+
+def test_a_deletion_that_did_not_come_to_its_first_step_deletes_nothing_later(
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, cut_deletions: Callable[[int | None], None]
+) -> None:
+    for key in MAP:
+        bucket.put(key, b"x")
+    cut_deletions(0)
+    with pytest.raises(InterruptedDeletionError):
+        bucket.delete_all("maps/m")
+    cut_deletions(None)
+    notes = bucket.names("deleted")
+    bucket.tidy(24 * 3600.0)  # of a process that may just be at it
+    assert bucket.names("deleted") == notes
+    bucket.tidy()
+    assert keys_in(bucket_server, prefix) == sorted(MAP)
+
+
+def test_what_was_stored_after_a_deletion_is_not_deleted_with_it(
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, cut_deletions: Callable[[int | None], None]
+) -> None:
+    for key in MAP:
+        bucket.put(key, b"x")
+    cut_deletions(1)
+    with pytest.raises(InterruptedDeletionError):
+        bucket.delete_all("maps/m")
+    cut_deletions(None)
+    time.sleep(1.1)  # times of objects have no fractions
+    bucket.put("maps/m/1/scan.ply", b"another")
+    bucket.tidy()
+    assert keys_in(bucket_server, prefix) == ["maps/m/1/scan.ply"]
+
+
+def test_a_deletion_whose_second_step_is_refused_is_one_all_the_same(
+    bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for key in MAP:
+        bucket.put(key, b"x")
+    really_delete = obstore.delete
+
+    def delete(client: Any, paths: Any) -> None:
+        if paths == "maps/m/map.json":
+            really_delete(client, paths)
+        else:
+            raise obstore.exceptions.GenericError("away")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(obstore, "delete", delete)
+        bucket.delete_all("maps/m")
+    assert bucket.stamps("maps", "map.json") == {}
+    bucket.tidy()
+    assert bucket.names("maps") == []
+    assert bucket.names("deleted") == []
+
+
+@pytest.mark.parametrize("note", [b"", b"[]", b"{", b'{"prefix": "maps"}'])
+def test_a_note_that_cannot_be_read_deletes_nothing(bucket: BucketStorage, note: bytes) -> None:
+    bucket.put("maps/m/map.json", b"x")
+    bucket.put("deleted/a.json", note)
+    bucket.tidy()
+    assert bucket.names("maps") == ["m"]
+
+
+def test_a_folder_can_be_copied_into_a_bucket_with_its_digests(
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str
+) -> None:
+    client = bucket_server.client(prefix)
+    digest = "4ba2cdb37a8ebf2a7ee1c37a9d1ba8e2bd3f7a8c5b7e0a9c5b9c7d7f7e6c2b9d"
+    obstore.put(client, "maps/m/1/scan.ply", b"a scan")
+    assert bucket.read("maps/m/1/scan.ply") == b"a scan"
+    obstore.put(client, "maps/m/1/scan.ply.sha256", digest.encode() + b"\n")
+    assert bucket.names("maps/m/1") == ["scan.ply"]
+    with pytest.raises(StoredFileDamagedError):
+        bucket.read("maps/m/1/scan.ply")
+    with pytest.raises(StoredFileDamagedError), bucket.local_copy("maps/m/1/scan.ply"):
+        pass
+    bucket.delete("maps/m/1/scan.ply")
+    assert keys_in(bucket_server, prefix) == []
+
+
+def test_the_list_of_many_files_is_left_as_soon_as_the_record_is_seen(
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.storage.bucket._PAGE", 5)
+    client = bucket_server.client(prefix)
+    for batch in ("a", "b", "ba", "c"):
+        for key in ("batch.json", *(f"images/{number:05}" for number in range(14)), "adjacent"):
+            obstore.put(client, f"batches/{batch}/{key}", b"x")
+    obstore.put(client, "batches/d/zzz", b"without a record")
+    num_pages = 0
+    really_list = obstore.list
+
+    def counting(*arguments: Any, **named: Any) -> Any:
+        nonlocal num_pages
+        num_pages += 1
+        return really_list(*arguments, **named)
+
+    monkeypatch.setattr(obstore, "list", counting)
+    assert sorted(bucket.stamps("batches", "batch.json")) == ["a", "b", "ba", "c"]
+    assert num_pages <= 6  # all of them would take 14
+
+
+# Copies on this disk.
+
+
+def copies_in(folder: Path) -> list[Path]:
+    """Return the copies that are kept, without what is in use."""
+    return sorted(path for path in (folder / "copies").iterdir() if path.is_file())
+
+
+def test_a_copy_is_fetched_once_and_again_when_it_was_replaced(
+    bucket: BucketStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fetched: list[str] = []
+    really_fetch = BucketStorage._fetch
+
+    def fetch(self: BucketStorage, found: Any, path: Path) -> None:
+        fetched.append(found.key)
+        really_fetch(self, found, path)
+
+    monkeypatch.setattr(BucketStorage, "_fetch", fetch)
+    bucket.put("maps/m/1/points.ply", b"first")
+    for _ in range(3):
+        with bucket.local_copy("maps/m/1/points.ply") as path, bucket.local_copy("maps/m/1/points.ply") as again:
+            assert path != again
+            assert path.read_bytes() == again.read_bytes() == b"first"
+    bucket.put("maps/m/1/points.ply", b"second")
+    with bucket.local_copy("maps/m/1/points.ply") as path:
+        assert path.read_bytes() == b"second"
+    assert len(fetched) == 2
+    assert len(copies_in(tmp_path / "machine")) == 2
+
+
+def test_a_copy_that_changed_on_this_disk_is_fetched_anew(bucket: BucketStorage, tmp_path: Path) -> None:
+    bucket.put("maps/m/1/points.ply", b"points")
+    with bucket.local_copy("maps/m/1/points.ply"):
+        pass
+    (copy,) = copies_in(tmp_path / "machine")
+    copy.write_bytes(b"pointz")
+    with bucket.local_copy("maps/m/1/points.ply") as path:
+        assert path.read_bytes() == b"points"
+
+
+def test_copies_take_no_more_room_than_allowed_and_those_used_last_stay(
+    bucket_server: BucketServer, prefix: str, tmp_path: Path
+) -> None:
+    storage = bucket_server.storage(tmp_path, prefix, copies_bytes=2500)
+    for name in ("a", "b", "c", "too-large"):
+        storage.put(name, name.encode() * 1000)
+
+    def use(name: str) -> None:
+        with storage.local_copy(name) as path:
+            assert path.read_bytes() == name.encode() * 1000
+        time.sleep(0.02)
+
+    for name in ("a", "b", "a", "c", "too-large"):
+        use(name)
+    assert sorted(copy.read_bytes()[:1] for copy in copies_in(tmp_path)) == [b"a", b"c"]
+
+
+def test_a_copy_stays_while_it_is_used_and_nothing_does_afterwards(
+    bucket_server: BucketServer, prefix: str, tmp_path: Path
+) -> None:
+    storage = bucket_server.storage(tmp_path, prefix, copies_bytes=0)
+    storage.put("a", b"a")
+    with storage.local_copy("a") as path:
+        assert copies_in(tmp_path) == []
+        assert path.read_bytes() == b"a"
+    assert not path.exists()
+
+
+def test_what_a_killed_process_was_fetching_is_removed(
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, tmp_path: Path
+) -> None:
+    dead = tmp_path / "machine" / "copies" / "in-use-1-dead"
+    dead.mkdir(parents=True)
+    (dead / "half").write_bytes(b"half")
+    bucket.put("a", b"a")
+    with bucket.local_copy("a"):
+        assert not dead.exists()
+        (own,) = (tmp_path / "machine" / "copies").glob("in-use-*")
+        # Another process of this machine, as far as locks tell.
+        other = bucket_server.storage(tmp_path / "machine", prefix)
+        with other.local_copy("a"):
+            assert own.exists()
+
+
+# Buckets that do not serve.
+
+
+@pytest.fixture
+def own_server() -> Iterator[BucketServer]:
+    server = BucketServer()
+    yield server
+    server.stop()
+
+
+def test_a_bucket_that_goes_away_is_said_within_seconds_and_serves_again(
+    own_server: BucketServer, tmp_path: Path
+) -> None:
+    storage = own_server.storage(tmp_path)
+    storage.put("a", b"x")
+    storage.check_writable()
+    own_server.stop()
+    upload = storage.spool_folder() / "upload"
+    upload.write_bytes(b"kept")
+    for call in (
+        lambda: storage.read("a"),
+        lambda: storage.put("a", b"y"),
+        lambda: storage.adopt("b", upload, "0"),
+        lambda: storage.names("maps"),
+        lambda: storage.delete_all("maps"),
+        lambda: storage.stamps("maps", "map.json"),
+        lambda: storage.local_copy("a").__enter__(),
+    ):
+        began = time.monotonic()
+        with pytest.raises(StorageAwayError, match="expected an answer from the bucket s3://scans/panoloc"):
+            call()
+        assert time.monotonic() - began < 20
+    assert upload.read_bytes() == b"kept"
+    again = BucketServer(own_server.port)
+    try:
+        storage.put("a", b"z")
+        assert storage.read("a") == b"z"
+    finally:
+        again.stop()
+
+
+def test_readiness_learns_within_seconds_that_a_bucket_hangs(
+    own_server: BucketServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.storage.bucket._PROBE_LASTS_S", 0.0)
+    storage = own_server.storage(tmp_path)
+    storage.check_writable()
+    own_server.pause()
+    began = time.monotonic()
+    with pytest.raises(StorageAwayError):
+        storage.check_writable()
+    assert time.monotonic() - began < 15
+    own_server.go_on()
+    storage.check_writable()
+
+
+def test_a_key_that_opens_nothing_is_said_before_the_service_starts(own_server: BucketServer, tmp_path: Path) -> None:
+    storage = own_server.storage(tmp_path)
+    check_at_start(storage, is_shared=True)
+    assert keys_in(own_server, "panoloc") == []
+    own_server.refuse_strangers()
+    with pytest.raises(StorageReadOnlyError, match=r"can be written, got InvalidAccessKeyId .*the key and its rights"):
+        storage.put("a", b"x")
+    with pytest.raises(StorageAwayError, match="can be read, got InvalidAccessKeyId"):
+        storage.read("a")
+    with pytest.raises(StorageUnusableError, match="the key and its rights") as found:
+        check_at_start(storage, is_shared=False)
+    assert "\n" not in str(found.value)
+    assert "a-secret" not in str(found.value)
+
+
+def test_a_bucket_that_does_not_exist_is_said_before_the_service_starts(
+    bucket_server: BucketServer, tmp_path: Path
+) -> None:
+    access = BucketAccess(str(tmp_path), 0, bucket_server.variables)
+    storage = open_storage("s3://no-such-bucket", access)
+    with pytest.raises(StorageUnusableError, match=r"NoSuchBucket.*correct PANOLOC_STORAGE"):
+        check_at_start(storage, is_shared=False)
+    with pytest.raises(StorageAwayError):
+        storage.read("a")
+
+
+def test_a_bucket_that_takes_writes_over_what_has_changed_serves_no_several_front_doors(
+    bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = BucketStorage.replace
+    monkeypatch.setattr(BucketStorage, "replace", lambda self, key, data, over=None: replace(self, key, data))
+    check_at_start(bucket, is_shared=False)
+    with pytest.raises(StorageUnusableError, match=r"If-Match.*without PANOLOC_SHARED"):
+        check_at_start(bucket, is_shared=True)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "Server returned non-2xx status code: 507 Insufficient Storage",
+        "Server returned non-2xx status code: 400 Bad Request: <Error><Code>XMinioStorageFull</Code></Error>",
+    ],
+)
+def test_a_bucket_that_is_full_is_said(said: str) -> None:
+    with (
+        pytest.raises(StorageFullError, match="expected room in the bucket s3://b"),
+        bucket_lacks_said("s3://b", "key", writes=True),
+    ):
+        raise obstore.exceptions.GenericError(said)
+
+
+# URLs and variables.
+
+
+def test_a_storage_is_named_by_a_url(tmp_path: Path, bucket_server: BucketServer, prefix: str) -> None:
+    access = BucketAccess(str(tmp_path), 0, bucket_server.variables)
+    open_storage(f"s3://{BUCKET}/{prefix}/deeper/", access).put("key", b"x")
+    assert keys_in(bucket_server, prefix) == ["deeper/key"]
+    for url in ("http://bucket", "s3://", "file://relative", "s3:///prefix"):
+        with pytest.raises(ValueError, match="expected s3://bucket/prefix"):
+            open_storage(url, access)
+    with pytest.raises(ValueError, match="expected no key in the URL"):
+        open_storage("s3://id:secret@bucket", access)
+    with pytest.raises(ValueError, match="expected a folder for uploads"):
+        open_storage("s3://bucket")
+
+
+@pytest.mark.parametrize(
+    ("url", "variables"),
+    [
+        ("gs://bucket/prefix", {"GOOGLE_SKIP_SIGNATURE": "true"}),
+        ("az://container/prefix", {"AZURE_STORAGE_ACCOUNT_NAME": "account", "AZURE_STORAGE_ACCOUNT_KEY": "YQ=="}),
+    ],
+)
+def test_buckets_of_other_kinds_are_opened_by_variables_of_their_own(
+    url: str, variables: dict[str, str], tmp_path: Path
+) -> None:
+    storage = open_storage(url, BucketAccess(str(tmp_path), 0, variables))
+    assert isinstance(storage, BucketStorage)
+    assert str(getattr(storage._client, "prefix", None)) == "prefix"
+
+
+def test_variables_of_other_tools_do_no_harm_and_wrong_ones_are_said(
+    bucket_server: BucketServer, tmp_path: Path
+) -> None:
+    extra = {"AWS_PROFILE": "x", "AWS_PAGER": "", "AWS_BUCKET": "other", "AWS_MAX_ATTEMPTS": "3"}
+    access = BucketAccess(str(tmp_path), 0, bucket_server.variables | extra)
+    open_storage(f"s3://{BUCKET}", access).put("variables", b"x")
+    with pytest.raises(StorageAwayError, match="expected variables that say how az://container is reached"):
+        open_storage("az://container", BucketAccess(str(tmp_path), 0, {}))
+    assert "a-secret" not in repr(access)
+    assert os.environ.get("AWS_SECRET_ACCESS_KEY") is None
+
+
+def test_notes_of_deletions_say_what_was_deleted(bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch) -> None:
+    for key in MAP:
+        bucket.put(key, b"x")
+    noted: list[bytes] = []
+    really_delete = obstore.delete
+
+    def delete(client: Any, paths: Any) -> None:
+        noted.extend(bucket.read(f"deleted/{name}") for name in bucket.names("deleted"))
+        really_delete(client, paths)
+
+    monkeypatch.setattr(obstore, "delete", delete)
+    bucket.delete_all("maps/m")
+    assert json.loads(noted[0]) == {"prefix": "maps/m", "first": ["maps/m/map.json"]}
