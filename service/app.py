@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 
 from service.cache import Cache
+from service.host.service_version import service_version
 from service.http.error_handlers import install_error_handlers
 from service.http.guards.foreign_pages import ForeignPages
 from service.http.guards.slow_bodies import SlowBodies
@@ -14,7 +15,6 @@ from service.http.openapi import install_openapi
 from service.http.recent_errors import RecentErrors
 from service.http.request_context import RequestContext
 from service.http.routes import ROUTERS
-from service.http.routes.health import service_version
 from service.jobs import WorkerPool
 from service.services import Services
 from service.settings import Settings

@@ -2,12 +2,12 @@
 
 import asyncio
 import time
-from importlib.metadata import PackageNotFoundError, version
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
+from service.host.service_version import service_version
 from service.http.access import caller_of, require_for_details, sees_details
 from service.http.schemas import Health, Liveness, Readiness
 from service.problems import error_responses
@@ -96,14 +96,6 @@ async def _details(services: Services) -> dict[str, object]:
         },
         "maps": dict(services.registry.num_by_status()),
     }
-
-
-def service_version() -> str:
-    """Return the version that is installed."""
-    try:
-        return version("panoloc")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 async def _lack_of_storage(services: Services) -> str | None:
