@@ -6,15 +6,21 @@ import redis
 
 from service.worker.plan import WorkerSettings
 
-_TOKEN_KEY = "cluster/token"
+_TOKENS = "cluster/token-"
 _TIMEOUT_S = 5.0
 
 
 def leave_token(settings: WorkerSettings) -> str:
     """Leave a token in storage that other machines should find, and return it."""
+    # A file of its own for each: several front doors may ask at the same time.
     token = secrets.token_hex(8)
-    settings.open_storage().put(_TOKEN_KEY, token.encode())
+    settings.open_storage().put(_TOKENS + token, token.encode())
     return token
+
+
+def take_token_back(settings: WorkerSettings, token: str) -> None:
+    """Remove the token once all machines have looked for it."""
+    settings.open_storage().delete(_TOKENS + token)
 
 
 def missing_here(settings: WorkerSettings, token: str) -> list[str]:
@@ -29,7 +35,7 @@ def missing_here(settings: WorkerSettings, token: str) -> list[str]:
             " of the cluster reach"
         )
     try:
-        found = settings.open_storage().read(_TOKEN_KEY).decode()
+        found = settings.open_storage().read(_TOKENS + token).decode()
     except Exception as error:
         found = str(error)
     if found != token:
