@@ -20,6 +20,7 @@ from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
+from service.ray.front_doors import FrontDoors
 from service.ray.pool import RayPool
 from service.ray.serving import RayServing
 from service.settings import Settings
@@ -90,8 +91,11 @@ def take_secrets_out(environment: MutableMapping[str, str]) -> None:
 
 def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:
     """Put the pool together from the settings; nothing starts yet."""
-    cluster = RayCluster(settings.ray_address, folder.path / "ray", lifeline)
-    serving = RayServing(cluster, WorkerPlan(WorkerSettings.of(settings, redis_url)), settings.num_workers)
+    plan = WorkerPlan(WorkerSettings.of(settings, redis_url))
+    front_doors = None if settings.ray_address is None else FrontDoors(plan, settings.num_workers)
+    introduction = None if front_doors is None else front_doors.introduction
+    cluster = RayCluster(settings.ray_address, folder.path / "ray", lifeline, introduction)
+    serving = RayServing(cluster, plan, settings.num_workers, front_doors)
     return RayPool(cluster, serving, Admission(settings.queue_limit), settings.num_registrations)
 
 

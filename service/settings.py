@@ -46,7 +46,7 @@ class Settings(BaseSettings):
     ray_address: str | None = Field(
         None,
         validation_alias=AliasChoices("panoloc_ray_address", "ray_address"),
-        description="Ray cluster to join; without it one starts inside the service.",
+        description="Ray cluster to join, the same for services that share their workers; without it one starts inside the service.",
     )
     num_workers: int | None = Field(
         None, ge=1, description="Workers that answer queries; one per GPU, else one per CPU socket or cluster node."
@@ -175,10 +175,6 @@ class Settings(BaseSettings):
         if self.shared and self.has_bucket:
             raise ValueError(
                 "expected no PANOLOC_SHARED with a bucket: several front doors need a data folder that they share"
-            )
-        if self.shared and self.ray_address is not None:
-            raise ValueError(
-                "expected no Ray to join with PANOLOC_SHARED: each front door has workers of its own; unset RAY_ADDRESS"
             )
         return self
 

@@ -8,12 +8,15 @@ import logging
 import os
 import secrets
 import signal
+import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from service.host.lifeline import Lifeline
 from service.host.process_tree import descendants, process_name
+from service.ray.contact import Contact
 from service.ray.ended_logs import remove_logs_of_ended
 from service.ray.own_node import OwnNode, stay_on_loopback
 from service.ray.rehearsal import rehearse
@@ -54,9 +57,17 @@ _ENVIRONMENT = {
 class RayCluster:
     """A connection to Ray: `connect`, use, `disconnect`, all in the same thread."""
 
-    def __init__(self, address: str | None, folder: Path, lifeline: Lifeline) -> None:
-        """address: None for a cluster of our own; folder: short path for its sockets and logs."""
+    def __init__(
+        self, address: str | None, folder: Path, lifeline: Lifeline, introduction: Mapping[str, str] | None = None
+    ) -> None:
+        """address: None for a cluster of our own; folder: short path for its sockets and logs.
+
+        introduction: what a cluster of others shows of us in its list of jobs.
+        """
         self._address = address
+        self._introduction = dict(introduction or {})
+        self._contact: Contact | None = None
+        self._ending = threading.Lock()
         self._folder = folder
         self._lifeline = lifeline
         self._guarded: dict[int, str] = {}
@@ -85,9 +96,12 @@ class RayCluster:
                 logging_level=logging.ERROR,
                 configure_logging=False,
                 ignore_reinit_error=True,
+                job_config=None if self.is_ours else ray.job_config.JobConfig(metadata=self._introduction),
             )
             if self.is_ours:
                 self._guard_processes()
+            else:
+                self._contact = Contact.of_connection(ray)
         finally:
             # Ray adds a field of its own to every log record of the process.
             logging.setLogRecordFactory(make_record)
@@ -98,7 +112,7 @@ class RayCluster:
         return self._node.address()
 
     def rehearse(self) -> None:
-        """Try in another process whether joining would do. Raises RuntimeError; may be called in any thread.
+        """Try in another process whether joining would do. Raises RayStartError; may be called in any thread.
 
         A cluster of our own is always started in another process.
         """
@@ -106,7 +120,15 @@ class RayCluster:
             rehearse(self._address, self._lifeline)
 
     def disconnect(self) -> None:
-        """Leave the cluster; one of our own ends, with every process of it."""
+        """Leave the cluster; one of our own ends, with every process of it.
+
+        One that we joined may be left in any thread: calls that hang in another one, because it does not answer, end with SystemExit.
+        """
+        with self._ending:
+            self._disconnect()
+
+    def _disconnect(self) -> None:
+        self._contact = None
         # From now on nothing of it is missed.
         ending, self._guarded = self._guarded, {}
         ray = _import_ray()
@@ -134,6 +156,11 @@ class RayCluster:
         """
         ended = [f"Ray's {name} (process {pid})" for pid, name in self._guarded.items() if not _is_alive(pid)]
         return f"{ended[0]} has ended" if ended else None
+
+    def silent(self) -> str | None:
+        """Return what does not answer of a cluster that we joined, None when all is well; may be called in any thread."""
+        contact = self._contact
+        return contact.silent() if contact is not None else None
 
     def remove_logs_of_ended(self) -> None:
         """Remove what ended processes of our own cluster have logged; may be called in any thread."""
@@ -179,12 +206,14 @@ def _forget_controller() -> None:
     """Let handles of the next cluster look for its own Serve controller.
 
     Serve keeps one client per controller for the life of the process, and takes the controller of a new cluster for
-    the old one when both have the same number, as the first actors of two clusters do.
+    the old one when both have the same number, as the first actors, and the first jobs, of two clusters do.
     """
     try:
         from ray.serve._private.router import SharedRouterLongPollClient
+        from ray.serve.context import _set_global_client
 
         SharedRouterLongPollClient.get_or_create.cache_clear()
+        _set_global_client(None)
     except (ImportError, AttributeError) as error:
         _log.warning("could not clear a cache of Ray Serve", extra={"error": repr(error)})
 

@@ -1,6 +1,7 @@
 """Registrations and rebuilds of map indexes: a few at a time, the same one never twice at once."""
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
@@ -90,20 +91,23 @@ class MapBuilds:
 
     def _end_abandoned(self, submission: asyncio.Future[Any]) -> None:
         import ray
+        from ray.exceptions import RayError
 
         self._abandoned.discard(submission)
         if not submission.cancelled() and submission.exception() is None:
-            ray.cancel(submission.result(), force=True)
+            with contextlib.suppress(RayError):
+                ray.cancel(submission.result(), force=True)
 
     async def _finished(self, task: Callable[..., Any], *arguments: Any) -> Any:
         import ray
-        from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, WorkerCrashedError
+        from ray.exceptions import LocalRayletDiedError, NodeDiedError, OutOfMemoryError, RayError, WorkerCrashedError
 
         reference = await self._submitted(task, *arguments)
         try:
             return await reference
         except asyncio.CancelledError:
-            ray.cancel(reference, force=True)
+            with contextlib.suppress(RayError):  # of a cluster that was left there is nothing to end
+                ray.cancel(reference, force=True)
             raise
         except (WorkerCrashedError, OutOfMemoryError) as error:
             raise NoWorkerError(

@@ -32,7 +32,7 @@ _END_WITH_INPUT = "read -r _; kill -KILL 0"
 
 
 class RayStartError(RuntimeError):
-    """Ray does not start; the message has what it said."""
+    """Ray does not start, or cannot be joined; the message has what it said."""
 
 
 class OwnNode:

@@ -8,7 +8,6 @@ import contextlib
 import logging
 import time
 from collections.abc import Awaitable, Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from core.errors import DeadlineExceededError
@@ -18,19 +17,16 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.cluster_loss import ClusterLoss
 from service.ray.map_builds import MapBuilds
-from service.ray.own_node import RayStartError
 from service.ray.serving import RayServing
+from service.ray.upkeep import Upkeep
 from service.worker.reply import WorkerReply, error_of
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
-_WATCH_PERIOD_S = 1.0
-_TIDY_PERIOD_S = 60.0
-_RESTART_PAUSE_S = 5.0
 _MAX_ATTEMPTS = 3
-_LEAVE_S = 10.0
 _MAX_REBUILDS = 2
+_END_BUILDS_S = 5.0
 
 
 class RayPool:
@@ -40,23 +36,19 @@ class RayPool:
         self, cluster: RayCluster, serving: RayServing, admission: Admission, num_registrations: int = 1
     ) -> None:
         """num_registrations: that run at the same time; each takes the memory of a whole scan."""
-        self._cluster = cluster
-        self._serving = serving
+        self._is_ours = cluster.is_ours
         self._admission = admission
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="ray")
-        self._builds = MapBuilds(lambda *task: self._in_ray_thread(serving.submit, *task), num_registrations)
-        self._handle: Any = None
-        self._waiting_for: str | None = "the worker pool"
-        self._num_running = 0
-        self._is_doubtful = not cluster.is_ours
-        self._tidied_s = time.monotonic()
+        self._loss = ClusterLoss(cluster)
+        self._upkeep = Upkeep(cluster, serving, admission, self._loss)
+        self._builds = MapBuilds(self._upkeep.submit, num_registrations)
+        self._ending_builds: set[asyncio.Task[None]] = set()
         self._draining = False
         self._watch: asyncio.Future[tuple[None, None]] | None = None
         self._workers: dict[str, WorkerReply[Any]] = {}
         self._index_loads: dict[str, int] = {}
         self._num_retries = 0
-        self._loss = ClusterLoss(cluster)
         self._loss.call(self.begin_drain)
+        self._loss.call_on_silence(self._end_builds)
 
     @property
     def loss(self) -> str | None:
@@ -69,7 +61,7 @@ class RayPool:
 
     async def start(self) -> None:
         """Begin to bring the workers up and return at once; `state` tells when they are."""
-        self._watch = asyncio.gather(self._keep_up(), self._loss.watch())
+        self._watch = asyncio.gather(self._upkeep.run(), self._loss.watch())
 
     async def stop(self, drain_s: float) -> None:
         """Take nothing more, wait up to `drain_s` for what is under way, then end the workers.
@@ -84,13 +76,10 @@ class RayPool:
             self._watch.cancel()
             await asyncio.gather(self._watch, return_exceptions=True)
         if self._loss.reason is None:
-            try:
-                async with asyncio.timeout(_LEAVE_S):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_END_BUILDS_S):
                     await self._builds.cancel()
-                    await self._in_ray_thread(self._leave)
-            except TimeoutError:
-                _log.warning("Ray does not end, leaving it to the lifeline")
-        self._thread.shutdown(wait=False)
+        await self._upkeep.leave()
 
     @property
     def num_under_way(self) -> int:
@@ -103,11 +92,11 @@ class RayPool:
 
     def state(self) -> PoolState:
         """Return what readiness and metrics tell about the pool."""
-        waiting_for = "its end: the service is shutting down" if self._draining else self._waiting_for
+        waiting_for = "its end: the service is shutting down" if self._draining else self._upkeep.waiting_for
         return PoolState(
             ready=waiting_for is None,
             waiting_for=waiting_for,
-            num_workers=self._num_running,
+            num_workers=self._upkeep.num_running,
             queue_depth=self._admission.queue_depth,
             resident_bytes=sum(reply.resident_bytes for reply in self._workers.values()),
             index_loads=dict(self._index_loads),
@@ -129,20 +118,22 @@ class RayPool:
         """Build and store a map's index in a process of its own, after the registrations that came before it."""
         # Also because Ray starts a cluster by itself when it is given a task before there is one.
         self._require_workers()
-        return self._outcome(await self._builds.register(job, begin))
+        registering = self._builds.register(job, begin)
+        # Whoever loses a cluster of his own ends, and takes the attempt back.
+        return self._outcome(await (registering if self._is_ours else self._loss.wait(registering, None)))
 
     def _require_workers(self) -> Any:
         self._loss.require_none()
-        if self._draining or self._handle is None:
+        if self._draining or self._upkeep.handle is None:
             raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
-        return self._handle
+        return self._upkeep.handle
 
     async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         from ray.exceptions import RayError, RayTaskError
         from ray.serve.exceptions import RayServeException
 
         for attempt in range(1, _MAX_ATTEMPTS + 1):
-            handle = self._require_workers() if self._handle is None else self._handle
+            handle = self._upkeep.handle or self._require_workers()
             response = handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
             try:
                 reply: WorkerReply[LocalizeOutcome] = await self._before_deadline(_result_of(response), job)
@@ -155,8 +146,9 @@ class RayPool:
                 _log.warning("a worker was lost", extra=lost)
                 continue
             except BaseException:
-                with contextlib.suppress(Exception):
-                    response.cancel()
+                if self._loss.absence is None:
+                    with contextlib.suppress(Exception):
+                        response.cancel()
                 raise
             self._note(reply, job)
             return reply
@@ -169,6 +161,12 @@ class RayPool:
             raise DeadlineExceededError(
                 "no answer within timeout_s; allow more time, or narrow the search with hints"
             ) from error
+
+    def _end_builds(self) -> None:
+        """Let nobody wait for builds whose cluster is away; they are asked for again."""
+        ending = asyncio.ensure_future(self._builds.cancel())
+        self._ending_builds.add(ending)
+        ending.add_done_callback(self._ending_builds.discard)
 
     def _outcome(self, reply: WorkerReply[Result]) -> Result:
         if reply.failure is not None:
@@ -184,58 +182,6 @@ class RayPool:
             self._index_loads[source] = self._index_loads.get(source, 0) + count
         if not reply.missing:
             self._admission.note_duration(reply.duration_s, job.kind)
-
-    async def _keep_up(self) -> None:
-        """Bring Ray and the workers up, look after them, and begin again when the cluster is lost."""
-        while True:
-            try:
-                if self._handle is None:
-                    await self._bring_up()
-                await self._look_after()
-                await asyncio.sleep(_WATCH_PERIOD_S)
-            except asyncio.CancelledError:
-                raise
-            except Exception as error:
-                if self._loss.has_come():
-                    return
-                told, traced = {"error": str(error)}, not isinstance(error, RayStartError)
-                _log.warning("the worker pool is down, starting it again", extra=told, exc_info=traced)
-                self._waiting_for = f"workers ({error})"
-                self._handle, self._num_running = None, 0
-                with contextlib.suppress(Exception):
-                    await self._in_ray_thread(self._cluster.disconnect)
-                await asyncio.sleep(_RESTART_PAUSE_S)
-
-    async def _bring_up(self) -> None:
-        self._waiting_for = "Ray"
-        if self._is_doubtful:
-            # To join a cluster that is away holds the interpreter for half a minute, in which liveness would be silent.
-            await asyncio.to_thread(self._cluster.rehearse)
-        self._is_doubtful = True
-        await self._in_ray_thread(self._cluster.connect)
-        self._is_doubtful = False
-        self._waiting_for = "workers"
-        problems = await self._in_ray_thread(self._serving.unreachable)
-        if problems:
-            raise RuntimeError("; ".join(problems))
-        handle, staffing = await self._in_ray_thread(self._serving.deploy)
-        self._admission.set_num_workers(staffing.num_workers)
-        self._handle = handle
-
-    async def _look_after(self) -> None:
-        self._num_running = await self._in_ray_thread(self._serving.num_running)
-        self._waiting_for = None if self._num_running else "workers"
-        if time.monotonic() - self._tidied_s > _TIDY_PERIOD_S:
-            self._tidied_s = time.monotonic()
-            await asyncio.to_thread(self._cluster.remove_logs_of_ended)
-
-    def _leave(self) -> None:
-        if self._handle is not None:
-            self._serving.retire()
-        self._cluster.disconnect()
-
-    async def _in_ray_thread(self, call: Callable[..., Result], *arguments: Any) -> Result:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
 
 
 async def _result_of(response: Any) -> Any:

@@ -9,13 +9,14 @@ import sys
 from pathlib import Path
 
 from service.host.lifeline import Lifeline
+from service.ray.own_node import RayStartError
 
 _LONGEST_S = 180.0
 _ANSWER_S = 10.0
 
 
 def rehearse(address: str, lifeline: Lifeline) -> None:
-    """Join a cluster elsewhere, and leave it again; blocking, and other threads go on. Raises RuntimeError where that fails."""
+    """Join a cluster elsewhere, and leave it again; blocking, and other threads go on. Raises RayStartError where that fails."""
     command = [sys.executable, "-m", __name__, address]
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
@@ -31,7 +32,7 @@ def rehearse(address: str, lifeline: Lifeline) -> None:
             lifeline.release(process.pid)
     if process.returncode:
         reason = (said.strip().splitlines() or ["it said nothing"])[-1][:300]
-        raise RuntimeError(f"Ray cannot be joined: {reason}")
+        raise RayStartError(f"Ray cannot be joined: {reason}")
 
 
 def main(address: str) -> None:

@@ -15,6 +15,7 @@ from service.host.lifeline import Lifeline
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
 from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
+from service.ray.front_doors import FrontDoors
 from service.ray.pool import RayPool
 from service.ray.serving import RayServing
 from service.settings import Settings
@@ -40,9 +41,11 @@ class PoolInThread:
             worker=scripted,
             registrar=scripted,
         )
-        cluster = RayCluster(ray_address, folder / "ray", self.lifeline)
+        front_doors = None if ray_address is None else FrontDoors(plan, None)
+        introduction = None if front_doors is None else front_doors.introduction
+        cluster = RayCluster(ray_address, folder / "ray", self.lifeline, introduction)
         self.admission = Admission(queue_limit=10)
-        self.pool = self.run(self._build(cluster, RayServing(cluster, plan, None)))
+        self.pool = self.run(self._build(cluster, RayServing(cluster, plan, None, front_doors)))
         self.run(self.pool.start())
 
     async def _build(self, cluster: RayCluster, serving: RayServing) -> RayPool:

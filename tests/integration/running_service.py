@@ -52,6 +52,8 @@ class RunningService:
         self.port = port = int(settings.get("port") or free_port())
         self._log = data_dir.with_suffix(f".{port}.log")
         own = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
+        if "ray_address" in settings:  # who joins a cluster needs its token
+            own |= {name: value for name, value in os.environ.items() if name.startswith("RAY_AUTH_")}
         given = {f"PANOLOC_{name.upper()}": value for name, value in settings.items()}
         environment = own | given | {"PANOLOC_DATA_DIR": str(data_dir), "PANOLOC_PORT": str(port)}
         with self._log.open("ab") as log:

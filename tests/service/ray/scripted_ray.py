@@ -95,6 +95,9 @@ class ScriptedServing:
         self.asked.append("deploy")
         return self, SimpleNamespace(num_workers=self._num_workers)
 
+    def follow_machines(self) -> None:
+        self.asked.append("follow machines")
+
     def num_running(self) -> int:
         return self.running()
 

@@ -26,7 +26,7 @@ from service.jobs import (
     RegisterOptions,
     RegisterOutcome,
 )
-from service.ray import pool as pool_module
+from service.ray import upkeep as upkeep_module
 from service.ray.admission import Admission
 from service.ray.own_node import RayStartError
 from service.ray.pool import RayPool
@@ -412,8 +412,8 @@ def test_a_pool_whose_workers_are_not_up_yet_is_not_ready() -> None:
 def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
     fault: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(pool_module, "_RESTART_PAUSE_S", 0.2)
-    monkeypatch.setattr(pool_module, "_WATCH_PERIOD_S", 0.02)
+    monkeypatch.setattr(upkeep_module, "_RESTART_PAUSE_S", 0.2)
+    monkeypatch.setattr(upkeep_module, "_WATCH_PERIOD_S", 0.02)
 
     async def scenario() -> None:
         cluster, serving = ScriptedCluster(), ScriptedServing(num_workers=2)
@@ -445,9 +445,9 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
         assert pool.state().num_workers == 2
         await pool.stop(drain_s=0)
 
-    with caplog.at_level(logging.WARNING, "service.ray.pool"):
+    with caplog.at_level(logging.WARNING, "service.ray.upkeep"):
         run(scenario())
-    (told,) = (vars(each) for each in caplog.records if each.name == "service.ray.pool")
+    (told,) = (vars(each) for each in caplog.records if each.name == "service.ray.upkeep")
     assert told["error"].startswith("machine b: no Redis")
 
 
@@ -461,15 +461,15 @@ def test_the_log_traces_faults_but_not_a_ray_that_does_not_start(
         await until(lambda: str(error) in (pool.state().waiting_for or ""))
         await pool.stop(drain_s=0)
 
-    with caplog.at_level(logging.WARNING, "service.ray.pool"):
+    with caplog.at_level(logging.WARNING, "service.ray.upkeep"):
         run(scenario())
-    assert [bool(each.exc_info) for each in caplog.records if each.name == "service.ray.pool"] == [is_traced]
+    assert [bool(each.exc_info) for each in caplog.records if each.name == "service.ray.upkeep"] == [is_traced]
 
 
 def test_after_a_start_that_failed_ray_is_tried_elsewhere_until_it_starts_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(pool_module, "_RESTART_PAUSE_S", 0.01)
+    monkeypatch.setattr(upkeep_module, "_RESTART_PAUSE_S", 0.01)
 
     async def scenario() -> None:
         cluster = ScriptedCluster(TimeoutError("the node timed out"))
@@ -542,7 +542,7 @@ def test_the_end_waits_no_longer_than_it_was_told_to() -> None:
 def test_the_end_does_not_wait_for_a_ray_that_does_not_end(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(pool_module, "_LEAVE_S", 0.1)
+    monkeypatch.setattr(upkeep_module, "_LEAVE_S", 0.1)
 
     async def scenario() -> None:
         cluster = ScriptedCluster()
@@ -554,6 +554,6 @@ def test_the_end_does_not_wait_for_a_ray_that_does_not_end(
         await pool.stop(drain_s=0)
         assert time.monotonic() - began < 0.8
 
-    with caplog.at_level(logging.WARNING, "service.ray.pool"):
+    with caplog.at_level(logging.WARNING, "service.ray.upkeep"):
         run(scenario())
     assert "Ray does not end" in caplog.text
