@@ -19,7 +19,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "parts",
         nargs="*",
-        help="scans, images, requests, replica, controller, redis, front-door, service, overload, soak; all",
+        help="scans, images, requests, replica, controller, redis, front-door, service, node, overload, soak; all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
@@ -77,6 +77,11 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
 
         return service_kills(given.kills)
 
+    def node() -> Outcome:
+        from tests.campaign.cluster_nodes import node_kills
+
+        return node_kills(given.kills)
+
     def overloaded() -> Outcome:
         from tests.campaign.running import overload
 
@@ -95,6 +100,7 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         **of_processes,
         "front-door": front_door,
         "service": service,
+        "node": node,
         "overload": overloaded,
         "soak": soaked,
     }

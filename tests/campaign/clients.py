@@ -30,15 +30,24 @@ class Clients:
     """Threads that localize the same panorama until `stop`."""
 
     def __init__(
-        self, url: str, map_id: str, number: int, timeout_s: float = 300.0, context: ssl.SSLContext | None = None
+        self,
+        url: str | list[str],
+        map_id: str,
+        number: int,
+        timeout_s: float = 300.0,
+        context: ssl.SSLContext | None = None,
     ) -> None:
+        """url: of one service, or of several that share the clients evenly."""
         self.answers = Answers()
         self._context = context or True
-        self._url, self._map_id, self._timeout_s = url, map_id, timeout_s
+        self._map_id, self._timeout_s = map_id, timeout_s
+        urls = [url] if isinstance(url, str) else url
         self._lock = threading.Lock()
         self._ending, self._going = threading.Event(), threading.Event()
         self._going.set()
-        self._threads = [threading.Thread(target=self._ask, daemon=True) for _ in range(number)]
+        self._threads = [
+            threading.Thread(target=self._ask, args=(urls[each % len(urls)],), daemon=True) for each in range(number)
+        ]
         for thread in self._threads:
             thread.start()
 
@@ -65,9 +74,9 @@ class Clients:
                 at > when and status == 200 for at, status in zip(self.answers.at, self.answers.status, strict=True)
             )
 
-    def _ask(self) -> None:
+    def _ask(self, url: str) -> None:
         options = f'{{"timeout_s": {self._timeout_s:g}}}'
-        with httpx.Client(base_url=self._url, timeout=self._timeout_s + 30, verify=self._context) as client:
+        with httpx.Client(base_url=url, timeout=self._timeout_s + 30, verify=self._context) as client:
             while not self._ending.is_set():
                 self._going.wait()
                 began, status, wrong = time.monotonic(), 0, False

@@ -41,7 +41,7 @@ def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
                 doors[number % _DOORS].wait_until_ready()
 
             with proxy_before([f"127.0.0.1:{door.port}" for door in doors], Path(folder)) as proxy:
-                _killed_again(
+                killed_again(
                     outcome, Clients(proxy.url, map_id, num_clients, context=proxy.context), times, kill, start
                 )
         finally:
@@ -64,7 +64,7 @@ def service_kills(times: int, num_clients: int = 4) -> Outcome:
 
         try:
             clients = Clients(str(service.http.base_url), map_id, num_clients)
-            _killed_again(outcome, clients, times, kill, lambda _: None, allowed=(0, 503))
+            killed_again(outcome, clients, times, kill, lambda _: None, allowed=(0, 503))
             if running[0].http.get("/maps").json()["items"][0]["id"] != map_id:
                 outcome.faults.append("a map is lost")
         finally:
@@ -72,7 +72,7 @@ def service_kills(times: int, num_clients: int = 4) -> Outcome:
     return outcome
 
 
-def _killed_again(
+def killed_again(
     outcome: Outcome,
     clients: Clients,
     times: int,
