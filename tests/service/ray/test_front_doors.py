@@ -70,7 +70,10 @@ def test_workers_are_named_by_their_folder_and_their_configuration() -> None:
 def test_passwords_of_redis_and_keys_of_a_bucket_are_told_to_nobody_but_set_workers_apart() -> None:
     bucket = BucketAccess("/tmp/copies", 1, {"AWS_SECRET_ACCESS_KEY": "secret"})
     ours = door(redis="redis://user:secret@cache:6379/0", bucket=bucket)
-    assert ours.application != door(redis="redis://user:secret@cache:6379/0", bucket=replace(bucket, variables={})).application
+    assert (
+        ours.application
+        != door(redis="redis://user:secret@cache:6379/0", bucket=replace(bucket, variables={})).application
+    )
     said = ours.introduction
     assert "cache:6379/0" in said["panoloc_configuration"]
     assert "secret" not in json.dumps(said)
@@ -124,7 +127,9 @@ def test_others_with_another_configuration_are_told_apart_and_use_other_workers(
 def test_another_password_of_redis_is_said_to_be_one(cluster: Cluster) -> None:
     cluster.join(door(redis="redis://:old@cache:6379"))
     cluster.own = cluster.join(door(redis="redis://:new@cache:6379"))
-    assert door(redis="redis://:new@cache:6379").differing() == ["process 1001 on 10.0.0.7: other passwords or keys of Redis or the storage"]
+    assert door(redis="redis://:new@cache:6379").differing() == [
+        "process 1001 on 10.0.0.7: other passwords or keys of Redis or the storage"
+    ]
 
 
 def test_workers_of_this_folder_that_nobody_uses_are_abandoned(cluster: Cluster) -> None:
