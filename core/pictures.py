@@ -112,7 +112,7 @@ def _render(index: MapIndex, pose: Pose, colors: torch.Tensor) -> tuple[torch.Te
     device = index.positions.device
     position = torch.from_numpy(pose.position - index.origin_offset).float().to(device)
     cloud = replace(index.render_cloud, colors=counted_colors(colors))
-    views = render_views(cloud, position[None], height, width, with_points=False)
+    views = render_views(cloud, position[None], height, with_points=False)
     rotation = torch.from_numpy(pose.rotation).float().to(device)
     u, v = project(pixel_directions(height, width, device) @ rotation.T, height, width)
     row, column = v.long().clamp(0, height - 1), u.long().clamp(0, width - 1)

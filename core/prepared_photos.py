@@ -27,7 +27,7 @@ from core.refine.rig_level import RigLevel
 from core.search.photo_search import DescribedPhotos, describe_photos
 from core.search.pose_limits import PoseLimits
 from core.views.comparison import Comparison
-from core.views.photo_comparison import compare_photos
+from core.views.photo_comparison import RigView
 from core.views.render_cloud import RenderCloud
 
 
@@ -45,6 +45,7 @@ class PreparedPhotos:
         self.labels, self.config = labels, config
         self.atlas = PhotoAtlas(session, max_rows, labels, device)
         self.share = self.atlas.share()
+        self.view = RigView(self.atlas, config.photos.margin_deg)
         self._up_known = session.options.up_known
         self._described: DescribedPhotos | None = None
         self._levels: dict[tuple[int, float, bool], RigLevel] = {}
@@ -90,7 +91,7 @@ class PreparedPhotos:
         self, cloud: RenderCloud, rotations: Tensor, positions: Tensor, height: int, with_points: bool
     ) -> Comparison:
         """Render the cloud at poses, in `height` rows, beside what the photos show."""
-        return compare_photos(cloud, self.atlas, rotations, positions, height, self.labels is not None, with_points)
+        return self.view.compare(cloud, rotations, positions, height, self.labels is not None, with_points)
 
     def points_from_starts(self, index: MapIndex, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
         """Return what the starts of the hypotheses see where the photos look, with colours of half the views' rows or all."""
@@ -125,7 +126,7 @@ class PreparedPhotos:
         share = None if self.labels is not None else contrast_share
         look = self._look_directions(count, self.config.photos.margin_deg)
         return points_seen_by_photos(
-            self.atlas, cloud, comparison, *stacked_poses(group), look, share, pixel_weights, patch_deg
+            self.view, cloud, comparison, *stacked_poses(group), look, share, pixel_weights, patch_deg
         )
 
     def _look_directions(self, count: int, margin_deg: float) -> LookDirections:

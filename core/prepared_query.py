@@ -66,18 +66,14 @@ class MapQuery:
         judged: list[Hypothesis] = []
         for first in range(0, len(group), RENDER_BATCH):
             part = group[first : first + RENDER_BATCH]
-            judged += with_agreement(
-                part, agreement(self.compare(part, height), height, self.config.judge, self.picture.share)
-            )
+            judged += with_agreement(part, agreement(self.compare(part, height), self.config.judge, self.picture.share))
         return judged
 
     def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
         """Return one hypothesis judged on the larger rendering, and the comparison."""
-        height = self.config.judge.final_height
-        comparison = self.compare([hypothesis], height)
-        return with_agreement([hypothesis], agreement(comparison, height, self.config.judge, self.picture.share))[
-            0
-        ], comparison
+        comparison = self.compare([hypothesis], self.config.judge.final_height)
+        (judged,) = with_agreement([hypothesis], agreement(comparison, self.config.judge, self.picture.share))
+        return judged, comparison
 
     def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
         """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""

@@ -75,7 +75,6 @@ class LocalizerConfig:
                 fine_margin=photos.fine_margin,
                 middle_points=photos.middle_points,
                 middle_rounds=tuple((rows, photos.robust_scale) for rows, _ in refinement.middle_rounds),
-                visibility_height=finer * refinement.visibility_height,
                 fine_height=finer * refinement.fine_height,
                 finest_height=finer * refinement.finest_height,
                 fine_points=photos.fine_points,

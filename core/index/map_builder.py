@@ -119,7 +119,7 @@ class _ViewCollector:
     def _render(self, centers: Tensor) -> tuple[RenderedViews, Tensor]:
         """Return the views from `centers` (B, 3), and in which pixels (B, H, W) a point falls."""
         height, width = self.config.view_height, 2 * self.config.view_height
-        views = render_views(self.cloud, centers, height, width)
+        views = render_views(self.cloud, centers, height)
         weights = views.valid * pixel_solid_angles(height, width, centers.device)
         flat = views.color.flatten(1, 2)
         canonical = flat if self.labels is not None else equalize(flat, weights.flatten(1))

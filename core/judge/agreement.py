@@ -38,13 +38,15 @@ class Agreement:
     score: Tensor
 
 
-def agreement(comparison: Comparison, height: int, config: JudgeConfig, share: float = 1.0) -> Agreement:
-    """Measure how well the two sides of a comparison of `height` rows agree. share: of the sphere, that was photographed."""
+def agreement(comparison: Comparison, config: JudgeConfig, share: float = 1.0) -> Agreement:
+    """Measure how well the two sides of a comparison agree. share: of the sphere, that was photographed."""
     scan, panorama = comparison.scan, comparison.panorama
     total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
     pixel_share = comparison.weights / total
     correlation = _correlation(scan, panorama, pixel_share, config.min_variance).mean(-1)
-    patches = [_in_patches(x, height, height // config.patch_rows) for x in (scan, panorama, pixel_share[..., None])]
+    window = comparison.views.window
+    sides = (scan, panorama, pixel_share[..., None])
+    patches = [_in_patches(x, window.height, window.rows // config.patch_rows) for x in sides]
     weight = patches[2][..., 0]
     mass = weight.sum(-1)
     share_inside = weight / mass.clamp_min(1e-12)[..., None]
@@ -102,7 +104,7 @@ def _correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joi
 def _in_patches(values: Tensor, height: int, side: int) -> Tensor:
     """Reorder (K, H W, C) to (K, patches, pixels of a patch, C); patches are `side` pixels high and wide."""
     batch, _, channels = values.shape
-    grid = values.view(batch, height // side, side, 2 * height // side, side, channels)
+    grid = values.view(batch, height // side, side, -1, side, channels)
     return grid.transpose(2, 3).reshape(batch, -1, side * side, channels)
 
 

@@ -38,26 +38,27 @@ def change_maps(
     comparison: Comparison, cloud: RenderCloud, rotation: Tensor, position: Tensor, config: ChangeConfig
 ) -> ChangeMaps:
     """Score pixels and points at one pose: rotation (3, 3) map_from_camera, position (3,); the comparison holds this pose alone."""
+    comparison = comparison.on_sphere()
     height, width = comparison.views.depth.shape[1:]
     scores = _pixel_scores(comparison, config).view(height, width)
     seen = comparison.weights[0].view(height, width) > 0
     total = comparison.weights.sum().clamp_min(1e-9)
     changed = (comparison.weights[0] * (scores.flatten() < config.changed_below)).sum() / total
-    in_map = torch.where(seen, scores, torch.full_like(scores, torch.nan))
-    depth = comparison.views.depth[0]
+    in_view = torch.where(seen, scores, torch.full_like(scores, torch.nan))
+    depth, map_from_view = comparison.views.depth[0], comparison.views.map_from_view[0]
     # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
     sample = cloud.positions[:: max(1, len(cloud.positions) // config.sampled_points)]
-    points = _point_scores(in_map, depth, sample, cloud.spacing, position)
+    points = _point_scores(in_view, depth, (sample - position) @ map_from_view, cloud.spacing)
     known = ~points.isnan()
     changed_points = (points[known] < config.changed_below).float().mean() if bool(known.any()) else torch.zeros(())
-    directions = pixel_directions(height, width, rotation.device) @ rotation.T
+    directions = pixel_directions(height, width, rotation.device) @ (rotation.T @ map_from_view)
     u, v = project(directions, height, width)
     share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
     in_camera = torch.where(share[..., 1] > 0.5, share[..., 0] / share[..., 1].clamp_min(1e-6), torch.nan)
 
     def point_scores() -> NDArray[np.float32]:
         """Return the scores (n,) of all points of the rendered cloud."""
-        return _point_scores(in_map, depth, cloud.positions, cloud.spacing, position).cpu().numpy()
+        return _point_scores(in_view, depth, (cloud.positions - position) @ map_from_view, cloud.spacing).cpu().numpy()
 
     return ChangeMaps(in_camera.cpu().numpy(), point_scores, float(changed), float(changed_points))
 
@@ -92,10 +93,10 @@ def _nearest_distance(moving: Tensor, fixed: Tensor) -> Tensor:
     return best.sqrt()
 
 
-def _point_scores(in_map: Tensor, depth: Tensor, positions: Tensor, spacing: float, center: Tensor) -> Tensor:
-    """Return the score of the pixel of `in_map` (H, W) that each point (n, 3) projects to (n,), NaN for points hidden behind `depth`."""
-    height, width = in_map.shape
-    u, v = project(positions - center, height, width)
-    pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
-    visible = visible_points(positions, spacing, center, depth)
-    return torch.where(visible, in_map.flatten()[pixel], torch.nan)
+def _point_scores(in_view: Tensor, depth: Tensor, relative: Tensor, spacing: float) -> Tensor:
+    """Return the score of the pixel of `in_view` (H, W) that each point (n, 3), in metres from the view and in its axes, projects to.
+
+    (n,), NaN for points hidden behind `depth`.
+    """
+    pixel, visible = visible_points(relative, spacing, depth)
+    return torch.where(visible, in_view.flatten()[pixel], torch.nan)

@@ -77,6 +77,11 @@ class PhotoAtlas:
         """Return the share of the sphere, 0..1, that all photos together show, overlaps counted once."""
         return float(self.shows(even_directions(_SHARE_DIRECTIONS).to(self.rotations.device)).float().mean())
 
+    def shown_directions(self) -> Tensor:
+        """Return directions (N, 3) in the axes of the rig that some photo shows, all that it shows within a degree of one."""
+        windows = self.windows(_EXTENT_ROWS)
+        return self.rig_directions(windows)[windows.valid > 0]
+
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some photo shows, or almost: within `margin`, radians."""
         windows = self.windows(_EXTENT_LEVEL)

@@ -122,7 +122,7 @@ class PaperMethod:
         height = self.config.view_height
         solid = pixel_solid_angles(height, 2 * height, self.device).expand(-1, 2 * height).flatten()
         cloud = index.render_cloud
-        rendered = [render_views(cloud, start[None], height, 2 * height) for start in starts]
+        rendered = [render_views(cloud, start[None], height) for start in starts]
         return torch.cat([v.color.flatten(1, 2) for v in rendered]), torch.cat(
             [v.valid.flatten(1) * solid for v in rendered]
         )

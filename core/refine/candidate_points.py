@@ -25,11 +25,11 @@ def points_seen_from_starts(
 
     First with the colours of a view of half the `height` in rows, then with those of a view of `height` rows.
     """
-    cloud, width = index.render_cloud, 2 * height
+    cloud = index.render_cloud
     directions = even_directions(count).to(starts.device)
     numbers, coarse, fine = [], [], []
     for part in torch.split(starts, RENDER_BATCH):
-        views = render_views(cloud, index.starts[part], height, width)
+        views = render_views(cloud, index.starts[part], height)
         canonical = _canonical_view(views, index.labels is not None, contrast_share)
         pixel = _pixels_towards(directions, height)
         numbers.append(views.point.flatten(1)[:, pixel])
@@ -94,11 +94,12 @@ def unchanged_share(comparison: Comparison, config: RefinementConfig) -> Tensor:
     As weights they take the vote from regions that have changed since the scan, the role of the score maps in the paper's Eq. 5. That
     frees poses that furniture holds back, but it also mutes edges, which the last millimetres need.
     """
-    height, width = comparison.views.depth.shape[1:]
+    window = comparison.views.window
     distance_square = (comparison.scan - comparison.panorama).square().sum(-1) / config.unchanged_difference**2
-    share = (1 / (1 + distance_square)).view(-1, 1, height, width)
-    reach = max(1, height // config.unchanged_regions)
-    padded = torch.nn.functional.pad(share, (reach, reach, 0, 0), mode="circular")
+    share = (1 / (1 + distance_square)).view(-1, 1, window.height, window.width)
+    reach = max(1, window.rows // config.unchanged_regions)
+    sides = "circular" if window.is_round else "replicate"
+    padded = torch.nn.functional.pad(share, (reach, reach, 0, 0), mode=sides)
     padded = torch.nn.functional.pad(padded, (0, 0, reach, reach), mode="replicate")
     smooth = torch.nn.functional.avg_pool2d(padded, 2 * reach + 1, stride=1)
     return smooth.flatten(1).square()

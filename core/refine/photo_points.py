@@ -14,6 +14,7 @@ from core.light.local_contrast import local_contrast
 from core.panorama.photo_atlas import PhotoAtlas
 from core.refine.refinement import CandidatePoints
 from core.views.comparison import Comparison
+from core.views.photo_comparison import RigView
 from core.views.render_cloud import RenderCloud
 from core.views.synthetic_view import RENDER_BATCH, halve, render_views
 
@@ -68,7 +69,7 @@ def views_from_starts(index: MapIndex, starts: Tensor, height: int) -> StartView
     points: list[Tensor] = []
     parts: dict[str, list[Tensor]] = {"half": [], "full": [], "half contrast": [], "full contrast": []}
     for part in torch.split(starts, RENDER_BATCH):
-        views = render_views(index.render_cloud, index.starts[part], height, 2 * height)
+        views = render_views(index.render_cloud, index.starts[part], height)
         points.append(views.point.flatten(1))
         contrast = views.color if index.labels is not None else local_contrast(views.color, views.valid.float())
         for name, values in (("", views.color), (" contrast", contrast)):
@@ -111,7 +112,7 @@ def points_seen_in_starts(
 
 
 def points_seen_by_photos(
-    atlas: PhotoAtlas,
+    view: RigView,
     cloud: RenderCloud,
     comparison: Comparison,
     rotations: Tensor,
@@ -125,26 +126,26 @@ def points_seen_by_photos(
 
     pixel_weights: (K, S), further weights of the rendered pixels. patch_deg: to be aligned by patches so large; None: point by point.
     """
-    height = comparison.views.depth.shape[1]
-    pixel = _pixels(torch.einsum("kab,nb->kna", rotations, look.directions), height)
-    number = torch.gather(comparison.views.point.flatten(1), 1, pixel)
-    weights = (number >= 0).float()
+    window = comparison.views.window
+    pixel, inside = window.pixels_towards(look.directions @ view.rig_from_view)
+    number = comparison.views.point.flatten(1)[:, pixel]
+    weights = ((number >= 0) & inside).float()
     if pixel_weights is not None:
-        weights = weights * torch.gather(pixel_weights, 1, pixel)
+        weights = weights * pixel_weights[:, pixel]
     colors = comparison.scan
     if contrast_share is not None:
         views = comparison.views
         # Of the surroundings only what the photos show too: at their edges both sides must know equally little. Points beyond
         # the edges keep their say, for those that leave a photo must be replaced.
         shown = comparison.weights > 0
-        inside = local_contrast(views.color, shown.view(views.valid.shape).float()).flatten(1, 2)
-        beyond = local_contrast(views.color, views.valid.float()).flatten(1, 2)
-        contrast = torch.where(shown[..., None], inside, beyond)
+        within = local_contrast(views.color, shown.view(views.valid.shape).float(), window).flatten(1, 2)
+        beyond = local_contrast(views.color, views.valid.float(), window).flatten(1, 2)
+        contrast = torch.where(shown[..., None], within, beyond)
         colors = torch.lerp(colors, contrast, contrast_share)
-    colors = torch.gather(colors, 1, pixel[..., None].expand(-1, -1, 3))
+    colors = colors[:, pixel]
     points = cloud.positions[number.clamp_min(0)]
     patches = None if patch_deg is None else patch_numbers(look.directions, patch_deg)
-    return CandidatePoints(points, colors, weights, photos_showing(atlas, points, rotations, positions), patches)
+    return CandidatePoints(points, colors, weights, photos_showing(view.atlas, points, rotations, positions), patches)
 
 
 def photos_showing(atlas: PhotoAtlas, points: Tensor, rotations: Tensor, positions: Tensor) -> Tensor | None:

@@ -19,6 +19,7 @@ class Comparison:
     scan, panorama: (K, S, 3) canonical colours over S = H W pixels. weights: (K, S) solid angle, zero where either is missing.
     tables: (K, 3, 256) equalization of the panorama over those pixels, None for labels.
     views: what was rendered. photo: (K, S) int64, which photo of a session a pixel is compared with, −1 for none; None for a panorama.
+    Of photos the pixels are those of the window of `views.parts`, in the axes there.
     """
 
     scan: Tensor
@@ -27,6 +28,15 @@ class Comparison:
     tables: Tensor | None
     views: SyntheticViews
     photo: Tensor | None = None
+
+    def on_sphere(self) -> "Comparison":
+        """Return it with pixels of the whole sphere, in the same axes, of which those beyond the part that was compared weigh nothing."""
+        window = self.views.window
+        if window.is_whole:
+            return self
+        scan, panorama, weights = (window.on_sphere(each) for each in (self.scan, self.panorama, self.weights))
+        photo = None if self.photo is None else window.on_sphere(self.photo, -1)
+        return Comparison(scan, panorama, weights, self.tables, self.views.on_sphere(), photo)
 
 
 def compare(
@@ -44,7 +54,7 @@ def compare(
     what only one of them shows does not shift the colours of the rest. with_points: needed by `points_seen_from_poses`.
     """
     width = 2 * height
-    views = render_views(cloud, positions, height, width, with_points)
+    views = render_views(cloud, positions, height, with_points)
     directions = pixel_directions(height, width, positions.device).view(-1, 3)
     u, v = project(directions @ rotations, level.height, 2 * level.height)
     sampled = sample_bilinear(torch.cat((level.color, level.valid[None])), u, v)

@@ -1,86 +1,132 @@
 """The scan rendered at poses of a rig beside what its photos show there.
 
 A rendered pixel is a point at a known depth, so it is looked up where each photo, from a centre of its own, would show it: parallax is
-undone by the scan itself.
+undone by the scan itself. Views are drawn in axes that go with the rig, and of the part of the sphere alone that the photos show: a photo
+of 69 degrees shows a fourteenth of it.
 """
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from core.geometry.projection import pixel_directions, pixel_solid_angles
+from core.geometry.sphere_window import window_around
 from core.light.color_equalization import equalize_where
 from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_level import PhotoLevel, PhotoWindows
 from core.views.comparison import Comparison
+from core.views.drawn_points import ViewParts
 from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import SyntheticViews, ViewCones, render_views
+from core.views.synthetic_view import SyntheticViews, render_views
 
 _NEAR_M = 1.0  # what a photo shows is hardly nearer; parallax widens what must be drawn by no more
 
 
-def compare_photos(
-    cloud: RenderCloud,
-    atlas: PhotoAtlas,
-    rotations: Tensor,
-    positions: Tensor,
-    height: int,
-    is_labels: bool,
-    with_points: bool = True,
-) -> Comparison:
-    """Render the cloud at K poses of the rig, rotations (K, 3, 3) and positions (K, 3), and look up what the photos show.
+class RigView:
+    """The part of the sphere around a rig that its photos show, or almost: within `margin_deg`.
 
-    Where several photos show a pixel, it is compared with the one whose middle is nearest. Equalized over what both sides see.
+    rig_from_view: (3, 3), axes in which that part lies in the middle of the image.
     """
-    width = 2 * height
-    cones = view_cones(atlas, rotations)
-    views = render_views(cloud, positions, height, width, with_points, cones)
-    seen, photo = _look_up(atlas, views, rotations, height, cones.half_angles)
-    solid = pixel_solid_angles(height, width, positions.device).expand(-1, width).flatten()
-    weights = views.valid.flatten(1) * solid * (photo >= 0)
-    scan, tables = views.color.flatten(1, 2), None
-    if not is_labels:
-        scan, _ = equalize_where(scan, weights, views.valid.flatten(1))
-        seen, tables = equalize_where(seen, weights, photo >= 0)
-    return Comparison(scan, seen, weights, tables, views, photo)
 
+    def __init__(self, atlas: PhotoAtlas, margin_deg: float) -> None:
+        self.atlas = atlas
+        parallax = torch.asin((atlas.centers.norm(dim=-1) / _NEAR_M).clamp(max=1.0))
+        self._half_angles = (atlas.cones + parallax).clamp(max=math.pi)
+        x, y, z = atlas.shown_directions().unbind(-1)
+        margin = math.radians(margin_deg) + float(parallax.max())
+        turn, self._window = window_around(torch.atan2(y, x), torch.asin(z.clamp(-1, 1)), margin)
+        around = torch.tensor(
+            [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1]]
+        )
+        self.rig_from_view = around.to(atlas.rotations)
+        self._rows: dict[int, _Rows] = {}
 
-def view_cones(atlas: PhotoAtlas, rotations: Tensor) -> ViewCones:
-    """Return the cones that the photos show from K poses of the rig (K, 3, 3), seen from the middle of the rig."""
-    parallax = torch.asin((atlas.centers.norm(dim=-1) / _NEAR_M).clamp(max=1.0))
-    half_angles = (atlas.cones + parallax).clamp(max=math.pi)
-    return ViewCones(torch.einsum("kab,mb->kma", rotations, atlas.rotations[:, :, 0]), half_angles)
+    def parts(self, rotations: Tensor, height: int) -> ViewParts:
+        """Return what is drawn of the views from K poses of the rig, rotations (K, 3, 3), at `height` rows to the sphere."""
+        axes = torch.einsum("kab,mb->kma", rotations, self.atlas.rotations[:, :, 0])
+        return ViewParts(rotations @ self.rig_from_view, self._window.at(height), axes, self._half_angles)
 
+    def compare(
+        self,
+        cloud: RenderCloud,
+        rotations: Tensor,
+        positions: Tensor,
+        height: int,
+        is_labels: bool,
+        with_points: bool = True,
+    ) -> Comparison:
+        """Render the cloud at K poses of the rig, rotations (K, 3, 3) and positions (K, 3), and look up what the photos show.
 
-def _look_up(
-    atlas: PhotoAtlas, views: SyntheticViews, rotations: Tensor, height: int, half_angles: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return the colours (K, S, 3) that photos show at the rendered pixels, and the number of the photo (K, S), −1 for none."""
-    windows = atlas.windows(height)
-    level = _colors_alone(windows)
-    directions = pixel_directions(height, 2 * height, rotations.device).view(-1, 3)
-    depth = views.depth.flatten(1)
-    count, size = depth.shape
-    color = torch.zeros((count * size, 3), device=depth.device)
-    photo = torch.full((count * size,), -1, dtype=torch.int64, device=depth.device)
-    central = torch.full((count * size,), -2.0, device=depth.device)
-    for number in range(len(atlas)):
-        axes = rotations @ atlas.rotations[number, :, 0]
-        near = (axes @ directions.T >= math.cos(float(half_angles[number]))) & views.valid.flatten(1)
-        pose, pixel = near.nonzero(as_tuple=True)
-        in_map = directions[pixel] * depth[pose, pixel, None]
-        in_rig = torch.einsum("nab,na->nb", rotations[pose], in_map)
+        Where several photos show a pixel, it is compared with the one whose middle is nearest. Equalized over what both sides see.
+        """
+        parts = self.parts(rotations, height)
+        views = render_views(cloud, positions, height, with_points, parts)
+        seen, photo = self._look_up(views, height)
+        weights = views.valid.flatten(1) * parts.window.solid_angles(positions.device) * (photo >= 0)
+        scan, tables = views.color.flatten(1, 2), None
+        if not is_labels:
+            scan, _ = equalize_where(scan, weights, views.valid.flatten(1))
+            seen, tables = equalize_where(seen, weights, photo >= 0)
+        return Comparison(scan, seen, weights, tables, views, photo)
+
+    def _look_up(self, views: SyntheticViews, height: int) -> tuple[Tensor, Tensor]:
+        """Return the colours (K, S, 3) that photos show at the rendered pixels, and the number of the photo (K, S), −1 for none."""
+        at_rows = self._at_rows(height)
+        valid, depth = views.valid.flatten(1), views.depth.flatten(1)
+        count, size = depth.shape
+        if at_rows.alone is not None:
+            color, shown = at_rows.alone
+            shown = shown & valid
+            return color * shown[..., None], torch.where(shown, 0, -1)
+        color = torch.zeros((count * size, 3), device=depth.device)
+        photo = torch.full((count * size,), -1, dtype=torch.int64, device=depth.device)
+        central = torch.full((count * size,), -2.0, device=depth.device)
+        for number, near in enumerate(at_rows.near):
+            pose, which = valid[:, near].nonzero(as_tuple=True)
+            pixel = near[which]
+            in_rig = at_rows.directions[pixel] * depth[pose, pixel, None]
+            sampled, ahead = self._sampled(at_rows.level, in_rig, number)
+            at = pose * size + pixel
+            better = (sampled[3] > 0.99) & (ahead > central[at])
+            at = at[better]
+            color[at], central[at], photo[at] = sampled[:3, better].T, ahead[better], number
+        return color.view(count, size, 3), photo.view(count, size)
+
+    def _sampled(self, level: PhotoLevel, in_rig: Tensor, number: int) -> tuple[Tensor, Tensor]:
+        """Return what a photo shows at points of the rig (N, 3): colour and validity (4, N), and how near they are to its middle (N,)."""
+        atlas = self.atlas
         x, y, z = ((in_rig - atlas.centers[number]) @ atlas.rotations[number]).unbind(-1)
         flat = torch.hypot(x, y)
-        which = None if len(atlas) == 1 else torch.full_like(pixel, number)[None]
+        which = None if len(atlas) == 1 else torch.full_like(x, number, dtype=torch.int64)[None]
         sampled = level.sample(torch.atan2(y, x)[None], torch.atan2(z, flat)[None], which)[0]
-        ahead = x / torch.hypot(flat, z).clamp_min(1e-6)
-        at = pose * size + pixel
-        better = (sampled[3] > 0.99) & (ahead > central[at])
-        at = at[better]
-        color[at], central[at], photo[at] = sampled[:3, better].T, ahead[better], number
-    return color.view(count, size, 3), photo.view(count, size)
+        return sampled, x / torch.hypot(flat, z).clamp_min(1e-6)
+
+    def _at_rows(self, height: int) -> "_Rows":
+        """Return what is the same for all poses at one resolution."""
+        if height not in self._rows:
+            window = self._window.at(height)
+            directions = window.directions(self.atlas.rotations.device) @ self.rig_from_view.T
+            level = _colors_alone(self.atlas.windows(height))
+            axes, cosines = self.atlas.rotations[:, :, 0], self._half_angles.cos()
+            near = [(directions @ axis >= cosine).nonzero()[:, 0] for axis, cosine in zip(axes, cosines, strict=True)]
+            alone = None
+            if len(self.atlas) == 1:  # without parallax every pixel shows the same of the photo, whatever its depth
+                sampled, _ = self._sampled(level, directions, 0)
+                alone = sampled[:3].T.contiguous(), sampled[3] > 0.99
+            self._rows[height] = _Rows(directions, near, level, alone)
+        return self._rows[height]
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """directions: (S, 3), of the window's pixels in the axes of the rig. near: of each photo the numbers of the pixels that it might show.
+    level: what photos show. alone: of an only photo colours (S, 3) and validity (S,) of the pixels."""
+
+    directions: Tensor
+    near: list[Tensor]
+    level: PhotoLevel
+    alone: tuple[Tensor, Tensor] | None
 
 
 def _colors_alone(windows: PhotoWindows) -> PhotoLevel:

@@ -11,21 +11,23 @@ lattice through which the next room shines, and black pixels count as missing. H
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from core.config import RENDERING
 from core.geometry.projection import project
-from core.views.render_cloud import BLOCK, MAX_STRIDE_EXPONENT, RenderCloud
+from core.geometry.sphere_window import SphereWindow
+from core.views.drawn_points import ViewParts, drawn_points
+from core.views.render_cloud import RenderCloud
 
 RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 
 
 @dataclass(frozen=True)
 class SyntheticViews:
-    """Views rendered from B positions, axes parallel to the map's.
+    """Views rendered from B positions, axes parallel to the map's, or those of the `parts` that were drawn.
 
     color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
     valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
@@ -36,6 +38,37 @@ class SyntheticViews:
     depth: Tensor
     valid: Tensor
     point: Tensor
+    parts: ViewParts | None = None
+
+    @property
+    def window(self) -> SphereWindow:
+        """Return which part of the sphere the images show."""
+        return SphereWindow.of_sphere(self.depth.shape[1]) if self.parts is None else self.parts.window
+
+    @property
+    def map_from_view(self) -> Tensor:
+        """Return the axes of the views, (B, 3, 3)."""
+        return (
+            torch.eye(3, device=self.depth.device).expand(len(self.depth), 3, 3)
+            if self.parts is None
+            else self.parts.rotations
+        )
+
+    def on_sphere(self) -> "SyntheticViews":
+        """Return images of the whole sphere, in the same axes, on which nothing was seen beyond the part that was drawn."""
+        window, parts = self.window, self.parts
+        if parts is None or window.is_whole:
+            return self
+        sphere = SphereWindow.of_sphere(window.rows)
+
+        def padded(image: Tensor, missing: float) -> Tensor:
+            """Return an image (B, h, w, ...) of the window as one of the sphere."""
+            whole = window.on_sphere(image.flatten(1, 2), missing)
+            return whole.view(len(image), sphere.height, sphere.width, *image.shape[3:])
+
+        point = padded(self.point, -1) if len(self.point) else self.point
+        images = padded(self.color, 0.0), padded(self.depth, math.inf), padded(self.valid, False), point
+        return SyntheticViews(*images, replace(parts, window=sphere))
 
 
 def num_levels(height: int) -> int:
@@ -43,51 +76,43 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
-@dataclass(frozen=True)
-class ViewCones:
-    """The parts of B views that are wanted: axes (B, M, 3), unit directions in the map; half_angles (M,), radians, around them."""
-
-    axes: Tensor
-    half_angles: Tensor
-
-
 def render_views(
     cloud: RenderCloud,
     centers: Tensor,
     height: int,
-    width: int,
     with_points: bool = True,
-    cones: ViewCones | None = None,
+    parts: ViewParts | None = None,
 ) -> SyntheticViews:
-    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` x `width` pixels.
+    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` rows and twice as many columns to a sphere.
 
-    with_points: also find the point that each pixel shows. cones: outside of them nothing need be drawn; None: all is.
+    with_points: also find the point that each pixel shows. parts: the part of each sphere that is drawn; None: all of it.
     Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
     """
+    window = SphereWindow.of_sphere(height) if parts is None else parts.window
     batch, levels = len(centers), num_levels(height)
-    point, view, relative, spacing = _drawn_points(cloud, centers, math.pi / height, cones)
-    distance = relative.square().sum(0).sqrt()
-    u, v = project(relative.T, height, width)
-    pixel = _pixel_of(u, v, view, height, width)
-    offsets, size = _level_offsets(batch, height, width, levels)
-    cell = _cells_of(pixel, distance, spacing, offsets, height, width)
-    nearest = torch.full((size,), math.inf, device=relative.device)
+    drawn = drawn_points(cloud, centers, window, parts)
+    distance = drawn.relative.square().sum(0).sqrt()
+    offsets, size = _level_offsets(batch, window.height, window.width, levels)
+    cell = _cells_of(drawn.pixel, distance, drawn.spacing, offsets, window)
+    nearest = torch.full((size,), math.inf, device=distance.device)
     nearest.scatter_reduce_(0, cell, distance, "amin")
-    depth = _compose_depth(nearest, offsets, batch, height, width)
+    depth = _compose_depth(nearest, offsets, batch, window.height, window.width)
     limit = torch.add(
-        RENDERING.slack_spacings * spacing, depth.flatten().index_select(0, pixel), alpha=1 + RENDERING.slack_share
+        RENDERING.slack_spacings * drawn.spacing,
+        depth.flatten().index_select(0, drawn.pixel),
+        alpha=1 + RENDERING.slack_share,
     )
     visible = (distance <= limit).nonzero()[:, 0]
-    shown = point.index_select(0, visible)
-    sums = torch.zeros((size, cloud.colors.shape[1]), device=relative.device)
+    shown = drawn.number.index_select(0, visible)
+    sums = torch.zeros((size, cloud.colors.shape[1]), device=distance.device)
     sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
-    color, valid = _compose_color(sums, offsets, batch, height, width)
+    color, valid = _compose_color(sums, offsets, batch, window.height, window.width)
     if not with_points:
-        return SyntheticViews(color, depth, valid, point[:0])
-    u, v, pixel = (part.index_select(0, visible) for part in (u, v, pixel))
+        return SyntheticViews(color, depth, valid, drawn.number[:0], parts)
+    u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
     # What fills up the last run lies where its last point does.
-    number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), batch * height * width)
-    return SyntheticViews(color, depth, valid, number.view(batch, height, width))
+    number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
+    return SyntheticViews(color, depth, valid, number.view(depth.shape), parts)
 
 
 def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixels: int) -> Tensor:
@@ -102,59 +127,17 @@ def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixe
     return torch.where(best == none, -1, best & 0xFFFFFFFF)
 
 
-def visible_points(positions: Tensor, spacing: float, center: Tensor, depth: Tensor) -> Tensor:
-    """Return which points (N, 3) of a scan with this spacing a camera at `center` (3,) sees, given the rendered depth (H, W) there."""
-    height, width = depth.shape
-    relative = positions - center
-    u, v = project(relative, height, width)
-    front = depth.flatten()[_pixel_of(u, v, torch.zeros_like(u, dtype=torch.int64), height, width)]
-    limit = front * (1 + RENDERING.slack_share) + RENDERING.slack_spacings * spacing
-    visible: Tensor = relative.norm(dim=-1) <= limit
-    return visible
+def visible_points(relative: Tensor, spacing: float, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the pixel (N,) that each point shows in, and which points (N,) a view sees whose depth (H, W) of the sphere was rendered.
 
-
-def _drawn_points(
-    cloud: RenderCloud, centers: Tensor, pixel_angle: float, cones: ViewCones | None
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Choose the points of each view.
-
-    Returns their numbers (M,), from N on for what fills up the last run; the view of each (M,); where they lie from it (3, M) in metres;
-    and the spacing (M,) they are left with. A block is thinned by the largest power of two that leaves a point in every pixel.
+    relative: (N, 3), metres from the view, in its axes. spacing: of the scan, metres.
     """
-    distance: Tensor = torch.cdist(centers, cloud.block_centers) - cloud.block_radii
-    per_point = (distance * (pixel_angle / (RENDERING.footprint * cloud.spacing))).clamp_min(1.0).square()
-    exponent = torch.log2(per_point).floor_().clamp_(0, MAX_STRIDE_EXPONENT).to(torch.int8)
-    if cones is not None:
-        exponent.masked_fill_(~_blocks_within(cloud, centers, cones), -1)
-    points, views, places, spacings = [], [], [], []
-    for step, blocks in enumerate(cloud.block_points):
-        view, block = (exponent == step).nonzero(as_tuple=True)
-        place = blocks.index_select(0, block) - centers.index_select(0, view)[..., None]
-        member = torch.arange(0, BLOCK, 1 << step, device=centers.device)
-        points.append((block[:, None] * BLOCK + member).flatten())
-        views.append(view.repeat_interleave(len(member)))
-        places.append(place.transpose(0, 1).flatten(1))
-        spacings.append(torch.full((len(points[-1]),), cloud.spacing * math.sqrt(1 << step), device=centers.device))
-    return torch.cat(points), torch.cat(views), torch.cat(places, dim=1), torch.cat(spacings)
-
-
-def _blocks_within(cloud: RenderCloud, centers: Tensor, cones: ViewCones) -> Tensor:
-    """Tell which blocks (B, blocks) have a part in some cone of each view."""
-    towards = cloud.block_centers - centers[:, None]
-    distance = towards.norm(dim=-1).clamp_min(1e-6)
-    reach = torch.asin((cloud.block_radii / distance).clamp(max=1.0))
-    within: Tensor = distance <= cloud.block_radii
-    for number, half in enumerate(cones.half_angles.tolist()):
-        cosine = (towards @ cones.axes[:, number, :, None])[..., 0] / distance
-        within |= torch.acos(cosine.clamp(-1, 1)) <= half + reach
-    return within
-
-
-def _pixel_of(u: Tensor, v: Tensor, view: Tensor, height: int, width: int) -> Tensor:
-    """Return flat pixel numbers over all views."""
-    row = v.long().clamp_(0, height - 1)
-    column = u.long().clamp_(0, width - 1)
-    return (view * height + row) * width + column
+    height, width = depth.shape
+    u, v = project(relative, height, width)
+    pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
+    limit = depth.flatten()[pixel] * (1 + RENDERING.slack_share) + RENDERING.slack_spacings * spacing
+    visible: Tensor = relative.norm(dim=-1) <= limit
+    return pixel, visible
 
 
 def _level_offsets(batch: int, height: int, width: int, levels: int) -> tuple[list[int], int]:
@@ -166,10 +149,11 @@ def _level_offsets(batch: int, height: int, width: int, levels: int) -> tuple[li
     return offsets, size
 
 
-def _cells_of(pixel: Tensor, distance: Tensor, spacing: Tensor, offsets: list[int], height: int, width: int) -> Tensor:
+def _cells_of(pixel: Tensor, distance: Tensor, spacing: Tensor, offsets: list[int], window: SphereWindow) -> Tensor:
     """Return the flat cell (M,) of each point, which falls into `pixel`, at the level of its footprint."""
+    height, width = window.height, window.width
     # A footprint of exactly one pixel belongs to the finest level in spite of rounding.
-    footprint = (0.999 * RENDERING.footprint * height / math.pi) * spacing / distance.clamp_min(1e-6)
+    footprint = (0.999 * RENDERING.footprint * window.rows / math.pi) * spacing / distance.clamp_min(1e-6)
     large = (footprint > 1).nonzero()[:, 0]  # few: only near points are larger than a pixel
     level = torch.log2(footprint[large]).ceil_().clamp_(1, max(1, len(offsets) - 1)).long()
     if len(offsets) == 1 or not len(large):

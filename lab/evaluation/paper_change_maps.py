@@ -47,7 +47,7 @@ def paper_change_maps(panorama: Panorama, index: MapIndex, config: PaperConfig |
     view_patch = grid.patch_of_pixel(height, 2 * height, device).flatten()[None]
     histograms = []
     for start in starts:
-        view = render_views(cloud, start[None], height, 2 * height)
+        view = render_views(cloud, start[None], height)
         seen = view.valid.flatten(1) * solid
         histograms.append(hard_histograms(view.color.flatten(1, 2), seen, view_patch, len(grid), config.bins))
     tensor = intersection_tensor(own, bin_major(torch.cat(histograms)), count)

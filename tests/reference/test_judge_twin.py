@@ -10,6 +10,7 @@ import torch
 
 from core.config import JudgeConfig
 from core.geometry.projection import pixel_solid_angles
+from core.geometry.sphere_window import SphereWindow
 from core.judge.agreement import Agreement, agreement
 from tests.reference import judge_twin as twin
 
@@ -33,8 +34,8 @@ def pairs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def measured(scan: np.ndarray, panorama: np.ndarray, weights: np.ndarray) -> Agreement:
     names = ("scan", "panorama", "weights")
     sides = {name: torch.from_numpy(each).float() for name, each in zip(names, (scan, panorama, weights), strict=True)}
-    comparison: Any = SimpleNamespace(**sides)
-    return agreement(comparison, HEIGHT, JudgeConfig(patch_rows=ROWS))
+    comparison: Any = SimpleNamespace(**sides, views=SimpleNamespace(window=SphereWindow.of_sphere(HEIGHT)))
+    return agreement(comparison, JudgeConfig(patch_rows=ROWS))
 
 
 def test_every_measure_agrees_with_its_definition(pairs: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:

@@ -14,7 +14,7 @@ HEIGHT, WIDTH = 16, 32
 
 def rendered(points: np.ndarray, colors: np.ndarray, center: np.ndarray, spacing: float, height: int) -> SyntheticViews:
     cloud = make_render_cloud(torch.from_numpy(points).float(), torch.from_numpy(colors).float(), spacing)
-    return render_views(cloud, torch.from_numpy(center).float()[None], height, 2 * height)
+    return render_views(cloud, torch.from_numpy(center).float()[None], height)
 
 
 def shell(count: int, seed: int, radius: float) -> np.ndarray:
@@ -34,7 +34,7 @@ def test_a_view_agrees_with_splatting_point_by_point() -> None:
     np.testing.assert_allclose(views.color[0].numpy()[filled], color[filled], atol=1e-5)
     assert bool(torch.isinf(views.depth[0][torch.from_numpy(~filled)]).all())
     cloud = make_render_cloud(torch.from_numpy(points).float(), torch.from_numpy(colors).float(), spacing)
-    seen = visible_points(cloud.positions, spacing, torch.from_numpy(center).float(), views.depth[0])
+    _, seen = visible_points(cloud.positions - torch.from_numpy(center).float(), spacing, views.depth[0])
     np.testing.assert_array_equal(seen.numpy(), visible)
     numbers = views.point[0].numpy()
     assert visible[numbers[numbers >= 0]].all()
@@ -125,9 +125,9 @@ def test_views_of_several_places_are_the_views_of_each() -> None:
     points, colors = room_points(8_000)
     cloud = make_render_cloud(torch.from_numpy(points).float(), torch.from_numpy(colors).float(), 0.03)
     centers = torch.tensor([[1.0, 1.0, 1.0], [3.0, 2.0, 1.5], [4.5, 3.5, 0.4]])
-    together = render_views(cloud, centers, 32, 64)
+    together = render_views(cloud, centers, 32)
     for number, center in enumerate(centers):
-        alone = render_views(cloud, center[None], 32, 64)
+        alone = render_views(cloud, center[None], 32)
         torch.testing.assert_close(together.depth[number], alone.depth[0])
         torch.testing.assert_close(together.color[number], alone.color[0], atol=1e-5, rtol=1e-4)
         assert torch.equal(together.point[number], alone.point[0])

@@ -48,7 +48,7 @@ def described_one_by_one(index: MapIndex) -> tuple[list[torch.Tensor], list[floa
     solid = pixel_solid_angles(HEIGHT, WIDTH).expand(-1, WIDTH)
     histograms, coverage, sampled = [], [], []
     for x, y, z in itertools.product(1.5 + np.arange(8), (1.5, 2.5), (0.875, 1.625)):
-        views = render_views(index.render_cloud, torch.tensor([[x, y, z]]).float(), HEIGHT, WIDTH)
+        views = render_views(index.render_cloud, torch.tensor([[x, y, z]]).float(), HEIGHT)
         weights = views.valid * solid
         is_labels = index.labels is not None
         flat = views.color.flatten(1, 2)

@@ -13,6 +13,7 @@ from core.config import JudgeConfig
 from core.geometry.pose import Pose
 from core.geometry.projection import pixel_solid_angles
 from core.geometry.rotations import rotation_from_vector
+from core.geometry.sphere_window import SphereWindow
 from core.index.map_index import MapIndex
 from core.judge.agreement import Agreement, agreement, with_agreement
 from core.judge.hypotheses import Hypothesis
@@ -35,14 +36,14 @@ def comparisons(box_index: MapIndex, box_panorama: Panorama, box_pose: Pose) -> 
 
 
 def test_the_judge_prefers_the_true_pose_and_falls_with_the_error(comparisons: Comparison) -> None:
-    score = agreement(comparisons, 64, JudgeConfig()).score
+    score = agreement(comparisons, JudgeConfig()).score
     assert int(score.argmax()) == 0
     assert float(score[0]) > float(score[1]) > float(score[3])
     assert float(score[0]) > float(score[2]) > float(score[3])
 
 
 def test_measures_of_agreement_stay_in_their_ranges(comparisons: Comparison) -> None:
-    measured = agreement(comparisons, 64, JudgeConfig())
+    measured = agreement(comparisons, JudgeConfig())
     for values in (measured.correlation, measured.patch_correlation):
         assert float(values.abs().max()) <= 1 + 1e-5
     assert float(measured.mutual_information.min()) >= -1e-4
@@ -58,8 +59,8 @@ def test_the_judge_does_not_see_a_growing_tone_curve(
     rotation = torch.from_numpy(box_pose.rotation).float()[None]
     position = torch.from_numpy(box_pose.position).float()[None]
     relit = compare(box_index.render_cloud, level, rotation, position, 64, False)
-    assert float(agreement(relit, 64, JudgeConfig()).score[0]) == pytest.approx(
-        float(agreement(comparisons, 64, JudgeConfig()).score[0]), abs=0.06
+    assert float(agreement(relit, JudgeConfig()).score[0]) == pytest.approx(
+        float(agreement(comparisons, JudgeConfig()).score[0]), abs=0.06
     )
 
 
@@ -72,9 +73,12 @@ def judged(
 ) -> Agreement:
     """Measure one pair of images (H, W, 3) with weights (H, W)."""
     sides: Any = SimpleNamespace(
-        scan=scan.flatten(0, 1)[None], panorama=panorama.flatten(0, 1)[None], weights=weights.flatten()[None]
+        scan=scan.flatten(0, 1)[None],
+        panorama=panorama.flatten(0, 1)[None],
+        weights=weights.flatten()[None],
+        views=SimpleNamespace(window=SphereWindow.of_sphere(HEIGHT)),
     )
-    return agreement(sides, HEIGHT, config or JudgeConfig())
+    return agreement(sides, config or JudgeConfig())
 
 
 def texture(width: int) -> torch.Tensor:

@@ -12,6 +12,8 @@ from core.config import ChangeConfig
 from core.geometry.projection import pixel_directions, pixel_solid_angles
 from core.geometry.rotations import even_directions, rotation_from_vector
 from core.judge.change_maps import ChangeMaps, change_maps
+from core.views.comparison import Comparison
+from core.views.synthetic_view import SyntheticViews
 from tests.reference import change_twin as twin
 
 HEIGHT, WIDTH = 24, 48
@@ -42,12 +44,10 @@ def compared(
     config: ChangeConfig = CONFIG,
 ) -> ChangeMaps:
     """Compare both in map axes, on points 2 m around the camera and others behind them."""
-    comparison: Any = SimpleNamespace(
-        scan=scan.flatten(0, 1)[None],
-        panorama=panorama.flatten(0, 1)[None],
-        weights=weights.flatten()[None],
-        views=SimpleNamespace(depth=torch.full((1, HEIGHT, WIDTH), 2.0)),
-    )
+    depth = torch.full((1, HEIGHT, WIDTH), 2.0)
+    views = SyntheticViews(scan[None], depth, depth > 0, torch.zeros_like(depth, dtype=torch.int64))
+    sides = scan.flatten(0, 1)[None], panorama.flatten(0, 1)[None], weights.flatten()[None]
+    comparison = Comparison(*sides, None, views)
     near = even_directions(3000)
     # In the order of a curve, neighbours are together; here every other point is hidden.
     positions = CENTER + torch.stack((2 * near, 5 * near), dim=1).flatten(0, 1)

@@ -11,6 +11,7 @@ import torch
 from core.config import RefinementConfig
 from core.geometry.projection import pixel_directions, pixel_solid_angles
 from core.geometry.rotations import even_directions
+from core.geometry.sphere_window import SphereWindow
 from core.light.local_contrast import mixed_with_contrast
 from core.refine.candidate_points import points_seen_from_poses, unchanged_share
 
@@ -27,6 +28,7 @@ def rendered(tables: bool = True) -> tuple[Any, Any]:
     color = (0.5 + 0.4 * torch.stack((x, y * z, z), dim=-1)).expand(2, -1, -1, -1).contiguous()
     views = SimpleNamespace(
         depth=torch.ones((2, HEIGHT, WIDTH)),
+        window=SphereWindow.of_sphere(HEIGHT),
         point=point.view(2, HEIGHT, WIDTH),
         color=color,
         valid=torch.ones((2, HEIGHT, WIDTH), dtype=torch.bool),
@@ -90,7 +92,7 @@ def test_what_agrees_is_told_for_regions_and_not_for_pixels(regions: int) -> Non
     comparison: Any = SimpleNamespace(
         scan=torch.from_numpy(scan).flatten(1, 2),
         panorama=torch.from_numpy(panorama).flatten(1, 2),
-        views=SimpleNamespace(depth=torch.ones((2, HEIGHT, WIDTH))),
+        views=SimpleNamespace(window=SphereWindow.of_sphere(HEIGHT)),
     )
     found = unchanged_share(comparison, config).numpy().reshape(2, HEIGHT, WIDTH)
     agreeing = 1 / (1 + ((scan - panorama) ** 2).sum(-1) / 0.4**2)

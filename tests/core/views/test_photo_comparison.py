@@ -1,5 +1,8 @@
 """The scan beside the photos of a session whose cameras stood 0.4 m apart."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,12 +10,13 @@ import torch
 from core.config import JudgeConfig
 from core.geometry.pose import Pose
 from core.geometry.projection import pixel_directions
+from core.geometry.sphere_window import SphereWindow
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement, agreement_by_photo
 from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.session import Session, SessionImage, session_from_rig
 from core.views.comparison import Comparison
-from core.views.photo_comparison import compare_photos, view_cones
+from core.views.photo_comparison import RigView
 from core.views.synthetic_view import render_views
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
@@ -32,8 +36,11 @@ def session(box: PaintedBox) -> Session:
 
 
 def compared(session: Session, index: MapIndex, pose: Pose = MAP_FROM_RIG) -> Comparison:
-    atlas = PhotoAtlas(session, 512, None, "cpu")
-    return compare_photos(index.render_cloud, atlas, *tensors_of(pose), HEIGHT, is_labels=False)
+    return view_of(session).compare(index.render_cloud, *tensors_of(pose), HEIGHT, is_labels=False)
+
+
+def view_of(session: Session, margin_deg: float = 8.0) -> RigView:
+    return RigView(PhotoAtlas(session, 512, None, "cpu"), margin_deg)
 
 
 def tensors_of(pose: Pose) -> tuple[torch.Tensor, torch.Tensor]:
@@ -50,7 +57,7 @@ def test_the_cameras_stand_well_apart_and_inside_of_the_box(session: Session, bo
 def test_at_the_true_pose_scan_and_photos_show_the_same_in_spite_of_parallax(
     session: Session, box_index: MapIndex
 ) -> None:
-    right = agreement(compared(session, box_index), HEIGHT, JudgeConfig())
+    right = agreement(compared(session, box_index), JudgeConfig())
     assert float(right.correlation) > 0.95
     # Cameras that stood where they did not: parallax counts.
     wrong = Session(
@@ -59,7 +66,7 @@ def test_at_the_true_pose_scan_and_photos_show_the_same_in_spite_of_parallax(
             for image in session.images
         )
     )
-    assert float(agreement(compared(wrong, box_index), HEIGHT, JudgeConfig()).correlation) < 0.85
+    assert float(agreement(compared(wrong, box_index), JudgeConfig()).correlation) < 0.85
 
 
 def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest(
@@ -67,11 +74,12 @@ def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest(
 ) -> None:
     found = compared(session, box_index)
     assert found.photo is not None
-    directions = pixel_directions(HEIGHT, 2 * HEIGHT).reshape(-1, 3).double().numpy()
+    directions = found.views.window.directions(torch.device("cpu")) @ found.views.map_from_view[0].T
+    rays = directions.double().numpy()
     size = np.array(box.size_m)
     with np.errstate(divide="ignore"):
-        steps = (np.where(directions > 0, size, 0.0) - MAP_FROM_RIG.position) / directions
-    points = MAP_FROM_RIG.position + directions * np.where(directions == 0, np.inf, steps).min(axis=1)[:, None]
+        steps = (np.where(rays > 0, size, 0.0) - MAP_FROM_RIG.position) / rays
+    points = MAP_FROM_RIG.position + rays * np.where(rays == 0, np.inf, steps).min(axis=1)[:, None]
     best, expected = np.full(len(points), -np.inf), np.full(len(points), -1)
     for number, (camera, pose) in enumerate(zip(CAMERAS, TWO, strict=True)):
         map_from_camera = MAP_FROM_SESSION.after(pose)
@@ -108,17 +116,37 @@ def test_agreement_is_not_told_of_a_photo_that_shows_nothing_of_the_scan(session
     assert agreement_by_photo(None, 2) == [None, None]
 
 
-def test_what_the_cones_leave_out_changes_nothing_that_photos_show(session: Session, box_index: MapIndex) -> None:
-    atlas = PhotoAtlas(session, 512, None, "cpu")
+def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_show(
+    session: Session, box_index: MapIndex
+) -> None:
+    view, (rotations, positions) = view_of(session), tensors_of(MAP_FROM_RIG)
+    parts = view.parts(rotations, HEIGHT)
+    assert 0.1 < parts.window.height * parts.window.width / (2 * HEIGHT**2) < 0.7
+    everything = replace(
+        parts, window=SphereWindow.of_sphere(HEIGHT), half_angles=torch.full_like(parts.half_angles, 4.0)
+    )
+    whole = render_views(box_index.render_cloud, positions, HEIGHT, parts=everything)
+    drawn = render_views(box_index.render_cloud, positions, HEIGHT, parts=parts).on_sphere()
+    inside = SphereWindow.on_sphere(parts.window, torch.ones(1, parts.window.height * parts.window.width))[0] > 0
+    inside = inside.view(HEIGHT, 2 * HEIGHT)
+    directions = pixel_directions(HEIGHT, 2 * HEIGHT) @ view.rig_from_view.T
+    towards = directions @ view.atlas.rotations[:, :, 0].T
+    near = (towards >= torch.cos(parts.half_angles)).any(-1) & inside
+    assert bool(view.atlas.shows(directions[~inside], math.radians(7.0)).logical_not().all())
+    assert torch.equal(drawn.valid[0] & near, whole.valid[0] & near)
+    torch.testing.assert_close(drawn.depth[0][near], whole.depth[0][near])
+    torch.testing.assert_close(drawn.color[0][near], whole.color[0][near])
+    assert not bool(drawn.valid[0][~inside].any())
+
+
+def test_views_in_axes_of_their_own_show_what_those_of_the_map_show(session: Session, box_index: MapIndex) -> None:
     rotations, positions = tensors_of(MAP_FROM_RIG)
-    cones = view_cones(atlas, rotations)
-    width = 2 * HEIGHT
-    all_of_it = render_views(box_index.render_cloud, positions, HEIGHT, width)
-    part = render_views(box_index.render_cloud, positions, HEIGHT, width, cones=cones)
-    towards = pixel_directions(HEIGHT, width) @ cones.axes[0].T
-    inside = (towards >= torch.cos(cones.half_angles)).any(-1)
-    assert 0.1 < float(inside.float().mean()) < 0.9
-    assert torch.equal(part.valid[0] & inside, all_of_it.valid[0] & inside)
-    torch.testing.assert_close(part.depth[0][inside], all_of_it.depth[0][inside])
-    torch.testing.assert_close(part.color[0][inside], all_of_it.color[0][inside])
-    assert float(part.valid.float().mean()) < float(all_of_it.valid.float().mean())
+    parts = view_of(session).parts(rotations, HEIGHT)
+    of_map = render_views(box_index.render_cloud, positions, HEIGHT)
+    drawn = render_views(box_index.render_cloud, positions, HEIGHT, parts=parts)
+    in_map = parts.window.directions(torch.device("cpu")) @ parts.rotations[0].T
+    pixel, _ = of_map.window.pixels_towards(in_map)
+    depth, expected = drawn.depth[0].flatten(), of_map.depth[0].flatten()[pixel]
+    seen = depth.isfinite() & expected.isfinite()
+    assert float((depth[seen] / expected[seen] - 1).abs().quantile(0.9)) < 0.03
+    assert float(seen.float().mean()) > 0.4

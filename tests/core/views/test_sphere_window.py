@@ -1,0 +1,102 @@
+"""Windows: parts of the image of a sphere, and the least one that holds some directions."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.geometry.projection import pixel_directions, pixel_solid_angles
+from core.geometry.sphere_window import CELLS, SphereWindow, window_around
+
+CPU = torch.device("cpu")
+PART = SphereWindow(16, 4, 20, 8, 6)
+
+
+def test_pixels_of_a_window_are_those_of_the_sphere() -> None:
+    rows, columns = slice(4, 12), slice(20, 26)
+    torch.testing.assert_close(PART.directions(CPU), pixel_directions(16, 32)[rows, columns].reshape(-1, 3))
+    solid = pixel_solid_angles(16, 32).expand(-1, 32)[rows, columns]
+    torch.testing.assert_close(PART.solid_angles(CPU), solid.flatten())
+
+
+def test_a_direction_falls_into_its_own_pixel_and_nothing_outside_into_any() -> None:
+    numbers, inside = PART.pixels_towards(PART.directions(CPU))
+    assert bool(inside.all())
+    np.testing.assert_array_equal(numbers, np.arange(48))
+    everywhere = pixel_directions(16, 32).view(-1, 3)
+    assert int(PART.pixels_towards(everywhere)[1].sum()) == 48
+
+
+def test_the_same_part_at_another_resolution_shows_the_same() -> None:
+    finer = PART.at(64)
+    assert (finer.height, finer.width) == (32, 24)
+    low, high = finer.directions(CPU)[..., 2].aminmax()
+    coarse = PART.directions(CPU)[..., 2]
+    assert float(low) < float(coarse.min())
+    assert float(high) > float(coarse.max())
+    assert finer.at(16) == PART
+    assert SphereWindow.of_sphere(12).at(40) == SphereWindow.of_sphere(40)
+
+
+def test_an_image_of_a_part_lies_on_the_sphere_where_the_part_does() -> None:
+    image = torch.rand((2, 48, 3))
+    whole = PART.on_sphere(image, -1.0).view(2, 16, 32, 3)
+    torch.testing.assert_close(whole[:, 4:12, 20:26].reshape(2, 48, 3), image)
+    assert int((whole == -1.0).sum()) == 2 * 3 * (16 * 32 - 48)
+
+
+@given(
+    middle=st.floats(-math.pi, math.pi),
+    spread=st.floats(0.01, math.pi),
+    tilt=st.floats(-1.2, 1.2),
+    margin=st.floats(0.0, 0.6),
+    seed=st.integers(0, 100),
+)
+def test_the_window_around_directions_holds_them_and_their_margin(
+    middle: float, spread: float, tilt: float, margin: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    azimuths = torch.from_numpy(middle + rng.uniform(-spread, spread, 20)).float()
+    elevations = torch.from_numpy(np.clip(tilt + rng.uniform(-0.3, 0.3, 20), -1.5, 1.5)).float()
+    turn, window = window_around(azimuths, elevations, margin)
+    flat = elevations.cos()
+    directions = torch.stack((flat * azimuths.cos(), flat * azimuths.sin(), elevations.sin()), dim=-1)
+    other = torch.from_numpy(rng.normal(size=(20, 3))).float()
+    across = torch.nn.functional.normalize(torch.linalg.cross(directions, other), dim=-1)
+    moved = directions * math.cos(margin) + across * math.sin(margin)
+    for each in (directions, moved):
+        assert bool(window.at(64).pixels_towards(_turned(each, -turn))[1].all())
+
+
+@pytest.mark.parametrize(
+    ("width_deg", "height_deg", "margin_deg", "cells"),
+    [(69.0, 54.0, 8.0, (4, 4)), (20.0, 20.0, 0.0, (2, 2)), (200.0, 54.0, 8.0, (4, 10)), (360.0, 54.0, 8.0, (4, 16))],
+)
+def test_the_window_is_no_larger_than_it_must_be(
+    width_deg: float, height_deg: float, margin_deg: float, cells: tuple[int, int]
+) -> None:
+    # Around an azimuth of 170 degrees, across the seam.
+    across = torch.deg2rad(170 + torch.linspace(-width_deg / 2, width_deg / 2, 101))
+    up = math.radians(height_deg / 2)
+    azimuths = torch.cat((across, torch.full((2,), math.radians(170))))
+    elevations = torch.cat((torch.zeros(101), torch.tensor([-up, up])))
+    turn, window = window_around(azimuths, elevations, math.radians(margin_deg))
+    assert window.rows == CELLS
+    assert (window.height, window.width) == cells
+    if not window.is_round:
+        assert math.degrees(turn) == pytest.approx(170, abs=0.6)
+
+
+def test_what_reaches_over_a_pole_takes_all_columns() -> None:
+    _, window = window_around(torch.tensor([0.3]), torch.tensor([1.5]), 0.2)
+    assert window.is_round
+    assert window.first_row == 0
+    assert window.height < CELLS
+
+
+def _turned(directions: torch.Tensor, angle: float) -> torch.Tensor:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return directions @ torch.tensor([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]).T
