@@ -17,6 +17,8 @@ class JudgeConfig:
     brightness_bins: int = 16  # of the mutual information
     min_variance: float = 1e-4  # of canonical colours; below it contrast is noise
     min_patch_variance: float = 1e-3
+    # Measured in patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
+    shifted_patches: bool = False
     ranks_by_explained: bool = False  # rather than by correlations (see `core.judge.agreement`)
     merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement

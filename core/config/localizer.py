@@ -86,5 +86,6 @@ class LocalizerConfig:
                 final_height=finer * judge.final_height,
                 patch_rows=finer * judge.patch_rows,
                 ranks_by_explained=True,
+                shifted_patches=True,
             ),
         )

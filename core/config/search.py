@@ -49,9 +49,10 @@ class PhotoSearchConfig:
     limit_margin_m: float = 0.5  # starts are no nearer to what hints allow than half their spacing
     limit_margin_deg: float = 6.0  # half the spacing of the denser set, and what a start's distance turns
     rescored_poses: int = 20_000
-    rescored_pixels: int = (
-        2_500_000  # of all poses together: of many photos each pose has many, and fewer poses need them
-    )
+    # Of all poses together: of many photos each pose has many, and fewer poses need them. The second of the denser set.
+    rescored_pixels: int = 2_500_000
+    limited_rescored_pixels: int = 600_000
+    most_patches: int = 80  # that histograms are compared of; six frames show 160, and half of them tell as much
     patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     num_candidates: int = 48

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from core.config import JudgeConfig
+from core.geometry.sphere_window import SphereWindow
 from core.judge.hypotheses import Hypothesis
 from core.views.comparison import Comparison
 
@@ -45,12 +46,12 @@ def agreement(comparison: Comparison, config: JudgeConfig, share: float = 1.0) -
     pixel_share = comparison.weights / total
     correlation = _correlation(scan, panorama, pixel_share, config.min_variance).mean(-1)
     window = comparison.views.window
-    sides = (scan, panorama, pixel_share[..., None])
-    patches = [_in_patches(x, window.height, window.rows // config.patch_rows) for x in sides]
-    weight = patches[2][..., 0]
-    mass = weight.sum(-1)
-    share_inside = weight / mass.clamp_min(1e-12)[..., None]
-    inside = _correlation(patches[0], patches[1], share_inside, config.min_patch_variance, joint_channels=True)[..., 0]
+    sides = torch.cat((scan, panorama, pixel_share[..., None]), dim=-1)
+    inside, mass = _correlation_in_patches(_in_patches(sides, window.height, window.rows // config.patch_rows), config)
+    if config.shifted_patches:
+        shifted = _in_shifted_patches(sides, window, window.rows // config.patch_rows)
+        again = _correlation_in_patches(shifted, config)
+        inside, mass = torch.cat((inside, again[0]), dim=1), torch.cat((mass, again[1]), dim=1) / 2
     coverage = total[:, 0] / (4 * torch.pi)
     distance_square = (scan - panorama).square().sum(-1) / config.inlier_difference**2
     relative_coverage = (coverage / share).clamp(0, 1)
@@ -99,6 +100,23 @@ def _correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joi
         covariance = covariance.sum(-1, keepdim=True)
         variances = variances[0].sum(-1, keepdim=True), variances[1].sum(-1, keepdim=True)
     return covariance / ((variances[0] + floor) * (variances[1] + floor)).sqrt()
+
+
+def _correlation_in_patches(patches: Tensor, config: JudgeConfig) -> tuple[Tensor, Tensor]:
+    """Return the correlation (K, P) inside each of the patches (K, P, S, 7), of colours, colours and shares, and their shares (K, P)."""
+    weight = patches[..., 6]
+    mass = weight.sum(-1)
+    share = weight / mass.clamp_min(1e-12)[..., None]
+    inside = _correlation(patches[..., :3], patches[..., 3:6], share, config.min_patch_variance, joint_channels=True)
+    return inside[..., 0], mass
+
+
+def _in_shifted_patches(values: Tensor, window: SphereWindow, side: int) -> Tensor:
+    """Reorder pixels (K, H W, C) of a window as `_in_patches` does, into patches that begin in the middle of those."""
+    half = side // 2
+    image = values.view(len(values), window.height, window.width, -1)
+    padded = torch.nn.functional.pad(image, (0, 0, half, side - half, half, side - half))
+    return _in_patches(padded.flatten(1, 2), window.height + side, side)
 
 
 def _in_patches(values: Tensor, height: int, side: int) -> Tensor:

@@ -85,12 +85,15 @@ class PhotoAtlas:
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
         """Tell which directions (N, 3) in the axes of the rig some photo shows, or almost: within `margin`, radians."""
         windows = self.windows(_EXTENT_LEVEL)
-        pixels = self.rig_directions(windows)[windows.valid > 0]
+        pixels, of = self.rig_directions(windows)[windows.valid > 0], windows.photo[windows.valid > 0]
         reach = margin + 0.71 * math.pi / _EXTENT_LEVEL  # half a pixel's diagonal
-        # Most directions are nowhere near: the cones around the photos tell them apart at once.
-        near = (directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6).any(1)
-        shown = near.clone()
-        shown[near] = (directions[near] @ pixels.T).amax(1) >= math.cos(reach)
+        # Most directions are nowhere near a photo: the cones around them tell these apart at once.
+        near = directions @ self.rotations[:, :, 0].T >= (self.cones + reach).clamp(max=math.pi).cos() - 1e-6
+        shown = torch.zeros(len(directions), dtype=torch.bool, device=directions.device)
+        for number in range(len(self)):
+            some = (near[:, number] & ~shown).nonzero()[:, 0]
+            if len(some) and bool((of == number).any()):
+                shown[some] = (directions[some] @ pixels[of == number].T).amax(1) >= math.cos(reach)
         return shown
 
     def windows(self, rows: int) -> PhotoWindows:

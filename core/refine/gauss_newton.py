@@ -49,7 +49,8 @@ def initial_history(count: int, config: StepConfig, device: torch.device) -> Ste
 class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
-    photos: (K, N) and patches: (N,), as in `CandidatePoints`.
+    photos: (K, N) and patches: (N,), as in `CandidatePoints`. members: (N, P), 1 where a point is of a patch: sums over patches are
+    products with it, on every device alike.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
@@ -59,11 +60,13 @@ class PointPlanes:
     weights: Tensor
     photos: Tensor | None = None
     patches: Tensor | None = None
+    members: Tensor | None = None
 
     def take(self, chosen: Tensor) -> "PointPlanes":
         """Return the points of some of the candidates."""
         photos = None if self.photos is None else self.photos[chosen]
-        return PointPlanes(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos, self.patches)
+        positions, colors, weights = self.positions[chosen], self.colors[chosen], self.weights[chosen]
+        return PointPlanes(positions, colors, weights, photos, self.patches, self.members)
 
 
 @dataclass(frozen=True)

@@ -42,16 +42,15 @@ class PatchStep:
 def patch_step(
     level: RigLevel,
     points: PointPlanes,
-    patches: Tensor,
     rotations: Tensor,
     positions: Tensor,
     history: StepHistory,
     config: StepConfig,
     relaxed: bool,
 ) -> PatchStep:
-    """Move K poses by one step. patches: (N,), the number of the patch that each point lies in, the same for all candidates."""
+    """Move K poses by one step, by points that lie in patches."""
     seen, inside = level.sample_points(points.positions, points.photos, rotations, positions)
-    by_patch = _Patches(patches, points.weights * inside)
+    by_patch = _Patches(points, points.weights * inside)
     shown, scanned = by_patch.centered(seen.color), by_patch.centered(points.colors)
     common, power = by_patch.covariances(shown, scanned, config.min_patch_variance)
     correlation = (common / (power[0] * power[1]).sqrt()).clamp(0, _MOST_CORRELATED)
@@ -94,12 +93,13 @@ def _over_channels(first: Tensor, second: Tensor) -> Tensor:
 
 
 class _Patches:
-    """The points of K candidates by patch: sums over patches are products with one matrix, on every device alike."""
+    """The points of K candidates by patch."""
 
-    def __init__(self, patches: Tensor, weights: Tensor) -> None:
+    def __init__(self, points: PointPlanes, weights: Tensor) -> None:
+        assert points.patches is not None
+        assert points.members is not None
         self.weights = weights  # (K, N)
-        self._patches = patches
-        self._members = torch.nn.functional.one_hot(patches).to(weights.dtype)  # (N, P)
+        self._patches, self._members = points.patches, points.members
         self.mass = (weights @ self._members).clamp_min(1e-6)  # (K, P)
 
     def covariances(self, shown: Tensor, scanned: Tensor, floor: float) -> tuple[Tensor, tuple[Tensor, Tensor]]:

@@ -42,7 +42,8 @@ class CandidatePoints:
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        return PointPlanes(positions, colors, self.weights, self.photos, self.patches)
+        members = None if self.patches is None else torch.nn.functional.one_hot(self.patches).to(self.weights.dtype)
+        return PointPlanes(positions, colors, self.weights, self.photos, self.patches, members)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
@@ -164,7 +165,7 @@ def _step(
 ) -> PoseStep | PatchStep:
     if points.patches is None or not isinstance(level, RigLevel):
         return gauss_newton_step(level, points, rotations, positions, weights, history, config, relaxed)
-    return patch_step(level, points, points.patches, rotations, positions, history, config, relaxed)
+    return patch_step(level, points, rotations, positions, history, config, relaxed)
 
 
 def _without_duplicates(

@@ -31,6 +31,7 @@ from core.search.pose_scores import Candidates
 
 _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
 _RESCORED_AT_ONCE = 2_000_000  # pixels
+_GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def describe_photos(
     roots, _ = centered_roots(torch.cat(parts, dim=-1), grid.solid_angles(weights.device))
     # A patch at the edge of a photo counts as much as the photo shows of it.
     shown = torch.zeros(len(grid), device=weights.device).index_add_(0, patch, weights)
-    patches = (shown > _LEAST_PATCH_SHARE * shown.max()).nonzero()[:, 0]
+    patches = _some_of((shown > _LEAST_PATCH_SHARE * shown.max()).nonzero()[:, 0], config.most_patches)
     small = atlas.windows(fine.picture_height)
     valid = small.weights > 0
     row, column = valid.nonzero(as_tuple=True)
@@ -87,6 +88,14 @@ def describe_photos(
         small.weights[valid],
         squares,
     )
+
+
+def _some_of(patches: Tensor, most: int) -> Tensor:
+    """Return at most so many of the patches (Q,), spread evenly over them: what several photos show is told by some of it."""
+    if len(patches) <= most:
+        return patches
+    order = (torch.arange(len(patches), device=patches.device, dtype=torch.float64) * _GOLDEN).frac().argsort()
+    return patches[order[:most].sort().values]
 
 
 def search_photos(
@@ -113,8 +122,12 @@ def _search_map(
         return MapCandidates(empty, rotations, 0, 0)
     views = index.fine_views if len(starts) == index.num_starts else index.fine_views.take(starts)
     scores = _histogram_scores(photos, views.descriptors(), rotations, PatchGrid(fine.patch_rows, fine.patch_columns))
-    rescored = config.limited_rescored_poses if is_dense else config.rescored_poses
-    count = min(rescored, config.rescored_pixels // max(1, len(photos.directions)), scores.numel())
+    usual, dense = (
+        (config.rescored_poses, config.rescored_pixels),
+        (config.limited_rescored_poses, config.limited_rescored_pixels),
+    )
+    poses, pixels = dense if is_dense else usual
+    count = min(poses, pixels // max(1, len(photos.directions)), scores.numel())
     best = scores.flatten().topk(count).indices
     start, rotation = best // len(rotations), best % len(rotations)
     again = _pixel_scores(photos, views, rotations, start, rotation, index.labels is not None, config)

@@ -138,6 +138,28 @@ def test_cameras_held_level_are_searched_first_and_others_are_found_as_well(
     assert first.search.num_poses < second.search.num_poses / 4
 
 
+def test_what_has_changed_is_told_in_the_axes_of_the_photo(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex
+) -> None:
+    pose = Pose(rotation_of(70.0, 30.0, 10.0), np.array([1.9, 2.2, 1.4]))
+    photo = photo_of(box, WIDE, pose)
+    found = localizer.localize(photo, [box_index])
+    scores = found.score_map_2d
+    assert scores is not None
+    known = ~np.isnan(scores)
+    shown = photo_on_sphere(photo.color, photo.valid, photo.camera).valid
+    shown = shown[:: len(shown) // len(known), :: len(shown) // len(known)]
+    assert (known & shown).sum() > 0.95 * known.sum() > 0.9 * 0.95 * shown.sum()
+    assert np.nanmedian(scores) > 0.8
+    points = found.point_scores
+    assert points is not None
+    seen = (box_index.positions.numpy()[~np.isnan(points)] + box_index.origin_offset - pose.position) @ pose.rotation
+    assert len(seen) > 0.03 * len(points)
+    ahead, across, up = seen.T
+    in_view = (ahead > 0) & (np.abs(across) < 1.3 * ahead) & (np.abs(up) < 1.0 * ahead)  # by 100 degrees, and 84
+    assert in_view.mean() > 0.95
+
+
 # Several photos.
 
 

@@ -107,6 +107,28 @@ def test_a_patch_counts_by_what_is_seen_of_it() -> None:
     assert float(judged(scan, panorama, weights).patch_correlation) == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.parametrize("side", ["first", "second"])
+def test_shifted_patches_see_what_the_borders_of_the_others_cut_in_two(side: str) -> None:
+    config = JudgeConfig(shifted_patches=True)
+    half = HEIGHT // config.patch_rows // 2
+    scan = texture(2 * HEIGHT)
+    # Half of the rows are the opposite of the scan: of whole patches of the one grid or of the other.
+    rows = torch.arange(HEIGHT) + (half if side == "second" else 0)
+    opposite = (rows // (2 * half)) % 2 == 1
+    panorama = torch.where(opposite[:, None, None], 1 - scan, scan)
+    plain, both = (judged(scan, panorama, SOLID, each) for each in (JudgeConfig(), config))
+    # Where patches are whole, halves of them agree fully and say much; where they are mixed they say next to nothing.
+    assert float(plain.explained) == pytest.approx(0.48 if side == "first" else 0.0, abs=0.03)
+    assert float(both.explained) == pytest.approx(0.24, abs=0.03)
+    assert float(both.coverage) == pytest.approx(float(plain.coverage))
+
+
+def test_shifted_patches_of_a_picture_that_agrees_agree() -> None:
+    scan = texture(2 * HEIGHT)
+    found = judged(scan, scan, SOLID, JudgeConfig(shifted_patches=True))
+    assert float(found.patch_correlation) == pytest.approx(1, abs=0.01)
+
+
 def test_where_nothing_is_seen_nothing_agrees() -> None:
     scan = texture(2 * HEIGHT)
     found = judged(scan, scan, torch.zeros_like(SOLID))

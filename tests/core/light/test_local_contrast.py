@@ -9,6 +9,7 @@ from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import pixel_directions, project, sample_bilinear
 from core.geometry.rotations import rotation_from_vector
+from core.geometry.sphere_window import SphereWindow
 from core.light.local_contrast import local_contrast, mixed_with_contrast
 
 HEIGHT, WIDTH = 64, 128
@@ -87,3 +88,16 @@ def test_a_mixture_goes_from_equalized_colours_to_contrast() -> None:
     equalized = torch.rand((1, HEIGHT, WIDTH, 3), generator=torch.Generator().manual_seed(7))
     torch.testing.assert_close(mixed_with_contrast(equalized, image, valid, 0.0), equalized)
     torch.testing.assert_close(mixed_with_contrast(equalized, image, valid, 1.0), local_contrast(image, valid))
+
+
+def test_the_contrast_of_a_part_is_that_of_a_sphere_that_shows_nothing_else() -> None:
+    window = SphereWindow(64, 8, 40, 40, 48)
+    made = torch.Generator().manual_seed(4)
+    part = torch.rand((1, 40, 48, 3), generator=made)
+    color = window.on_sphere(part.flatten(1, 2)).view(1, 64, 128, 3)
+    valid = window.on_sphere(torch.ones((1, 40 * 48))).view(1, 64, 128)
+    whole = local_contrast(color, valid)[:, 8:48, 40:88]
+    found = local_contrast(part, torch.ones((1, 40, 48)), window)
+    # At its border the sphere's surroundings are interpolated towards where nothing is known.
+    inner = slice(4, -4)
+    torch.testing.assert_close(found[:, inner, inner], whole[:, inner, inner], atol=1e-4, rtol=0)

@@ -50,10 +50,7 @@ def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) ->
 
 def step_at(scene: tuple[RigLevel, CandidatePoints], pose: tuple[Tensor, Tensor], rules: StepConfig) -> PatchStep:
     level, points = scene
-    assert points.patches is not None
-    return patch_step(
-        level, points.planes(), points.patches, *pose, initial_history(1, rules, torch.device("cpu")), rules, False
-    )
+    return patch_step(level, points.planes(), *pose, initial_history(1, rules, torch.device("cpu")), rules, False)
 
 
 def off_by(found: tuple[Tensor, Tensor]) -> float:

@@ -1,6 +1,7 @@
 """The search for photos in a painted box: the right pose is among the candidates, within what hints and gravity allow."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -117,6 +118,20 @@ def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle(box
     ahead = (found.rotations @ limits.first_rotation)[:, :, 0]  # type: ignore[operator]
     off = torch.atan2(ahead[:, 1], ahead[:, 0]) - math.radians(yaw)
     assert float(torch.atan2(off.sin(), off.cos()).abs().max()) <= margin
+
+
+def test_histograms_are_compared_of_no_more_patches_than_are_asked_for() -> None:
+    few = replace(CONFIG, photo_search=replace(CONFIG.photo_search, most_patches=12))
+    every, some = (
+        PreparedPhotos(two_photos(), 256, None, torch.device("cpu"), each).described() for each in (CONFIG, few)
+    )
+    assert len(every.patches) > 24
+    assert len(some.patches) == len(some.roots) == 12
+    assert float(some.weights.sum()) == pytest.approx(1)
+    known = every.patches.tolist()
+    places = [known.index(each) for each in some.patches.tolist()]
+    gaps = np.diff([-1, *places, len(known)])
+    assert gaps.max() <= 2.5 * len(known) / 12
 
 
 def test_hints_that_leave_nothing_are_answered_with_nothing(box_index: MapIndex) -> None:

@@ -150,3 +150,13 @@ def test_views_in_axes_of_their_own_show_what_those_of_the_map_show(session: Ses
     seen = depth.isfinite() & expected.isfinite()
     assert float((depth[seen] / expected[seen] - 1).abs().quantile(0.9)) < 0.03
     assert float(seen.float().mean()) > 0.4
+
+
+def test_what_a_camera_beside_the_middle_shows_near_by_lies_in_the_window_too(session: Session) -> None:
+    view = view_of(session, 0.0)
+    atlas, windows = view.atlas, view.atlas.windows(64)
+    seen = windows.valid > 0
+    near = atlas.rig_directions(windows)[seen] + atlas.centers[windows.photo[seen]]
+    window = view.parts(*tensors_of(MAP_FROM_RIG)[:1], HEIGHT).window
+    assert float(atlas.centers.norm(dim=-1).min()) > 0.15
+    assert bool(window.pixels_towards(near @ view.rig_from_view)[1].all())
