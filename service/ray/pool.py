@@ -24,7 +24,10 @@ from service.worker.reply import WorkerReply, error_of
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
-_MAX_ATTEMPTS = 3
+# Which of the queries under way ended their worker nobody knows. One that lost several is asked again while no other such one is, so that
+# the one that does it takes the others along no more.
+_ATTEMPTS_TOGETHER = 3
+_ATTEMPTS_ALONE = 3
 _MAX_REBUILDS = 2
 _END_BUILDS_S = 5.0
 
@@ -47,6 +50,7 @@ class RayPool:
         self._workers: dict[str, WorkerReply[Any]] = {}
         self._index_loads: dict[str, int] = {}
         self._num_retries = 0
+        self._asked_alone = asyncio.Lock()
         self._loss.call(self.begin_drain)
         self._loss.call_on_silence(self._end_builds)
 
@@ -129,30 +133,42 @@ class RayPool:
         return self._upkeep.handle
 
     async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        for attempt in range(1, _ATTEMPTS_TOGETHER + 1):
+            if (reply := await self._asked(job, attempt)) is not None:
+                return reply
+        await self._before_deadline(self._asked_alone.acquire(), job)
+        try:
+            for attempt in range(_ATTEMPTS_TOGETHER + 1, _ATTEMPTS_TOGETHER + _ATTEMPTS_ALONE + 1):
+                if (reply := await self._asked(job, attempt)) is not None:
+                    return reply
+        finally:
+            self._asked_alone.release()
+        raise NoWorkerError(f"{attempt} workers in a row were lost while they computed this answer")
+
+    async def _asked(self, job: LocalizeJob, attempt: int) -> WorkerReply[LocalizeOutcome] | None:
+        """Return the answer of some worker, None where it was lost meanwhile."""
         from ray.exceptions import RayError, RayTaskError
         from ray.serve.exceptions import RayServeException
 
-        for attempt in range(1, _MAX_ATTEMPTS + 1):
-            handle = self._upkeep.handle or self._require_workers()
-            response = handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
-            try:
-                reply: WorkerReply[LocalizeOutcome] = await self._before_deadline(_result_of(response), job)
-            except RayTaskError:
-                raise  # a fault in our own code, which no other worker would be spared
-            except (RayError, RayServeException) as error:
-                self._num_retries += 1
-                self._workers.clear()
-                lost = {"request_id": job.request_id, "attempt": attempt, "error": type(error).__name__}
-                _log.warning("a worker was lost", extra=lost)
-                continue
-            except BaseException:
-                if self._loss.absence is None:
-                    with contextlib.suppress(Exception):
-                        response.cancel()
-                raise
-            self._note(reply, job)
-            return reply
-        raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while they computed this answer")
+        handle = self._upkeep.handle or self._require_workers()
+        response = handle.options(multiplexed_model_id=_residency_key(job)).localize.remote(job)
+        try:
+            reply: WorkerReply[LocalizeOutcome] = await self._before_deadline(_result_of(response), job)
+        except RayTaskError:
+            raise  # a fault in our own code, which no other worker would be spared
+        except (RayError, RayServeException) as error:
+            self._num_retries += 1
+            self._workers.clear()
+            lost = {"request_id": job.request_id, "attempt": attempt, "error": type(error).__name__}
+            _log.warning("a worker was lost", extra=lost)
+            return None
+        except BaseException:
+            if self._loss.absence is None:
+                with contextlib.suppress(Exception):
+                    response.cancel()
+            raise
+        self._note(reply, job)
+        return reply
 
     async def _before_deadline(self, work: Any, job: LocalizeJob) -> Any:
         try:

@@ -180,13 +180,50 @@ def test_a_query_whose_worker_died_is_given_to_another(death: Exception, caplog:
     ]
 
 
-def test_a_query_that_kills_three_workers_is_given_up() -> None:
+def test_a_query_that_kills_six_workers_is_given_up() -> None:
     async def scenario() -> None:
-        serving = ScriptedServing(*(ActorDiedError() for _ in range(3)), reply())
+        serving = ScriptedServing(*(ActorDiedError() for _ in range(6)), reply())
         async with running(serving) as pool:
-            with pytest.raises(NoWorkerError, match="3 workers in a row were lost"):
+            with pytest.raises(NoWorkerError, match="6 workers in a row were lost"):
                 await pool.localize(job())
-            assert (len(serving.jobs), pool.num_under_way) == (3, 0)
+            assert (len(serving.jobs), pool.num_under_way) == (6, 0)
+            assert await pool.localize(job()) == OUTCOME
+
+    run(scenario())
+
+
+def test_queries_that_lost_several_workers_are_asked_one_at_a_time() -> None:
+    async def scenario() -> None:
+        # Both lose three workers; the first is asked alone then and gets no reply, and the second must not be asked meanwhile.
+        lost = [ActorDiedError() for _ in range(3)]
+        serving = ScriptedServing(*lost, None, *lost, reply())
+        async with running(serving) as pool:
+            first, second = (asyncio.create_task(pool.localize(job(timeout_s=5.0))) for _ in range(2))
+            while len(serving.jobs) < 7:
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.05)
+            assert len(serving.jobs) == 7
+            first.cancel()
+            assert await second == OUTCOME
+            assert len(serving.jobs) == 8
+
+    run(scenario())
+
+
+def test_a_query_that_waits_to_be_asked_alone_ends_by_its_deadline() -> None:
+    async def scenario() -> None:
+        lost = [ActorDiedError() for _ in range(3)]
+        quick = [reply(duration_s=0.001) for _ in range(20)]
+        serving = ScriptedServing(*quick, *lost, None, *lost, *lost, reply())
+        async with running(serving) as pool:
+            for _ in quick:  # nobody expects those before to take long
+                await pool.localize(job())
+            first = asyncio.create_task(pool.localize(job(timeout_s=5.0)))
+            second = asyncio.create_task(pool.localize(job(timeout_s=0.2)))
+            with pytest.raises(DeadlineExceededError):
+                await second
+            first.cancel()
+            assert await pool.localize(job()) == OUTCOME
 
     run(scenario())
 
