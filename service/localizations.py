@@ -64,6 +64,7 @@ class Localizations:
 
     async def answer(self, query: LocalizeRequest) -> Document:
         """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and what the pool raises."""
+        await self._registry.find(query.maps.map_ids)
         chosen = query.maps.resolve(self._registry)
         # What a worker computes for a Redis that is away cannot be kept, and may take it minutes.
         await self._cache.check()
@@ -74,6 +75,7 @@ class Localizations:
 
         when_done: called once the query has ended, if it has begun.
         """
+        await self._registry.find(query.maps.map_ids)
         chosen = query.maps.resolve(self._registry)
         localization_id = new_id("loc")
         pending = {"id": localization_id, "status": "queued", "created_at": now(), "error": None}

@@ -23,12 +23,15 @@ from service.maps.registrations import Registrations
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.settings import Settings
-from service.shared_folder import SharedFolder
+from service.shared_folder import LOOK_S, SharedFolder
 from service.sharing.change_signal import ChangeSignal
-from service.sharing.folder_locks import OwnFolderLocks, SharedFolderLocks
+from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, SharedFolderLocks
+from service.sharing.leases import LeaseLocks
 from service.storage import Storage
 
 _MOST_EXPORTS = 2
+# A list of a bucket costs time and money; what was changed is told by Redis, which several front doors on a bucket cannot do without.
+_LOOK_INTO_BUCKET_S = 15.0
 
 
 @dataclass
@@ -56,6 +59,7 @@ class Services:
     uploads: UploadPlaces
     wrong_keys: WrongKeys
     audit: AuditLog
+    locks: FolderLocks
     shared_folder: SharedFolder | None = None
     started: bool = False
     began: float = field(default_factory=time.monotonic)
@@ -65,7 +69,7 @@ class Services:
     @classmethod
     def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
         """Put the services of an application together; nothing runs before `start`."""
-        locks = SharedFolderLocks(settings.data_dir / "locks") if settings.shared else OwnFolderLocks()
+        locks = _locks_of(settings)
         registry = MapRegistry(storage, settings.max_maps, locks)
         metrics = Metrics(pool.state, registry.num_by_status)
         changes = ChangeLog(storage, settings.changes_ttl_s)
@@ -77,7 +81,8 @@ class Services:
         if settings.shared:
             assert settings.redis_url is not None
             signal = ChangeSignal(settings.redis_url)
-            shared_folder = SharedFolder(storage, registry, registrations, batches, batch_runs, signal)
+            look_s = _LOOK_INTO_BUCKET_S if settings.has_bucket else LOOK_S
+            shared_folder = SharedFolder(storage, registry, registrations, batches, batch_runs, signal, look_s)
         return cls(
             settings,
             pool,
@@ -98,6 +103,7 @@ class Services:
             ),
             WrongKeys(),
             AuditLog(settings.data_dir),
+            locks,
             shared_folder,
         )
 
@@ -128,6 +134,16 @@ class Services:
         await self.cache.close()
         if self.shared_folder is not None:
             await self.shared_folder.close()
+        await self.locks.close()
+
+
+def _locks_of(settings: Settings) -> FolderLocks:
+    if not settings.shared:
+        return OwnFolderLocks()
+    if settings.has_bucket:
+        assert settings.redis_url is not None
+        return LeaseLocks(settings.redis_url)
+    return SharedFolderLocks(settings.storage_folder / "locks")
 
 
 def services_of(connection: HTTPConnection) -> Services:

@@ -172,10 +172,6 @@ class Settings(BaseSettings):
             raise ValueError(
                 "expected PANOLOC_REDIS_URL with PANOLOC_SHARED, got none: all front doors need the same Redis"
             )
-        if self.shared and self.has_bucket:
-            raise ValueError(
-                "expected no PANOLOC_SHARED with a bucket: several front doors need a data folder that they share"
-            )
         return self
 
     @cached_property

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import math
 import time
 
 import structlog
@@ -16,13 +17,33 @@ from service.storage import Stamp, Storage
 
 _log = structlog.get_logger(__name__)
 
-# What a signal does not tell is seen after this; what a dead process had under way is taken up after it.
-_LOOK_S = 0.5
+LOOK_S = 0.5
+"""What a signal does not tell is seen after this."""
+# What a dead process had under way is taken up after this, once its locks are free.
+_TAKE_UP_S = 0.5
 _LISTEN_S = 0.1
+# Results of a batch come every moment.
+_BATCHES_S = 1.0
+_BATCH = "batch_"
+
+
+class _Pace:
+    """Says every so many seconds, and at once, that it is time."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s = every_s
+        self._last_s = -math.inf
+
+    def is_due(self) -> bool:
+        now_s = time.monotonic()
+        if now_s - self._last_s < self._every_s:
+            return False
+        self._last_s = now_s
+        return True
 
 
 class SharedFolder:
-    """Used from one event loop."""
+    """Used from one event loop. look_s: seconds between two looks at all that is stored."""
 
     def __init__(
         self,
@@ -32,6 +53,7 @@ class SharedFolder:
         batches: BatchStore,
         batch_runs: BatchRuns,
         signal: ChangeSignal,
+        look_s: float = LOOK_S,
     ) -> None:
         self._storage = storage
         self._registry = registry
@@ -39,10 +61,13 @@ class SharedFolder:
         self._batches = batches
         self._batch_runs = batch_runs
         self._signal = signal
+        self._look_s = look_s
         self._seen: dict[str, Stamp] = {}
+        self._told_batches: set[str] = set()
         self._stopping = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
         registry.call_on_change(signal.tell)
+        batches.call_on_change(signal.tell)
 
     def start(self) -> None:
         """Begin to listen and to look."""
@@ -59,13 +84,16 @@ class SharedFolder:
         await self._signal.close()
 
     async def _run(self) -> None:
-        looked_s = -_LOOK_S
+        looking, taking_up, batches = _Pace(self._look_s), _Pace(_TAKE_UP_S), _Pace(_BATCHES_S)
         while not self._stopping.is_set():
             try:
                 await self._listen()
-                if time.monotonic() - looked_s >= _LOOK_S:
-                    looked_s = time.monotonic()
+                if batches.is_due():
+                    await self._look_at_told_batches()
+                if looking.is_due():
                     await self._look()
+                if taking_up.is_due():
+                    await self._take_up()
             except (TryAgainError, OSError) as error:
                 _log.warning("what other front doors did cannot be seen, trying again", error=str(error))
             except Exception:
@@ -75,10 +103,17 @@ class SharedFolder:
 
     async def _listen(self) -> None:
         changed = await self._signal.heard()
-        for map_id in dict.fromkeys(changed):
+        self._told_batches.update(each for each in changed if each.startswith(_BATCH))
+        changed_maps = [each for each in dict.fromkeys(changed) if not each.startswith(_BATCH)]
+        for map_id in changed_maps:
             await self._registry.refresh(map_id)
-        if changed:
+        if changed_maps:
             await self._registrations.end_unwanted()
+
+    async def _look_at_told_batches(self) -> None:
+        told, self._told_batches = self._told_batches, set()
+        for batch_id in told:
+            await self._batches.refresh_one(batch_id)
 
     async def _look(self) -> None:
         known = {record.id for record in self._registry.all()}
@@ -89,6 +124,8 @@ class SharedFolder:
             await self._registry.refresh(map_id)
         self._seen = stored
         await self._batches.refresh()
+
+    async def _take_up(self) -> None:
         await self._registrations.end_unwanted()
         await self._batch_runs.end_unwanted()
         self._registrations.resume()

@@ -99,6 +99,7 @@ class BatchRuns:
         own = await _patiently(lambda: self._store.try_run(record.id), "a batch cannot be taken up")
         if own is None:
             return
+        own.call_when_lost(self._running[record.id].cancel)
         try:
             await self._run_own(record)
         finally:

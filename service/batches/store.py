@@ -6,8 +6,9 @@ The only writer of either; where other processes share the storage, one of them 
 import asyncio
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -25,6 +26,7 @@ from service.batches.stored_batches import StoredBatches
 from service.errors import (
     BatchLimitError,
     BatchNotFoundError,
+    CacheDownError,
     StorageError,
 )
 from service.sharing.folder_locks import FolderLocks, HeldLock, OwnFolderLocks
@@ -45,7 +47,7 @@ class BatchStore:
         self._locks = locks or OwnFolderLocks()
         self._max_batches = max_batches
         self._records: dict[str, BatchRecord] = {}
-        # Being deleted by us.
+        # Deleted by us, now or before: no id comes again.
         self._going: set[str] = set()
         self._statuses: dict[str, dict[int, str]] = {}
         self._all_known: set[str] = set()
@@ -54,10 +56,15 @@ class BatchStore:
         self._reading = asyncio.Lock()
         self._damaged: dict[str, set[int]] = {}
         self._when_damaged: Callable[[BatchRecord], None] = lambda record: None
+        self._tell: Callable[[str], Awaitable[None]] = _tell_nobody
 
     def call_when_damaged(self, redo: Callable[[BatchRecord], None]) -> None:
         """Name what is called for a batch of which a stored result turned out to be damaged: its image has none any more."""
         self._when_damaged = redo
+
+    def call_on_change(self, tell: Callable[[str], Awaitable[None]]) -> None:
+        """Name what is awaited with the id of each batch that this process has made, deleted, or has a result of."""
+        self._tell = tell
 
     async def load(self) -> None:
         """Read all records; uploads that never became a batch are removed, a record that cannot be read is logged and left alone."""
@@ -82,13 +89,37 @@ class BatchStore:
         for batch_id in known_before - stored.keys():
             self._forget(batch_id)
         for batch_id in stored:
-            self._found(batch_id)
+            await self.find(batch_id)
         for record in self.unfinished():
-            self._num_done[record.id] = len(await self.done(record.id))
+            await self._count(record.id)
+
+    async def refresh_one(self, batch_id: str) -> None:
+        """Look what other processes have made of one batch."""
+        if not self._locks.is_shared or not _ID.fullmatch(batch_id):
+            return
+        if batch_id not in self._records:
+            await self.find(batch_id)
+        elif await asyncio.to_thread(self._files.is_stored, batch_id):
+            await self._count(batch_id)
+        else:
+            self._forget(batch_id)
+
+    async def find(self, batch_id: str) -> None:
+        """Look for a batch that is not known here: another process may have made it a moment ago. Raises StorageAwayError."""
+        if batch_id in self._records or not self._locks.is_shared or not _ID.fullmatch(batch_id):
+            return
+        try:
+            found = await asyncio.to_thread(self._files.read, batch_id)
+            num_done = 0 if found is None else len(await self.done(batch_id))
+        except StorageError as error:
+            _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
+            return
+        if found is not None and batch_id not in self._records and batch_id not in self._going:
+            self._records[batch_id], self._num_done[batch_id] = found, num_done
 
     def get(self, batch_id: str, tenant: str | None = None) -> BatchRecord:
         """Return a batch; tenant: of the caller, None for one that sees all. Raises BatchNotFoundError."""
-        record = self._found(batch_id)
+        record = self._records.get(batch_id)
         if record is None or (tenant is not None and record.tenant != tenant):
             raise BatchNotFoundError(
                 f"expected the id of a batch, got {batch_id[:80]!r}, which is unknown or deleted; send the images again"
@@ -137,7 +168,7 @@ class BatchStore:
         self._num_coming += 1
         try:
             async with self._turn(record.id):
-                await _to_the_end(self._files.adopt, record, images)
+                await _to_the_end(self._files.adopt, record, images, partial(self._check_sure, record.id))
         except BaseException:
             await _to_the_end(self._storage.delete_all, folder_of(record.id))
             raise
@@ -145,6 +176,7 @@ class BatchStore:
             self._num_coming -= 1
         self._records[record.id] = record
         self._num_done[record.id] = 0
+        await self._tell(record.id)
 
     async def done(self, batch_id: str) -> set[int]:
         """Return the numbers of the images that have a result."""
@@ -178,9 +210,12 @@ class BatchStore:
                 return
             await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
         self._damaged.get(batch_id, set()).discard(number)
-        self._statuses.setdefault(batch_id, {})[number] = result["status"]
-        if not self._locks.is_shared:
+        known = self._statuses.setdefault(batch_id, {})
+        # With others it is counted again at every look.
+        if not self._locks.is_shared or (number not in known and batch_id in self._records):
             self._num_done[batch_id] += 1
+        known[number] = result["status"]
+        await self._tell(batch_id)
 
     async def image(self, batch_id: str, number: int) -> bytes:
         """Return an image as it was uploaded. Raises StorageError."""
@@ -194,11 +229,13 @@ class BatchStore:
         try:
             async with self._turn(batch_id):
                 await _to_the_end(self._storage.delete_all, folder_of(batch_id))
-        finally:
+        except BaseException:
             self._going.discard(batch_id)
+            raise
+        await self._tell(batch_id)
 
     def _turn(self, batch_id: str) -> AbstractAsyncContextManager[None]:
-        return self._locks.held(f"batch-{batch_id}")
+        return self._locks.held(_turn_of(batch_id))
 
     def _forget(self, batch_id: str) -> None:
         self._records.pop(batch_id, None)
@@ -206,22 +243,19 @@ class BatchStore:
         self._damaged.pop(batch_id, None)
         self._all_known.discard(batch_id)
 
-    def _found(self, batch_id: str) -> BatchRecord | None:
-        """Return a batch, also one that another process has made a moment ago."""
-        found = self._records.get(batch_id)
-        if found is None and self._locks.is_shared and batch_id not in self._going and _ID.fullmatch(batch_id):
-            try:
-                found = self._files.read(batch_id)
-            except StorageError as error:
-                _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
-            if found is not None:
-                self._records[batch_id] = found
-                self._num_done[batch_id] = 0
-        return found
+    async def _count(self, batch_id: str) -> None:
+        num_done = len(await self.done(batch_id))
+        if batch_id in self._records:
+            self._num_done[batch_id] = num_done
+
+    def _check_sure(self, batch_id: str) -> None:
+        """Raise CacheDownError where another process may take what is stored for an upload that nobody is at any more."""
+        if not self._locks.is_sure(_turn_of(batch_id)):
+            raise CacheDownError("expected a lock in Redis that is renewed in time, but it was not; try again")
 
     async def _remove_unfinished(self, batch_id: str) -> None:
         """Remove an upload that never became a batch, unless another process is at it."""
-        lock = await self._locks.try_hold(f"batch-{batch_id}")
+        lock = await self._locks.try_hold(_turn_of(batch_id))
         if lock is None:
             return
         try:
@@ -242,6 +276,15 @@ class BatchStore:
         self._num_done[batch_id] -= len(new)
         _log.error("results are damaged, their images are localized again", batch_id=batch_id, numbers=sorted(new))
         self._when_damaged(record)
+
+
+async def _tell_nobody(batch_id: str) -> None:
+    """Stand in for telling other processes of a change."""
+
+
+def _turn_of(batch_id: str) -> str:
+    """Return the lock that is held while something is done to a batch."""
+    return f"batch-{batch_id}"
 
 
 def _order(record: BatchRecord) -> tuple[str, str]:

@@ -1,6 +1,8 @@
 """Records and results of batches as files."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from service.batches.record import (
@@ -16,6 +18,9 @@ from service.batches.record import (
 from service.errors import StoredFileDamagedError, StoredFileMissingError
 from service.storage import Storage
 
+# A bucket answers each after a while, and many in the same while.
+_AT_A_TIME = 8
+
 
 class StoredBatches:
     """Blocking."""
@@ -23,10 +28,15 @@ class StoredBatches:
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
 
-    def adopt(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
-        """Take over images, each with its SHA-256, and then the record, which makes a batch of them."""
-        for number, (path, digest) in enumerate(images):
-            self._storage.adopt(image_key(record.id, number), path, digest)
+    def adopt(
+        self, record: BatchRecord, images: Sequence[tuple[Path, str]], check: Callable[[], None] = lambda: None
+    ) -> None:
+        """Take over images, each with its SHA-256, and then the record, which makes a batch of them. check: raises where it must not."""
+        keys = [image_key(record.id, number) for number in range(len(images))]
+        with ThreadPoolExecutor(_AT_A_TIME) as threads:
+            for _ in threads.map(self._storage.adopt, keys, *zip(*images, strict=True)):
+                pass
+        check()
         self._storage.replace(record_key(record.id), record.to_json())
 
     def read(self, batch_id: str) -> BatchRecord | None:
@@ -42,7 +52,9 @@ class StoredBatches:
     def read_results(self, batch_id: str, numbers: list[int]) -> dict[int, Result | None]:
         """Return those that are there, None for one that is damaged."""
         present = set(self._storage.names(results_prefix(batch_id)))
-        return {number: self._read_result(batch_id, number) for number in numbers if f"{number:05}.json" in present}
+        wanted = [number for number in numbers if f"{number:05}.json" in present]
+        with ThreadPoolExecutor(_AT_A_TIME) as threads:
+            return dict(zip(wanted, threads.map(partial(self._read_result, batch_id), wanted), strict=True))
 
     def _read_result(self, batch_id: str, number: int) -> Result | None:
         key = result_key(batch_id, number)

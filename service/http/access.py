@@ -39,6 +39,7 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
     ) -> None:
         caller = caller_of(request)
         if scope in caller.scopes:
+            await _find_what_is_named(request)
             return
         if _presented(request) is None:
             raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
@@ -88,6 +89,15 @@ def own_batch(request: Request, batch_id: str) -> BatchRecord:
 def note_change(request: Request, change: Change, what: str) -> None:
     """Write down who changed what."""
     services_of(request).audit.note(caller_of(request).id, change, what, request.state.request_id)
+
+
+async def _find_what_is_named(request: Request) -> None:
+    """Look for a map or batch in the path that another front door may just have made."""
+    services, named = services_of(request), request.path_params
+    if "map_id" in named:
+        await services.registry.find([named["map_id"]])
+    if "batch_id" in named:
+        await services.batches.find(named["batch_id"])
 
 
 def _presented(request: Request) -> str | None:

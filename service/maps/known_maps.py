@@ -11,9 +11,9 @@ import structlog
 from service.errors import MapNotFoundError, StorageError, StoredFileMissingError
 from service.jobs import MapRef
 from service.maps.cursors import decode_cursor, encode_cursor
-from service.maps.record import MapRecord, coordinate_system_of, read_record
+from service.maps.record import MapRecord, coordinate_system_of, read_stamped_record
 from service.maps.visible import VisibleMaps
-from service.storage import Storage
+from service.storage import Stamp, Storage
 
 _log = structlog.get_logger(__name__)
 
@@ -27,12 +27,12 @@ class KnownMaps:
         self._storage = storage
         self._is_shared = is_shared
         self._records: dict[str, MapRecord] = {}
-        # Being deleted by us.
-        self._going: set[str] = set()
+        # Of the records as they were read or written last.
+        self._stamps: dict[str, Stamp] = {}
 
     def get(self, map_id: str) -> MapRecord:
         """Return a map. Raises MapNotFoundError."""
-        record = self._found(map_id)
+        record = self._records.get(map_id)
         if record is None:
             raise MapNotFoundError(
                 f"expected the id of a map, got {map_id[:80]!r}, which is unknown or deleted; GET /maps lists the maps"
@@ -41,7 +41,7 @@ class KnownMaps:
 
     def has(self, map_id: str) -> bool:
         """Tell whether there is a map under this id."""
-        return self._found(map_id) is not None
+        return map_id in self._records
 
     def georeferences(self, refs: Iterable[MapRef]) -> dict[str, dict[str, Any]]:
         """Return the georeferences of those of the maps that (still) have one, by map id.
@@ -88,27 +88,19 @@ class KnownMaps:
 
     def holds(self, ref: MapRef) -> bool:
         """Tell whether the record of a map names this revision, so that its files are kept."""
-        record = self._found(ref.id)
+        record = self._records.get(ref.id)
         return record is not None and record.revision(ref.revision) is not None
 
     async def _look(self, map_id: str) -> None:
         """Take over what is stored of a map; in its turn, so that nothing of our own is half done meanwhile."""
         try:
-            self._records[map_id] = await asyncio.to_thread(read_record, self._storage, map_id)
+            found, stamp = await asyncio.to_thread(read_stamped_record, self._storage, map_id)
+            self._records[map_id], self._stamps[map_id] = found, stamp
         except StoredFileMissingError:
             self._records.pop(map_id, None)
+            self._stamps.pop(map_id, None)
         except StorageError as error:
             _log.error("a map stays as it was, its record cannot be read", map_id=map_id, error=str(error))
-
-    def _found(self, map_id: str) -> MapRecord | None:
-        """Return a map, also one that another process has made a moment ago."""
-        found = self._records.get(map_id)
-        if found is None and self._is_shared and map_id not in self._going and is_id(map_id):
-            try:
-                found = self._records[map_id] = read_record(self._storage, map_id)
-            except StorageError:
-                return None
-        return found
 
 
 def is_id(map_id: str) -> bool:

@@ -15,7 +15,7 @@ from core.errors import OptionsError
 from core.options import Box, IndexOptions, ScanOptions
 from service.errors import StoredFileDamagedError
 from service.jobs import MapRef, RegisterOptions
-from service.storage import Storage
+from service.storage import Stamp, Storage
 
 RevisionStatus = Literal["queued", "ready", "failed"]
 
@@ -187,13 +187,20 @@ def key_of(ref: MapRef, name: str) -> str:
 
 def read_record(storage: Storage, map_id: str) -> MapRecord:
     """Return the record of a map. Raises StoredFileMissingError and StoredFileDamagedError."""
+    return read_stamped_record(storage, map_id)[0]
+
+
+def read_stamped_record(storage: Storage, map_id: str) -> tuple[MapRecord, Stamp]:
+    """Return the record of a map with its stamp, for `write_record`. Raises as `read_record` does."""
     key = _record_key(map_id)
-    return MapRecord.from_json(storage.read(key), key)
+    data, stamp = storage.read_stamped(key)
+    return MapRecord.from_json(data, key), stamp
 
 
-def write_record(storage: Storage, record: MapRecord) -> None:
-    """Store a record over its predecessor."""
-    storage.replace(_record_key(record.id), record.to_json())
+def write_record(storage: Storage, record: MapRecord, over: Stamp | None = None) -> Stamp:
+    """Store a record over its predecessor and return its stamp. over: of the predecessor; None: whatever it is. Raises
+    StoredFileChangedError."""
+    return storage.replace(_record_key(record.id), record.to_json(), over)
 
 
 def options_to_json(options: RegisterOptions) -> dict[str, Any]:

@@ -6,7 +6,7 @@ among all of them, and begins with a look at what they have made of the map.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +14,18 @@ from typing import Any, TypeVar
 
 import structlog
 
-from service.errors import MapLimitError, MapNotFoundError, StorageError, StoredFileMissingError, VersionConflictError
+from service.errors import (
+    CacheDownError,
+    MapLimitError,
+    MapNotFoundError,
+    StorageError,
+    StoredFileChangedError,
+    StoredFileMissingError,
+    VersionConflictError,
+)
 from service.jobs import MapRef, now
 from service.maps.known_maps import KnownMaps, is_id
-from service.maps.record import MapRecord, Revision, folder_of, key_of, read_record, write_record
+from service.maps.record import MapRecord, Revision, folder_of, key_of, read_stamped_record, write_record
 from service.maps.scan_size import counted_bytes
 from service.maps.turns import Turns
 from service.sharing.folder_locks import FolderLocks, HeldLock, OwnFolderLocks
@@ -61,20 +69,28 @@ class MapRegistry(KnownMaps):
         await asyncio.to_thread(self._storage.tidy, _LEFT_BEHIND_S if is_shared else 0.0)
         for map_id in await asyncio.to_thread(self._storage.names, "maps"):
             try:
-                record = await asyncio.to_thread(read_record, self._storage, map_id)
+                record, stamp = await asyncio.to_thread(read_stamped_record, self._storage, map_id)
             except StorageError as error:
                 if is_shared and isinstance(error, StoredFileMissingError):
                     continue  # another process stores its scan now
                 # Never deleted here: it may be a scan that somebody wants back.
                 _log.error("a folder of maps is left alone, its record cannot be read", map_id=map_id, error=str(error))
                 continue
-            self._records[map_id] = record
+            self._records[map_id], self._stamps[map_id] = record, stamp
             await self._remove_forgotten_revisions(record)
+
+    async def find(self, map_ids: Iterable[str]) -> None:
+        """Look for maps that are not known here: another process may have made them a moment ago. Raises StorageAwayError."""
+        await asyncio.gather(*(self.refresh(each) for each in set(map_ids) if each not in self._records))
 
     async def refresh(self, map_id: str) -> None:
         """Look what other processes have made of a map; does nothing where there are none."""
         if self._is_shared and (map_id in self._records or is_id(map_id)):
             await self._turns.take_here(map_id, self._look(map_id))
+
+    def check_new_revision(self, ref: MapRef) -> None:
+        """Raise CacheDownError where the reference of `new_revision` may be another's by now: before a record names it."""
+        self._check_sure(_coming(ref))
 
     @asynccontextmanager
     async def new_revision(self, map_id: str) -> AsyncIterator[MapRef]:
@@ -153,13 +169,20 @@ class MapRegistry(KnownMaps):
         """
 
         async def change() -> MapRecord:
-            found = self.get(map_id)
-            if version is not None and found.version != version:
-                raise VersionConflictError(
-                    f"expected version {version} of {map_id}, but somebody has changed it: it is at {found.version}; read it again"
-                )
-            changed = update(found)
-            return found if changed == found else await self._write(replace(changed, updated_at=now()))
+            while True:
+                found = self.get(map_id)
+                if version is not None and found.version != version:
+                    raise VersionConflictError(
+                        f"expected version {version} of {map_id}, but somebody has changed it: it is at {found.version}; read it again"
+                    )
+                changed = update(found)
+                if changed == found:
+                    return found
+                try:
+                    return await self._write(replace(changed, updated_at=now()))
+                except StoredFileChangedError:
+                    # By one who had our lock while this process stood still.
+                    await self._look(map_id)
 
         return await self._in_turn(map_id, change())
 
@@ -172,15 +195,13 @@ class MapRegistry(KnownMaps):
 
         async def remove() -> None:
             record = self.get(map_id)
-            self._going.add(map_id)
+            self._check_sure(_turn_of(map_id))
             del self._records[map_id]
             try:
                 await asyncio.to_thread(self._storage.delete_all, folder_of(map_id))
             except BaseException:
                 self._records[map_id] = record
                 raise
-            finally:
-                self._going.discard(map_id)
             await self._tell(map_id)
 
         await self._in_turn(map_id, remove())
@@ -190,6 +211,8 @@ class MapRegistry(KnownMaps):
 
         async def remove() -> None:
             if not self.holds(ref):
+                for lock in (_turn_of(ref.id), _coming(ref)):
+                    self._check_sure(lock)
                 prefix = f"{folder_of(ref.id)}/{ref.revision}" if self.has(ref.id) else folder_of(ref.id)
                 await asyncio.to_thread(self._storage.delete_all, prefix)
 
@@ -197,7 +220,8 @@ class MapRegistry(KnownMaps):
 
     async def _write(self, record: MapRecord) -> MapRecord:
         record = replace(record, version=record.version + 1)
-        await asyncio.to_thread(write_record, self._storage, record)
+        over = self._stamps.get(record.id) if self._is_shared else None
+        self._stamps[record.id] = await asyncio.to_thread(write_record, self._storage, record, over)
         self._records[record.id] = record
         await self._tell(record.id)
         return record
@@ -211,7 +235,11 @@ class MapRegistry(KnownMaps):
             finally:
                 work.close()  # where it has not begun
 
-        return await self._turns.take(map_id, on_what_is_stored())
+        return await self._turns.take(map_id, _turn_of(map_id), on_what_is_stored())
+
+    def _check_sure(self, lock: str) -> None:
+        if not self._locks.is_sure(lock):
+            raise CacheDownError("expected a lock in Redis that is renewed in time, but it was not; try again")
 
     async def _remove_forgotten_revisions(self, record: MapRecord) -> None:
         for name in await asyncio.to_thread(self._storage.names, folder_of(record.id)):
@@ -221,6 +249,11 @@ class MapRegistry(KnownMaps):
                 if (lock := await self._locks.try_hold(_coming(ref))) is not None:
                     await self.remove_revision(ref)
                     lock.release()
+
+
+def _turn_of(map_id: str) -> str:
+    """Return the lock that is held while something is done to a map."""
+    return f"map-{map_id}"
 
 
 def _coming(ref: MapRef) -> str:

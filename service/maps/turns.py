@@ -19,12 +19,12 @@ class Turns:
         self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._under_way: set[asyncio.Task[Any]] = set()
 
-    async def take(self, map_id: str, work: Coroutine[Any, Any, Result]) -> Result:
-        """Do something to a map, to its end even when the caller goes away: memory and storage agree."""
+    async def take(self, map_id: str, lock: str, work: Coroutine[Any, Any, Result]) -> Result:
+        """Do something to a map, to its end even when the caller goes away: memory and storage agree. lock: of the map, among processes."""
 
         async def among_all() -> Result:
             try:
-                async with self._locks.held(f"map-{map_id}"):
+                async with self._locks.held(lock):
                     return await work
             finally:
                 work.close()  # where it has not begun

@@ -1,4 +1,4 @@
-"""Word of changed maps from one front door to the others: a short stream in Redis.
+"""Word of changed maps and batches from one front door to the others: a short stream in Redis.
 
 Only so that they look at once: the folder says what is true, and everybody looks there regularly as well.
 """
@@ -15,6 +15,8 @@ _log = structlog.get_logger(__name__)
 
 _STREAM = "panoloc:changed"
 _TIMEOUT_S = 0.5
+# Of maps alone before there was word of batches; front doors of both versions may run beside each other.
+_NAME = "map"
 _MOST_KEPT = 1000
 _LIFETIME_S = 60
 
@@ -29,16 +31,16 @@ class ChangeSignal:
         # The ids of a stream begin with the time, so that those after Redis was emptied are greater still.
         self._last_heard = "0-0"
 
-    async def tell(self, map_id: str) -> None:
-        """Say that a map was changed, made or deleted; without Redis the others find it when they look."""
+    async def tell(self, name: str) -> None:
+        """Say that a map or batch was changed, made or deleted, by its id; without Redis the others find it when they look."""
         with contextlib.suppress(RedisError, OSError):
             async with self._redis.pipeline(transaction=False) as pipe:
-                pipe.xadd(_STREAM, {"map": map_id, "by": self._own_name}, maxlen=_MOST_KEPT, approximate=True)
+                pipe.xadd(_STREAM, {_NAME: name, "by": self._own_name}, maxlen=_MOST_KEPT, approximate=True)
                 pipe.expire(_STREAM, _LIFETIME_S)
                 await pipe.execute()
 
     async def heard(self) -> list[str]:
-        """Return the maps that other front doors have spoken of since the last call, at first those of the last minute."""
+        """Return the maps and batches that other front doors have spoken of since the last call, at first those of the last minute."""
         try:
             found: Any = await self._redis.xrange(_STREAM, min=f"({self._last_heard}")
         except (RedisError, OSError) as error:
@@ -46,7 +48,7 @@ class ChangeSignal:
             return []
         if found:
             self._last_heard = found[-1][0].decode()
-        return [said[b"map"].decode() for _, said in found if said[b"by"].decode() != self._own_name]
+        return [said[_NAME.encode()].decode() for _, said in found if said[b"by"].decode() != self._own_name]
 
     async def close(self) -> None:
         """Close the connections."""

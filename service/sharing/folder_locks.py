@@ -21,14 +21,23 @@ _LONGEST_PAUSE_S = 0.1
 
 
 class HeldLock:
-    """A lock until it is released."""
+    """A lock until it is released, or lost to another process, as only leases are."""
 
     def __init__(self, release: Callable[[], None]) -> None:
         self._release = release
+        self._when_lost: Callable[[], object] = lambda: None
 
     def release(self) -> None:
         """Let others have it."""
         self._release()
+
+    def call_when_lost(self, end: Callable[[], object]) -> None:
+        """Name what ends the work under this lock when another process has it."""
+        self._when_lost = end
+
+    def lose(self) -> None:
+        """Say that another process has it."""
+        self._when_lost()
 
 
 class FolderLocks(Protocol):
@@ -39,11 +48,18 @@ class FolderLocks(Protocol):
     async def try_hold(self, name: str) -> HeldLock | None:
         """Return the lock, None while somebody else holds it. name: of letters, digits, `-` and `_`.
 
-        Raises StorageFullError and StorageReadOnlyError.
+        Raises StorageFullError, StorageReadOnlyError and CacheDownError.
         """
 
     def held(self, name: str) -> contextlib.AbstractAsyncContextManager[None]:
-        """Wait for a lock and hold it for the duration of a block; for what takes moments."""
+        """Wait for a lock and hold it for the duration of a block; for what takes moments. Raises as `try_hold` does."""
+
+    def is_sure(self, name: str) -> bool:
+        """Tell whether a lock that this process holds is its own beyond doubt, before what cannot be undone; True for one that it does
+        not hold."""
+
+    async def close(self) -> None:
+        """Let go of everything."""
 
 
 class OwnFolderLocks:
@@ -66,6 +82,13 @@ class OwnFolderLocks:
         """Go on at once: those who call this take turns within their process themselves."""
         yield
 
+    def is_sure(self, name: str) -> bool:
+        """Return True: there is nobody else."""
+        return True
+
+    async def close(self) -> None:
+        """Do nothing: there is nobody else."""
+
 
 class SharedFolderLocks:
     """Of processes that share a folder; the files of the locks lie in it."""
@@ -82,7 +105,7 @@ class SharedFolderLocks:
         try:
             return await asyncio.shield(trying)
         except asyncio.CancelledError:
-            trying.add_done_callback(_release_found)
+            trying.add_done_callback(release_found)
             raise
 
     @asynccontextmanager
@@ -97,6 +120,13 @@ class SharedFolderLocks:
             yield
         finally:
             lock.release()
+
+    def is_sure(self, name: str) -> bool:
+        """Return True: the kernel keeps a lock for as long as its holder lives."""
+        return True
+
+    async def close(self) -> None:
+        """Do nothing: the kernel drops what this process holds when it ends."""
 
     def _try(self, name: str) -> HeldLock | None:
         path = self._folder / name
@@ -130,6 +160,7 @@ def _is_same_file(file: int, path: Path) -> bool:
         return False
 
 
-def _release_found(trying: asyncio.Future[HeldLock | None]) -> None:
+def release_found(trying: asyncio.Future[HeldLock | None]) -> None:
+    """Release what was found after nobody wanted it any more."""
     if not trying.cancelled() and trying.exception() is None and (lock := trying.result()) is not None:
         lock.release()

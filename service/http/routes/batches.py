@@ -111,7 +111,7 @@ async def get_export(
         async with services.export_turns:
             results = await services.batches.results(batch_id, range(len(record.names)))
             wanted = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
-            place = _map_seen(request, wanted.map_id)
+            place = await _map_seen(request, wanted.map_id)
             return await open_export(services.storage, wanted, place, services.settings.export_time_s)
 
     file = await while_connected(request, export())
@@ -146,7 +146,7 @@ async def get_plan(
         async with services.export_turns:
             results = await services.batches.results(batch_id, range(len(record.names)))
             drawn = map_of(record, results, map_id)
-            place = _map_seen(request, drawn)
+            place = await _map_seen(request, drawn)
             return await draw_plan(services.storage, record, results, drawn, place, services.settings.export_time_s)
 
     picture = await while_connected(request, draw())
@@ -201,8 +201,9 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
     }
 
 
-def _map_seen(request: Request, map_id: str) -> MapRecord | None:
+async def _map_seen(request: Request, map_id: str) -> MapRecord | None:
     """Return a map, None where it was deleted, or is none of those that the caller sees, whoever named it."""
+    await services_of(request).registry.find([map_id])
     maps = maps_seen(request)
     return maps.get(map_id) if maps.has(map_id) else None
 

@@ -9,7 +9,7 @@ import structlog
 from fastapi import APIRouter, Depends, Header, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError, InvalidOptionsError
+from service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
 from service.http.access import caller_of, maps_seen, note_change, own_map, require
 from service.http.openapi import json_body
 from service.http.schemas import Map, MapPage, MapPatch
@@ -65,7 +65,10 @@ async def get_map(request: Request, map_id: str) -> Response:
     """Return one map."""
     services = services_of(request)
     # Whoever polls a map behind a balancer comes to another front door each time.
-    await services.registry.refresh(map_id)
+    try:
+        await services.registry.refresh(map_id)
+    except StorageAwayError as error:
+        _log.warning("a map is shown as it was known last", map_id=map_id, error=str(error))
     record = maps_seen(request).get(map_id)
     return JSONResponse((await documents(services, [record]))[0], headers=_tag(record))
 

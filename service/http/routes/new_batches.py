@@ -105,6 +105,7 @@ async def post_batch(request: Request) -> Response:
     ) as form:
         options = _with_all_the_time(parse_json(BatchOptions, form.single("options"), "options"), services.settings)
         maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
+        await services.registry.find(maps.map_ids)
         maps.resolve(services.registry)
         images, ignored = await _images(form, services)
         try:

@@ -105,6 +105,7 @@ async def put_scan(request: Request, map_id: str) -> Response:
             options = given.over(services.registry.get(map_id).newest.options)
             try:
                 revision = await _store(services, ref, scan, options)
+                services.registry.check_new_revision(ref)
                 replaced, record = await _replace(services, map_id, revision)
             except BaseException:
                 await services.registry.remove_revision(ref)

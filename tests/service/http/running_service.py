@@ -20,7 +20,7 @@ from service.app import create_app
 from service.cache import Cache, WorkerCache
 from service.http.guards.guarded_protocol import guarded_config
 from service.settings import Settings
-from service.storage import FolderStorage, Storage
+from service.storage import Storage, open_storage
 from tests.service.http.fake_pool import FakePool, ply_of
 
 SCAN = ply_of([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
@@ -75,7 +75,7 @@ class RunningService:
 async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> AsyncIterator[RunningService]:
     """Run an application in this event loop; changes: settings."""
     settings = Settings(**{"data_dir": data_dir, "redis_url": redis_url, "drain_s": 0.2, **changes})
-    storage = FolderStorage(data_dir)
+    storage = open_storage(settings.storage_url, settings.bucket_access)
     pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
     app = create_app(settings, pool, Cache(redis_url, result_lifetime_s=settings.result_ttl_s), storage)
     transport = httpx.ASGITransport(app)

@@ -1,8 +1,9 @@
-"""Two front doors in this process, over one folder and one Redis: what one does the other knows, and nothing is done twice."""
+"""Two front doors in this process, over one folder or bucket and one Redis: what one does the other knows, and nothing is done twice."""
 
 import asyncio
+import itertools
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, contextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -11,20 +12,39 @@ import redis
 from service.host.embedded_redis import EmbeddedRedis
 from service.sharing.change_signal import ChangeSignal
 from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
+from tests.service.storage.bucket_server import BUCKET
 
 pytestmark = pytest.mark.anyio
 
 Doors = tuple[RunningService, RunningService]
 
 
+Opened = Callable[[], AbstractAsyncContextManager[RunningService]]
+
+
+@pytest.fixture(params=["folder", "bucket"])
+def opened(
+    request: pytest.FixtureRequest, tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
+) -> Opened:
+    """Return what opens another front door: on the folder of the others, or on a machine of its own that shares a bucket with them."""
+    numbers = itertools.count()
+    if request.param == "folder":
+        return lambda: running_service(tmp_path, redis_server.url, shared=True)
+    server, prefix = request.getfixturevalue("bucket_server"), request.getfixturevalue("prefix")
+    patch = request.getfixturevalue("monkeypatch")
+    for name, value in server.variables.items():
+        patch.setenv(name, value)
+
+    def on_its_own_machine() -> AbstractAsyncContextManager[RunningService]:
+        folder, url = tmp_path / f"machine-{next(numbers)}", f"s3://{BUCKET}/{prefix}"
+        return running_service(folder, redis_server.url, shared=True, storage=url)
+
+    return on_its_own_machine
+
+
 @pytest.fixture
-async def doors(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis", anyio_backend: str
-) -> AsyncIterator[Doors]:
-    async with (
-        running_service(tmp_path, redis_server.url, shared=True) as first,
-        running_service(tmp_path, redis_server.url, shared=True) as second,
-    ):
+async def doors(opened: Opened, anyio_backend: str) -> AsyncIterator[Doors]:
+    async with opened() as first, opened() as second:
         yield first, second
 
 
@@ -133,11 +153,9 @@ async def test_a_registration_is_done_by_one_of_them(doors: Doors) -> None:
     assert sorted(registered) == sorted(map_ids)
 
 
-async def test_a_front_door_that_leaves_hands_its_registrations_over(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
-) -> None:
-    async with running_service(tmp_path, redis_server.url, shared=True) as stays:
-        async with running_service(tmp_path, redis_server.url, shared=True) as leaves:
+async def test_a_front_door_that_leaves_hands_its_registrations_over(opened: Opened) -> None:
+    async with opened() as stays:
+        async with opened() as leaves:
             leaves.pool.register_gate.clear()
             with taking_nothing_up(stays):
                 map_id = (await leaves.upload()).json()["id"]
@@ -172,21 +190,19 @@ async def test_scans_of_a_map_that_come_through_both_at_once_are_revisions_of_th
     await doors[1].eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == newest)
 
 
-async def test_one_that_starts_leaves_what_others_are_storing(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
-) -> None:
-    async with running_service(tmp_path, redis_server.url, shared=True) as first:
+async def test_one_that_starts_leaves_what_others_are_storing(opened: Opened) -> None:
+    async with opened() as first:
         map_id = await first.ready_map()
         upload = first.storage.spool_folder() / "upload-of-the-first"
         upload.write_bytes(b"half of it")
         first.storage.put(f"maps/{map_id}/2/scan.ply", b"its record is about to be written")
         storing = await first.app.state.services.registry._locks.try_hold(f"scan-{map_id}-2")
         assert storing is not None
-        async with running_service(tmp_path, redis_server.url, shared=True):
+        async with opened():
             assert upload.exists()
             assert first.storage.names(f"maps/{map_id}") == ["1", "2", "map.json"]
         storing.release()
-        async with running_service(tmp_path, redis_server.url, shared=True):
+        async with opened():
             assert first.storage.names(f"maps/{map_id}") == ["1", "map.json"]
 
 
@@ -206,14 +222,12 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> No
     assert (len(first.pool.jobs), second.pool.jobs) == (6, [])
 
 
-async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
-) -> None:
+async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(opened: Opened) -> None:
     files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
     async with AsyncExitStack() as stack:
-        stays = await stack.enter_async_context(running_service(tmp_path, redis_server.url, shared=True))
+        stays = await stack.enter_async_context(opened())
         map_id = await stays.ready_map()
-        async with running_service(tmp_path, redis_server.url, shared=True) as leaves:
+        async with opened() as leaves:
             with taking_nothing_up(stays):
                 batch = (await leaves.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
                 await until(lambda: bool(leaves.storage.names(f"batches/{batch}/results")))
