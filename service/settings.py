@@ -156,8 +156,8 @@ class Settings(BaseSettings):
     @field_validator("storage")
     @classmethod
     def _storage_is_a_url(cls, value: str | None) -> str | None:
-        if value is not None:
-            split_url(value)
+        if value is not None and not split_url(value)[0]:
+            raise ValueError("expected s3://bucket/prefix or another URL; PANOLOC_DATA_DIR names a folder")
         return value
 
     @field_validator("api_keys")

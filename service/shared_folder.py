@@ -35,6 +35,7 @@ class _Pace:
         self._last_s = -math.inf
 
     def is_due(self) -> bool:
+        """Tell whether it is time, once each time."""
         now_s = time.monotonic()
         if now_s - self._last_s < self._every_s:
             return False

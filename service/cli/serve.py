@@ -40,6 +40,7 @@ def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on; 0.0.0.0 for all.")] = None,
     port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port to listen on.")] = None,
     data_dir: Annotated[Path | None, typer.Option(file_okay=False, help="Folder for scans and map records.")] = None,
+    storage: Annotated[str | None, typer.Option(help="Bucket for them instead, such as s3://bucket/prefix.")] = None,
     redis_url: Annotated[str | None, typer.Option(help="Redis to use; without it the service starts its own.")] = None,
     ray_address: Annotated[str | None, typer.Option(help="Ray cluster to join; without it one starts here.")] = None,
     num_workers: Annotated[
@@ -56,6 +57,7 @@ def serve(
         "host": host,
         "port": port,
         "data_dir": data_dir,
+        "storage": storage,
         "redis_url": redis_url,
         "ray_address": ray_address,
         "num_workers": num_workers,

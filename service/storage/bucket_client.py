@@ -33,7 +33,7 @@ def open_client(url: str, variables: Mapping[str, str], *, is_patient: bool = Tr
     endpoints = (value for name, value in config.items() if "endpoint" in name)
     options: dict[str, Any] = {
         # Of one request; files are sent and fetched in pieces.
-        "timeout": timedelta(seconds=60 if is_patient else 5),
+        "timeout": timedelta(seconds=30 if is_patient else 5),
         "connect_timeout": timedelta(seconds=5 if is_patient else 2),
         # Who writes http:// means it.
         "allow_http": any(value.startswith("http://") for value in endpoints),

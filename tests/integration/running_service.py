@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,8 @@ def eventually(holds: Callable[[], bool], within_s: float) -> bool:
 class RunningService:
     """`panoloc serve`, on a free port where the settings name none."""
 
-    def __init__(self, data_dir: Path, **settings: str) -> None:
+    def __init__(self, data_dir: Path, variables: Mapping[str, str] | None = None, /, **settings: str) -> None:
+        """variables: of the environment, beside those of the settings."""
         self._data_dir = data_dir
         self.port = port = int(settings.get("port") or free_port())
         self._log = data_dir.with_suffix(f".{port}.log")
@@ -55,7 +56,9 @@ class RunningService:
         if "ray_address" in settings:  # who joins a cluster needs its token
             own |= {name: value for name, value in os.environ.items() if name.startswith("RAY_AUTH_")}
         given = {f"PANOLOC_{name.upper()}": value for name, value in settings.items()}
-        environment = own | given | {"PANOLOC_DATA_DIR": str(data_dir), "PANOLOC_PORT": str(port)}
+        environment = (
+            own | dict(variables or {}) | given | {"PANOLOC_DATA_DIR": str(data_dir), "PANOLOC_PORT": str(port)}
+        )
         with self._log.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "service.cli", "serve"],

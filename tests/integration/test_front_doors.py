@@ -1,5 +1,6 @@
-"""Two HTTP processes over one data folder and one Redis: each knows what the other did, and takes over when it dies."""
+"""Two HTTP processes over one data folder, or one bucket, and one Redis: each knows what the other did, and takes over when it dies."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -13,6 +14,7 @@ import pytest
 from tests.integration.real_redis import RealRedis
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
+from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 pytestmark = [
     pytest.mark.integration,
@@ -20,13 +22,18 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def doors() -> Iterator[tuple[RunningService, RunningService]]:
+@pytest.fixture(scope="module", params=["folder", "bucket"])
+def doors(request: pytest.FixtureRequest) -> Iterator[tuple[RunningService, RunningService]]:
     server = RealRedis()
+    bucket = BucketServer() if request.param == "bucket" else None
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        data = Path(folder) / "data"
         settings = {"shared": "true", "redis_url": server.url}
-        first, second = RunningService(data, **settings), RunningService(data, **settings)
+        if bucket is not None:
+            settings["storage"] = f"s3://{BUCKET}/panoloc"
+        # On machines of their own, which share nothing but the bucket.
+        places = [Path(folder) / name for name in (("one", "two") if bucket else ("data", "data"))]
+        variables = bucket.variables if bucket else {}
+        first, second = (RunningService(place, variables, **settings) for place in places)
         try:
             for door in (first, second):
                 door.wait_until_ready()
@@ -35,6 +42,8 @@ def doors() -> Iterator[tuple[RunningService, RunningService]]:
             for door in (first, second):
                 door.stop()
             server.kill()
+            if bucket is not None:
+                bucket.stop()
 
 
 Doors = tuple[RunningService, RunningService]
@@ -47,6 +56,15 @@ def test_a_map_posted_through_one_is_served_by_the_other(doors: Doors) -> None:
     answer = second.localize(small_room().panorama, map_id)
     assert answer.status_code == 200, answer.text
     assert small_room().error_of(answer.json()).within(0.05, 5)
+
+
+def test_no_child_process_has_the_key_of_the_bucket(doors: Doors) -> None:
+    for door in doors:
+        _, *children = door.family()
+        assert len(children) > 3
+        for pid in children:
+            with contextlib.suppress(FileNotFoundError):  # ended meanwhile
+                assert b"AWS_" not in Path(f"/proc/{pid}/environ").read_bytes()
 
 
 def test_of_two_changes_at_once_one_wins_and_the_other_is_told(doors: Doors) -> None:

@@ -1,15 +1,24 @@
 """What `panoloc serve` does before it serves: it hides its secrets from its children and warns of what is open."""
 
+import os
+import pickle
+from pathlib import Path
+
 import pytest
 
-from service.serve import take_secrets_out, why_exposed
+from service.serve import run_service, take_secrets_out, why_exposed
 from service.settings import Settings
+from service.worker.plan import WorkerPlan, WorkerSettings
+from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 
 def test_children_inherit_no_keys() -> None:
     environment = {
         "PANOLOC_API_KEYS": "a-secret",
         "PANOLOC_REDIS_URL": "redis://:secret@cache",
+        "AWS_SECRET_ACCESS_KEY": "a-secret",
+        "GOOGLE_SERVICE_ACCOUNT_KEY": "{}",
+        "AZURE_STORAGE_ACCOUNT_KEY": "a-secret",
         "PANOLOC_PORT": "8000",
         "PATH": "/bin",
     }
@@ -29,3 +38,52 @@ def test_a_service_that_others_reach_without_a_key_warns_as_the_container_does(h
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.0.0.2"])
 def test_a_service_for_this_machine_alone_does_not_warn(host: str) -> None:
     assert why_exposed(Settings(host=host)) is None
+
+
+def test_workers_get_the_key_of_the_bucket_with_their_plan(
+    bucket_server: BucketServer, prefix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        for name, value in bucket_server.variables.items():
+            patch.setenv(name, value)
+        settings = Settings(data_dir=tmp_path, storage=f"s3://{BUCKET}/{prefix}")
+        # In this order, and on the way to the pool the settings are copied.
+        assert settings.bucket_access is not None
+        take_secrets_out(os.environ)
+        plan = WorkerPlan(WorkerSettings.of(settings.model_copy(update={"redis_url": "redis://x"}), "redis://x"))
+        travelled: WorkerPlan = pickle.loads(pickle.dumps(plan))
+        travelled.settings.open_storage().put("key", b"by a worker")
+    assert bucket_server.storage(tmp_path, prefix).read("key") == b"by a worker"
+    assert "a-secret" not in repr(plan) + repr(settings)
+
+
+@pytest.mark.parametrize(
+    ("url", "is_refused", "said"),
+    [
+        ("s3://no-such-bucket/x", False, "NoSuchBucket"),
+        (f"s3://{BUCKET}/x", True, "the key and its rights"),
+        ("az://container", False, "expected variables that say how az://container is reached"),
+    ],
+)
+def test_a_bucket_that_cannot_be_used_ends_the_start_with_one_line(
+    url: str,
+    is_refused: bool,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    server = BucketServer()
+    try:
+        with monkeypatch.context() as patch:
+            for name, value in server.variables.items():
+                patch.setenv(name, value)
+            if is_refused:
+                server.refuse_strangers()
+            assert run_service(Settings(data_dir=tmp_path, storage=url, log_format="json")) == 1
+    finally:
+        server.stop()
+    lines = [line for line in capfd.readouterr().err.splitlines() if "cannot start" in line]
+    assert len(lines) == 1
+    assert said in lines[0]
+    assert "a-secret" not in lines[0]

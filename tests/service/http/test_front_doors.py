@@ -34,6 +34,8 @@ def opened(
     patch = request.getfixturevalue("monkeypatch")
     for name, value in server.variables.items():
         patch.setenv(name, value)
+    if request.node.callspec.params.get("is_told") is False:
+        patch.setattr("service.services._LOOK_INTO_BUCKET_S", 0.5)
 
     def on_its_own_machine() -> AbstractAsyncContextManager[RunningService]:
         folder, url = tmp_path / f"machine-{next(numbers)}", f"s3://{BUCKET}/{prefix}"
@@ -272,3 +274,21 @@ async def test_answers_can_be_fetched_through_the_other(doors: Doors) -> None:
     assert reply.status_code == 202
     answer = await second.eventually(reply.headers["location"], lambda body: body["status"] == "localized")
     assert answer["map_id"] == map_id
+
+
+# The kernel takes no lock from anybody who lives.
+@pytest.mark.parametrize("opened", ["bucket"], indirect=True)
+async def test_a_registration_whose_lease_another_has_ends_here(doors: Doors, redis_client: "redis.Redis") -> None:
+    first, second = doors
+    first.pool.register_gate.clear()
+    with taking_nothing_up(second):
+        map_id = (await first.upload()).json()["id"]
+        await until(lambda: bool(first.pool.registrations))
+        # As it is after this process has stood still for a minute.
+        redis_client.set(f"panoloc:lease:register-{map_id}-1", "of another", px=60_000)
+        await until(lambda: first.pool.ended == ["register"])
+        assert (await first.client.get(f"/maps/{map_id}")).json()["status"] not in ("ready", "failed")
+    assert redis_client.get(f"panoloc:lease:register-{map_id}-1") == "of another"
+    redis_client.delete(f"panoloc:lease:register-{map_id}-1")
+    first.pool.register_gate.set()
+    assert (await first.settled(map_id))["status"] == "ready"
