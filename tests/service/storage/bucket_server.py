@@ -2,13 +2,14 @@
 
 import json
 import os
-import socket
+import re
 import subprocess
 import sys
+import tempfile
 import time
-import urllib.error
 import urllib.request
 from pathlib import Path
+from typing import IO
 
 import obstore
 from obstore.store import ObjectStore
@@ -23,17 +24,17 @@ BUCKET = "scans"
 class BucketServer:
     """Keeps everything in memory: it is gone when the process is."""
 
-    def __init__(self, port: int | None = None) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", port or 0))
-            self.port = int(probe.getsockname()[1])
+    def __init__(self, port: int = 0) -> None:
+        """port: 0 for a free one."""
+        with tempfile.TemporaryFile("w+b") as said:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)],
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+            )
+            self.port = self._port_in(said)
         self.endpoint = f"http://127.0.0.1:{self.port}"
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(self.port)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        self._wait()
         self._ask(f"/{BUCKET}", "PUT")
 
     @property
@@ -82,14 +83,13 @@ class BucketServer:
         request = urllib.request.Request(self.endpoint + path, data, headers, method=method)
         urllib.request.urlopen(request, timeout=30).close()
 
-    def _wait(self) -> None:
-        deadline = time.monotonic() + 60
+    def _port_in(self, said: IO[bytes]) -> int:
+        """Wait for the line that names the port: another server may have one that was free a moment ago."""
+        deadline = time.monotonic() + 200
         while True:
-            try:
-                self._ask("/moto-api/")
-                return
-            except urllib.error.HTTPError:
-                return
-            except OSError:
-                assert time.monotonic() < deadline, "moto does not start"
-                time.sleep(0.05)
+            text = os.pread(said.fileno(), 65536, 0).decode(errors="replace")
+            if found := re.search(r"Running on http://127\.0\.0\.1:(\d+)", text):
+                return int(found[1])
+            is_over = self._process.poll() is not None or time.monotonic() > deadline
+            assert not is_over, f"moto does not start: {text}"
+            time.sleep(0.05)
