@@ -36,8 +36,11 @@ class FrontDoors:
         self.configuration = _described(plan, num_workers)
         self._folder = f"panoloc-{_digest(plan.settings.storage_url)}"
         # With what is told to nobody, and may be what differs.
-        told_and_untold = [self.configuration, plan.settings.redis_url, asdict(plan.settings)["bucket"]]
-        self.application = f"{self._folder}-{_digest(json.dumps(told_and_untold, default=dict))}"
+        # Where copies of files lie on a machine is for each to say: any of them serves all.
+        bucket = plan.settings.bucket
+        variables = None if bucket is None else dict(bucket.variables)
+        told_and_untold = [self.configuration, plan.settings.redis_url, variables]
+        self.application = f"{self._folder}-{_digest(json.dumps(told_and_untold))}"
 
     @property
     def introduction(self) -> dict[str, str]:

@@ -74,6 +74,8 @@ def test_passwords_of_redis_and_keys_of_a_bucket_are_told_to_nobody_but_set_work
         ours.application
         != door(redis="redis://user:secret@cache:6379/0", bucket=replace(bucket, variables={})).application
     )
+    elsewhere = replace(bucket, local_folder="/data/copies", copies_bytes=2)
+    assert door(redis="redis://user:secret@cache:6379/0", bucket=elsewhere).application == ours.application
     said = ours.introduction
     assert "cache:6379/0" in said["panoloc_configuration"]
     assert "secret" not in json.dumps(said)
