@@ -8,13 +8,13 @@ from collections.abc import MutableMapping
 
 from service.app import create_app
 from service.cache import Cache
-from service.errors import StorageAwayError
+from service.errors import TryAgainError
 from service.host.address import is_loopback
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
 from service.host.process_resources import can_filter_system_calls
-from service.host.run_folder import DataFolderInUseError, RunFolder
+from service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
@@ -25,6 +25,8 @@ from service.ray.pool import RayPool
 from service.ray.serving import RayServing
 from service.settings import Settings
 from service.storage import Storage, open_storage
+from service.storage.bucket import BucketStorage
+from service.storage.claim import BucketClaim, BucketInUseError
 from service.storage.opening import take_out_variables
 from service.storage.start_check import StorageUnusableError, check_at_start
 from service.worker.plan import WorkerPlan, WorkerSettings
@@ -33,6 +35,7 @@ _log = logging.getLogger(__name__)
 
 # A thread that hangs inside Ray would keep the process; everything that could be lost is stored by then.
 _LEAVE_S = 10.0
+_WHY_NO_START = (DataFolderInUseError, BucketInUseError, EmbeddedRedisError, StorageUnusableError, TryAgainError)
 # Settings are read by now, and the workers get theirs with the plan.
 _SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
 
@@ -40,7 +43,8 @@ _SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
 def run_service(settings: Settings) -> int:
     """Run until SIGTERM or SIGINT and return 0; return 1 when the service could not start.
 
-    When it loses the workers of its own cluster, this process ends with exit code 1, so that a supervisor starts another.
+    When it loses the workers of its own cluster, or its bucket to another service, this process ends with exit code 1, so that a
+    supervisor starts another.
     """
     configure_logging(settings.log_level, settings.log_format)
     access = settings.bucket_access  # reads what is taken out of the environment now
@@ -57,13 +61,14 @@ def run_service(settings: Settings) -> int:
             stack.callback(folder.close)
             storage = open_storage(settings.storage_url, access)
             check_at_start(storage, is_shared=settings.shared)
+            claim = _claim(settings, storage, stack)
             lifeline = Lifeline()
             stack.callback(lifeline.close)
             redis_url = settings.redis_url or _start_redis(folder, lifeline, stack)
-        except (DataFolderInUseError, EmbeddedRedisError, StorageUnusableError, StorageAwayError, OSError) as error:
+        except (*_WHY_NO_START, OSError) as error:
             _log.error("the service cannot start", extra={"error": str(error)})
             return 1
-        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), storage, folder, lifeline)
+        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), storage, claim, folder, lifeline)
     if loss is not None:
         # Threads that wait for Ray would be joined otherwise, and what it does at the exit would wait as well.
         logging.shutdown()
@@ -99,6 +104,18 @@ def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: 
     return RayPool(cluster, serving, Admission(settings.queue_limit), settings.num_registrations)
 
 
+def _claim(settings: Settings, storage: Storage, stack: contextlib.ExitStack) -> BucketClaim | None:
+    """Keep out who must not use the storage beside this service; the data folder does that for itself."""
+    if isinstance(storage, BucketStorage):
+        claim = BucketClaim(storage, settings.data_dir, is_shared=settings.shared)
+        claim.take()
+        stack.callback(claim.release)
+        return claim
+    if settings.storage_folder != settings.data_dir.resolve():
+        stack.callback(lock_folder(settings.storage_folder, settings.shared).close)
+    return None
+
+
 def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitStack) -> str:
     server = EmbeddedRedis(folder.path, lifeline)
     stack.callback(server.stop)
@@ -106,7 +123,9 @@ def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitSt
     return server.url
 
 
-def _serve(settings: Settings, storage: Storage, folder: RunFolder, lifeline: Lifeline) -> str | None:
+def _serve(
+    settings: Settings, storage: Storage, claim: BucketClaim | None, folder: RunFolder, lifeline: Lifeline
+) -> str | None:
     """Run the HTTP process to its end; return what was lost when that made it end."""
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url, folder, lifeline)
@@ -116,8 +135,10 @@ def _serve(settings: Settings, storage: Storage, folder: RunFolder, lifeline: Li
     config = guarded_config(app, count, host=settings.host, port=settings.port, server_header=False)
     server = DrainingServer(config, pool, settings.drain_s)
     pool.call_on_loss(server.end)
+    if claim is not None:
+        claim.call_when_lost(server.end)
     server.run()
-    return pool.loss
+    return pool.loss or (claim.loss if claim is not None else None)
 
 
 def _leave_even_if_a_thread_hangs() -> None:

@@ -35,7 +35,7 @@ class RunFolder:
         self._own = data_dir / "run"
         # What Ray makes in it is open to everybody; its sockets run code.
         self._own.chmod(0o700)
-        self._lock = _shared_lock(self._own / "lock") if is_shared else _sole_lock(self._own / "lock")
+        self._lock = lock_folder(data_dir, is_shared)
         self._stand_in_lock: IO[str] | None = None
         try:
             if is_shared:
@@ -60,6 +60,13 @@ class RunFolder:
         self._lock.close()
         if self._stand_in_lock is not None:
             self._stand_in_lock.close()
+
+
+def lock_folder(folder: Path, is_shared: bool) -> IO[str]:
+    """Return what keeps others out of a folder of files until it is closed, or those who do not share it. Raises DataFolderInUseError."""
+    (folder / "run").mkdir(parents=True, exist_ok=True)
+    path = folder / "run" / "lock"
+    return _shared_lock(path) if is_shared else _sole_lock(path)
 
 
 def _sole_lock(path: Path) -> IO[str]:

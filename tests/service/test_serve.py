@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from service.host.run_folder import lock_folder
 from service.serve import run_service, take_secrets_out, why_exposed
 from service.settings import Settings
+from service.storage.claim import BucketClaim
 from service.worker.plan import WorkerPlan, WorkerSettings
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
@@ -87,3 +89,29 @@ def test_a_bucket_that_cannot_be_used_ends_the_start_with_one_line(
     assert len(lines) == 1
     assert said in lines[0]
     assert "a-secret" not in lines[0]
+
+
+def test_a_folder_of_files_elsewhere_has_one_service_at_a_time_too(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    other = lock_folder(tmp_path / "scans", is_shared=False)
+    assert run_service(Settings(data_dir=tmp_path / "data", storage=f"file://{tmp_path}/scans")) == 1
+    other.close()
+    assert f"{tmp_path}/scans: expected a data folder of its own" in capfd.readouterr().err
+
+
+def test_a_bucket_has_one_service_at_a_time(
+    bucket_server: BucketServer,
+    prefix: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("service.storage.claim._RENEW_S", 0.1)
+    other = BucketClaim(bucket_server.storage(tmp_path, prefix), tmp_path, is_shared=True)
+    other.take()
+    for name, value in bucket_server.variables.items():
+        monkeypatch.setenv(name, value)
+    assert run_service(Settings(data_dir=tmp_path / "data", storage=f"s3://{BUCKET}/{prefix}")) == 1
+    other.release()
+    assert "expected a bucket of its own, but the service with process id" in capfd.readouterr().err
