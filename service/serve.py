@@ -15,6 +15,7 @@ from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
 from service.host.process_resources import can_filter_system_calls
 from service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
+from service.host.secret_variables import remove_variables
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
@@ -27,7 +28,7 @@ from service.settings import Settings
 from service.storage import Storage, open_storage
 from service.storage.bucket import BucketStorage
 from service.storage.claim import BucketClaim, BucketInUseError
-from service.storage.opening import take_out_variables
+from service.storage.opening import variables_of_buckets
 from service.storage.start_check import StorageUnusableError, check_at_start
 from service.worker.plan import WorkerPlan, WorkerSettings
 
@@ -88,10 +89,8 @@ def why_exposed(settings: Settings) -> str | None:
 
 
 def take_secrets_out(environment: MutableMapping[str, str]) -> None:
-    """Remove the keys of callers and of buckets from what child processes inherit: some of them read files of strangers."""
-    for name in _SECRETS:
-        environment.pop(name, None)
-    take_out_variables(environment)
+    """Remove the keys of callers and of buckets from what child processes inherit or may look up: some of them read files of strangers."""
+    remove_variables(environment, [*_SECRETS, *variables_of_buckets(environment)])
 
 
 def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:

@@ -5,8 +5,11 @@ Its digest is in its metadata and so of one write with it. What was copied into 
 
 import contextlib
 import hashlib
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -73,12 +76,13 @@ class BucketObjects:
         """Yield all bytes of an object. Raises StoredFileChangedError where somebody replaces it meanwhile."""
         if found.beginning:
             yield found.beginning
-        for start in range(len(found.beginning), found.size, PIECE_BYTES):
-            end = min(start + PIECE_BYTES, found.size)
-            with bucket_lacks_said(self._url, found.key, writes=False):
-                options: Any = {"range": (start, end), "if_match": found.stamp}
-                piece = bytes(obstore.get(self._client, found.key, options=options).bytes())
-            yield piece
+        starts = iter(range(len(found.beginning), found.size, PIECE_BYTES))
+        with ThreadPoolExecutor(_PARTS_AT_A_TIME) as threads:
+            # No more of them than these wait in memory.
+            coming = deque(threads.submit(self._piece, found, start) for start in islice(starts, _PARTS_AT_A_TIME))
+            while coming:
+                yield coming.popleft().result()
+                coming.extend(threads.submit(self._piece, found, start) for start in islice(starts, 1))
 
     def read(self, key: str) -> tuple[FoundObject, bytes]:
         """Return an object and all its bytes."""
@@ -86,6 +90,11 @@ class BucketObjects:
             found = self.find(key)
             with contextlib.suppress(StoredFileChangedError):
                 return found, b"".join(self.pieces(found))
+
+    def _piece(self, found: FoundObject, start: int) -> bytes:
+        options: Any = {"range": (start, min(start + PIECE_BYTES, found.size)), "if_match": found.stamp}
+        with bucket_lacks_said(self._url, found.key, writes=False):
+            return bytes(obstore.get(self._client, found.key, options=options).bytes())
 
     def _get(self, key: str) -> Any:
         options: Any = {"range": (0, PIECE_BYTES)}

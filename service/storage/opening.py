@@ -1,6 +1,6 @@
 """From a URL to the storage behind it, and what a bucket needs besides its URL."""
 
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -66,7 +66,6 @@ def variables_of(url: str, environment: Mapping[str, str]) -> dict[str, str]:
     return {name: value for name, value in environment.items() if prefix is not None and name.startswith(prefix)}
 
 
-def take_out_variables(environment: MutableMapping[str, str]) -> None:
-    """Remove what could open a bucket from what child processes inherit."""
-    for name in [name for name in environment if name.startswith(tuple(_VARIABLES.values()))]:
-        del environment[name]
+def variables_of_buckets(environment: Mapping[str, str]) -> list[str]:
+    """Return the names of the variables that could open a bucket, of whatever kind."""
+    return [name for name in environment if name.startswith(tuple(_VARIABLES.values()))]

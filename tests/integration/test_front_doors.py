@@ -58,13 +58,13 @@ def test_a_map_posted_through_one_is_served_by_the_other(doors: Doors) -> None:
     assert small_room().error_of(answer.json()).within(0.05, 5)
 
 
-def test_no_child_process_has_the_key_of_the_bucket(doors: Doors) -> None:
+def test_no_process_shows_the_key_of_the_bucket(doors: Doors) -> None:
     for door in doors:
-        _, *children = door.family()
-        assert len(children) > 3
-        for pid in children:
-            with contextlib.suppress(FileNotFoundError):  # ended meanwhile
-                assert b"AWS_" not in Path(f"/proc/{pid}/environ").read_bytes()
+        family = door.family()
+        assert len(family) > 3
+        for pid in family:
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # ended meanwhile
+                assert b"a-secret" not in Path(f"/proc/{pid}/environ").read_bytes()
 
 
 def test_of_two_changes_at_once_one_wins_and_the_other_is_told(doors: Doors) -> None:

@@ -2,6 +2,8 @@
 
 import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,24 @@ def test_children_inherit_no_keys() -> None:
     take_secrets_out(environment)
     assert environment == {"PANOLOC_PORT": "8000", "PATH": "/bin"}
     take_secrets_out(environment)
+
+
+_SHOWS_ITSELF = """
+import os, sys
+from service.serve import take_secrets_out
+take_secrets_out(os.environ)
+sys.stdout.buffer.write(open("/proc/self/environ", "rb").read())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems show nobody the environment of a process")
+def test_no_process_of_the_same_user_finds_keys_in_what_the_system_shows() -> None:
+    secrets = {"AWS_SECRET_ACCESS_KEY": "a-secret", "PANOLOC_API_KEYS": "a-secret-too", "PANOLOC_PORT": "8123"}
+    shown = subprocess.run(
+        [sys.executable, "-c", _SHOWS_ITSELF], env={**os.environ, **secrets}, stdout=subprocess.PIPE, check=True
+    ).stdout
+    assert b"secret" not in shown
+    assert b"PANOLOC_PORT=8123" in shown
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "", "192.168.1.5", "panoloc.example"])

@@ -222,6 +222,7 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> No
     shown = await second.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
     assert shown["counts"]["localized"] == 6
     assert (len(first.pool.jobs), second.pool.jobs) == (6, [])
+    await second.eventually("/batches", lambda body: [each["status"] for each in body["items"]] == ["done"])
 
 
 async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(opened: Opened) -> None:

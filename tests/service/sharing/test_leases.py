@@ -157,6 +157,15 @@ async def test_a_holder_learns_that_another_has_its_lease_and_leaves_it_alone(
     assert client.get(KEY) == "of another"
 
 
+async def test_one_that_lets_go_late_leaves_the_lease_of_another_alone(both: Both, client: "redis.Redis") -> None:
+    lock = await both[0].try_hold("map-a")
+    assert lock is not None
+    client.set(KEY, "of another", px=60_000)  # which this process has not heard of yet
+    lock.release()
+    await both[0].close()
+    assert client.get(KEY) == "of another"
+
+
 async def test_a_lease_that_was_not_renewed_in_time_is_not_sure(both: Both) -> None:
     locks = both[0]
     lock = await locks.try_hold("map-a")
