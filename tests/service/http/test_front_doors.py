@@ -91,10 +91,26 @@ async def test_what_one_changes_the_other_shows(
             registry.call_on_change(say_nothing.__get__(registry))
         redis_client.flushall()
     assert (await first.client.patch(f"/maps/{map_id}", json={"name": "changed"})).status_code == 200
-    await second.eventually(f"/maps/{map_id}", lambda body: body["name"] == "changed")
+    # The list is what is known: nothing is looked at for it.
+    await second.eventually("/maps", lambda body: [each["name"] for each in body["items"]] == ["changed"])
     await first.client.delete(f"/maps/{map_id}")
-    await until(lambda: not second.app.state.services.registry.has(map_id))
+    await second.eventually("/maps", lambda body: body["items"] == [])
     assert (await second.localize(map_id)).status_code == 404
+
+
+async def test_what_another_has_just_made_is_found_by_its_id_before_any_word_of_it(doors: Doors) -> None:
+    first, second = doors
+    await second.app.state.services.shared_folder.stop()
+    map_id = await first.ready_map()
+    assert (await second.localize(map_id)).json()["status"] == "localized"
+    other_id = await first.ready_map()
+    assert (await second.client.get(f"/maps/{other_id}/preview.png")).status_code == 200
+    files = [("image", ("a.png", png_of(8, 4)))]
+    third_id = await first.ready_map()
+    reply = await second.client.post("/batches", files=files, data={"map_id": third_id})
+    assert reply.status_code == 202
+    batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+    assert (await second.client.get(f"/batches/{batch}")).status_code == 200
 
 
 async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_other_is_told(doors: Doors) -> None:
