@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from service.errors import QueueFullError
@@ -21,6 +21,7 @@ class Admission:
     def __init__(self, queue_limit: int) -> None:
         self._queue_limit = queue_limit
         self._num_workers = 1
+        self._others: list[int] = []
         self._mean_duration_s: dict[str, float] = {}
         self._admitted: Counter[str] = Counter()
 
@@ -42,6 +43,10 @@ class Admission:
     def set_num_workers(self, num_workers: int) -> None:
         """Tell how many requests run at the same time."""
         self._num_workers = max(1, num_workers)
+
+    def set_others(self, num_admitted: Sequence[int]) -> None:
+        """Tell how many requests each of the other front doors has under way that use the same workers."""
+        self._others = [each for each in num_admitted if each]
 
     def note_duration(self, duration_s: float, kind: str = "") -> None:
         """Tell how long a worker took for a request. kind: of requests that take about as long as each other."""
@@ -69,7 +74,7 @@ class Admission:
             self._admitted[kind] -= 1
 
     def _refuse_what_comes_too_late(self, kind: str, remaining_s: float) -> None:
-        if self.num_admitted < self._num_workers:
+        if self.num_admitted < self._share():
             return
         needed_s = self._CAUTION * (self._work_ahead_s() + self._mean_s(kind))
         if needed_s > remaining_s:
@@ -82,7 +87,11 @@ class Admission:
             )
 
     def _work_ahead_s(self) -> float:
-        return sum(count * self._mean_s(kind) for kind, count in self._admitted.items()) / self._num_workers
+        return sum(count * self._mean_s(kind) for kind, count in self._admitted.items()) / self._share()
+
+    def _share(self) -> float:
+        """Return how many workers are ours: Ray Serve serves front doors in turn, none of which uses more than it has requests for."""
+        return max(self._num_workers / (1 + len(self._others)), self._num_workers - sum(self._others))
 
     def _mean_s(self, kind: str) -> float:
         return self._mean_duration_s.get(kind, self._FIRST_S)

@@ -19,6 +19,7 @@ from service.host.process_tree import descendants, process_name
 from service.ray.contact import Contact
 from service.ray.ended_logs import remove_logs_of_ended
 from service.ray.own_node import OwnNode, stay_on_loopback
+from service.ray.patience import Patience
 from service.ray.rehearsal import rehearse
 
 _log = logging.getLogger(__name__)
@@ -29,6 +30,8 @@ _NAMESPACE = "panoloc"
 SPIN_COUNT = "5000"
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
+    # A call that comes after the end would start a cluster of its own.
+    "RAY_ENABLE_AUTO_CONNECT": "0",
     # No idle Python process (47 MB each) waits for work: a worker starts when there is work for it.
     "RAY_prestart_worker_first_driver": "0",
     "RAY_enable_worker_prestart": "0",
@@ -55,7 +58,7 @@ _ENVIRONMENT = {
 
 
 class RayCluster:
-    """A connection to Ray: `connect`, use, `disconnect`, all in the same thread."""
+    """A connection to Ray: `connect`, use, `disconnect`, all in the same thread. patience: how its answers are waited for."""
 
     def __init__(
         self, address: str | None, folder: Path, lifeline: Lifeline, introduction: Mapping[str, str] | None = None
@@ -68,6 +71,7 @@ class RayCluster:
         self._introduction = dict(introduction or {})
         self._contact: Contact | None = None
         self._ending = threading.Lock()
+        self.patience = Patience()
         self._folder = folder
         self._lifeline = lifeline
         self._guarded: dict[int, str] = {}
@@ -80,6 +84,7 @@ class RayCluster:
 
     def connect(self) -> None:
         """Start or join; 3 to 10 s. Raises whatever Ray raises (ConnectionError, RuntimeError, ValueError)."""
+        self.patience.begin()
         make_record = logging.getLogRecordFactory()
         _set_environment()
         if self._address is None:

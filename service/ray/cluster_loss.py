@@ -69,6 +69,7 @@ class ClusterLoss:
     def fall_silent(self, absence: str) -> None:
         """Miss a cluster that we joined and whose calls hang, and let who was named leave it."""
         _log.warning("the Ray cluster does not answer, joining it again as soon as it does", extra={"error": absence})
+        self._cluster.patience.end()
         self.miss(absence)
         for callback in self._silence_callbacks:
             callback()

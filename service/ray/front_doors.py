@@ -7,7 +7,7 @@ workers of their own beside those of the others.
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,7 +15,9 @@ from service.host.service_version import service_version
 from service.worker.plan import WorkerPlan
 
 _NAME, _CONFIGURATION = "panoloc_workers", "panoloc_configuration"
-_LEAVING = b"panoloc:leaving:"
+# What each says of itself while it lives, under its number: that it leaves, or how many queries it has under way.
+_WORDS = b"panoloc:front-door:"
+_LEAVING = b"leaving"
 
 
 @dataclass(frozen=True)
@@ -85,14 +87,17 @@ class FrontDoors:
         used = {self.application, *(each.application for each in self.others())}
         return [name for name in applications if name.startswith(f"{self._folder}-") and name not in used]
 
+    def exchange_load(self, num_admitted: int) -> list[int]:
+        """Tell how many queries wait or run here, and return how many do at each of the others that use our workers."""
+        _say(_own_number(), str(num_admitted).encode())
+        said = _words()
+        using = [each.number for each in self.others() if each.application == self.application]
+        return [int(said[number]) for number in using if number in said]
+
     def say_leaving(self) -> None:
         """Let those who look from now on not count this one: of several that leave at once, the last one sees no other."""
-        from ray.experimental.internal_kv import _internal_kv_del, _internal_kv_put
-
-        living = {_number(job) for job in _jobs() if not job.is_dead}
-        for number in _leaving() - living:
-            _internal_kv_del(_LEAVING + str(number).encode())
-        _internal_kv_put(_LEAVING + str(_own_number()).encode(), b"1")
+        _forget(_words().keys() - {_number(job) for job in _jobs() if not job.is_dead})
+        _say(_own_number(), _LEAVING)
 
 
 def _described(plan: WorkerPlan, num_workers: int | None) -> dict[str, Any]:
@@ -149,6 +154,25 @@ def _own_number() -> int:
 
 
 def _leaving() -> set[int]:
-    from ray.experimental.internal_kv import _internal_kv_list
+    return {number for number, word in _words().items() if word == _LEAVING}
 
-    return {int(key.removeprefix(_LEAVING)) for key in _internal_kv_list(_LEAVING)}
+
+def _words() -> dict[int, bytes]:
+    """Return what front doors said of themselves, also those that are gone."""
+    from ray.experimental.internal_kv import _internal_kv_get, _internal_kv_list
+
+    said = {int(key.removeprefix(_WORDS)): _internal_kv_get(key) for key in _internal_kv_list(_WORDS)}
+    return {number: word for number, word in said.items() if word is not None}
+
+
+def _say(number: int, word: bytes) -> None:
+    from ray.experimental.internal_kv import _internal_kv_put
+
+    _internal_kv_put(_WORDS + str(number).encode(), word)
+
+
+def _forget(numbers: Iterable[int]) -> None:
+    from ray.experimental.internal_kv import _internal_kv_del
+
+    for number in numbers:
+        _internal_kv_del(_WORDS + str(number).encode())

@@ -1,9 +1,10 @@
-"""Whether the machines of a Ray cluster that we joined see the same Redis and the same storage as we do."""
+"""Whether the machines of a Ray cluster that we joined have the same version, and see the same Redis and the same storage, as we do."""
 
 import secrets
 
 import redis
 
+from service.host.service_version import service_version
 from service.worker.plan import WorkerSettings
 
 _TOKENS = "cluster/token-"
@@ -23,9 +24,11 @@ def take_token_back(settings: WorkerSettings, token: str) -> None:
     settings.open_storage().delete(_TOKENS + token)
 
 
-def missing_here(settings: WorkerSettings, token: str) -> list[str]:
-    """Return what this machine cannot reach, one sentence each; empty when all is well."""
+def missing_here(settings: WorkerSettings, token: str, version: str) -> list[str]:
+    """Return what this machine cannot reach, or has in another version, one sentence each; empty when all is well."""
     missing = []
+    if service_version() != version:
+        missing.append(f"expected panoloc {version}, got {service_version()}; install one version on the whole cluster")
     try:
         redis.Redis.from_url(settings.redis_url, socket_timeout=_TIMEOUT_S, socket_connect_timeout=_TIMEOUT_S).ping()
     except (redis.RedisError, OSError) as error:

@@ -2,12 +2,13 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from service.errors import NoWorkerError
 from service.host.process_resources import num_sockets
+from service.host.service_version import service_version
 from service.ray.cluster import SPIN_COUNT, RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.reachability import leave_token, missing_here, take_token_back
@@ -19,6 +20,8 @@ _DEPLOYMENT = "localizer"
 # One computes, one more is already there when it ends: the router would take up to half a second to bring the next.
 _REQUESTS_PER_REPLICA = 2
 _TASK_RETRIES = 2
+_LONGEST_TOLD = 400
+_MACHINE_S = 60.0
 _HEALTH_CHECK_PERIOD_S = 1.0
 _HEALTH_CHECK_TIMEOUT_S = 30.0
 
@@ -38,7 +41,7 @@ class Staffing:
 
 
 class RayServing:
-    """Workers behind one Serve application, and tasks beside them."""
+    """Workers behind one Serve application, and tasks beside them. told: what Serve says of those that are not up, "" for nothing."""
 
     def __init__(
         self, cluster: RayCluster, plan: WorkerPlan, num_workers: int | None, front_doors: FrontDoors | None = None
@@ -53,6 +56,7 @@ class RayServing:
         self._app_name = front_doors.application if front_doors is not None else "panoloc"
         self._num_workers = num_workers
         self._num_asked_for: int | None = None
+        self.told = ""
 
     def deploy(self) -> tuple[Any, Staffing] | None:
         """Start Serve and ask for the workers, without waiting for them; return the handle that calls them.
@@ -121,30 +125,45 @@ class RayServing:
         checks = {
             (node["NodeManagerAddress"], node["NodeID"]): ray.remote(num_cpus=0, max_calls=1)(missing_here)
             .options(scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False))
-            .remote(settings, token)
+            .remote(settings, token, service_version())
             for node in ray.nodes()
             if node["Alive"]
         }
         try:
-            found = [(name, ray.get(check, timeout=60)) for (name, _), check in checks.items()]
+            found = [(name, self._cluster.patience.gotten(check, _MACHINE_S)) for (name, _), check in checks.items()]
         finally:
             take_token_back(settings, token)
         return [f"machine {name}: {fault}" for name, faults in found for fault in faults]
 
     def num_running(self) -> int:
         """Return how many workers are up. Raises RuntimeError with Serve's message when they cannot start."""
-        from ray import serve
-
-        application = serve.status().applications.get(self._app_name)
+        application = self._applications().get(self._app_name)
         deployment = application.deployments.get(_DEPLOYMENT) if application else None
         if application is None or deployment is None:
             if self._front_doors is not None:
                 raise NoWorkerError(f"the application {self._app_name} was taken out of Ray Serve")
             return 0
+        self.told = " ".join(deployment.message.split())[:_LONGEST_TOLD]
         running = sum(count for state, count in deployment.replica_states.items() if str(state) == "RUNNING")
         if not running and application.status == "DEPLOY_FAILED":
             raise RuntimeError(f"workers do not start: {deployment.message}")
         return int(running)
+
+    def exchange_load(self, num_admitted: int) -> list[int]:
+        """Tell other front doors how many queries are under way here; return how many are at each of those that use our workers."""
+        return [] if self._front_doors is None else self._front_doors.exchange_load(num_admitted)
+
+    def _applications(self) -> Mapping[str, Any]:
+        """Return what `serve.status` would, which waits for ever where there is no cluster any more."""
+        from ray.serve.context import _get_global_client
+        from ray.serve.schema import ServeInstanceDetails
+
+        client = _get_global_client(raise_if_no_controller_running=False)
+        if client is None:
+            return {}
+        details = self._cluster.patience.gotten(client._controller.get_serve_instance_details.remote())
+        found: Mapping[str, Any] = ServeInstanceDetails(**details)._get_status().applications
+        return found
 
     def submit(self, task: Callable[..., Any], *arguments: Any) -> Any:
         """Run `task(plan, *arguments)` in a process of its own that ends with it; return the object reference."""
@@ -177,7 +196,7 @@ class RayServing:
             return
         from ray import serve
 
-        for name in self._front_doors.abandoned(list(serve.status().applications)):
+        for name in self._front_doors.abandoned(list(self._applications())):
             _log.warning("removing workers that no front door uses any more", extra={"application": name})
             serve.delete(name, _blocking=False)
 

@@ -13,6 +13,7 @@ from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.cluster_loss import ClusterLoss
 from service.ray.own_node import RayStartError
+from service.ray.patience import GivenUpError
 from service.ray.serving import RayServing
 
 _log = logging.getLogger(__name__)
@@ -25,6 +26,7 @@ _RESTART_PAUSE_S = 5.0
 _LEAVE_S = 10.0
 # Ray Serve's controller is replaced within half of that on a busy machine.
 _SILENCE_S = 60.0
+_UNSTICK_S = 10.0
 
 
 class Upkeep:
@@ -42,7 +44,7 @@ class Upkeep:
         self._serving = serving
         self._admission = admission
         self._loss = loss
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="ray")
+        self._thread = _ray_thread()
         self._is_doubtful = not cluster.is_ours
         self._tidied_s = time.monotonic()
         self._followed_s = time.monotonic()
@@ -69,7 +71,6 @@ class Upkeep:
                 self._loss.miss(str(error))
                 self.waiting_for = f"workers ({self._loss.absence or error})"
                 self.handle, self.num_running = None, 0
-                self._is_doubtful = self._is_doubtful or not self._cluster.is_ours
                 await self._disconnect()
                 await asyncio.sleep(_RESTART_PAUSE_S)
 
@@ -117,28 +118,44 @@ class Upkeep:
                     self._followed_s = time.monotonic()
                     await self._in_ray_thread(self._serving.follow_machines)
                 self.num_running = await self._in_ray_thread(self._serving.num_running)
+                others = await self._in_ray_thread(self._serving.exchange_load, self._admission.num_admitted)
         except TimeoutError:
             if limit.expired():
                 self._loss.fall_silent(f"Ray Serve has not answered for {_SILENCE_S:.0f} s")
             raise
-        if self.handle is None:
-            self.num_running = 0  # while Ray was asked, the cluster went away
-            return
-        self.waiting_for = None if self.num_running else "workers"
+        # The cluster may have gone away just after the last answer.
+        self._loss.require_none()
+        told = f" ({self._serving.told})" if self._serving.told else ""
+        self.waiting_for = None if self.num_running else f"workers{told}"
         if self.num_running:
             self._admission.set_num_workers(self.num_running)
+        self._admission.set_others(others)
         if time.monotonic() - self._tidied_s > _TIDY_PERIOD_S:
             self._tidied_s = time.monotonic()
             await asyncio.to_thread(self._cluster.remove_logs_of_ended)
 
     def _abandon(self) -> None:
-        """Leave a cluster that does not answer: in another thread than Ray's, in which a call may hang until this is done."""
-        self.handle, self.num_running, self._is_doubtful = None, 0, True
+        """Leave a cluster that does not answer."""
+        self.handle, self.num_running = None, 0
         self.waiting_for = f"Ray ({self._loss.absence})"
         if self._abandoning is None:
-            self._abandoning = asyncio.ensure_future(asyncio.to_thread(self._cluster.disconnect))
+            self._abandoning = asyncio.ensure_future(self._leave_silent())
+
+    async def _leave_silent(self) -> None:
+        """Disconnect once Ray's thread is free, or in another one: some calls that hang end by that, and others never do."""
+        loop = asyncio.get_running_loop()
+        is_free = loop.run_in_executor(self._thread, lambda: None)
+        if (await asyncio.wait({is_free}, timeout=_UNSTICK_S))[0]:
+            await loop.run_in_executor(self._thread, self._cluster.disconnect)
+            return
+        await asyncio.to_thread(self._cluster.disconnect)
+        if not (await asyncio.wait({is_free}, timeout=_UNSTICK_S))[0]:
+            _log.error("a call of Ray does not end; its thread stays until the service is started again")
+            self._thread.shutdown(wait=False, cancel_futures=True)
+            self._thread = _ray_thread()
 
     async def _disconnect(self) -> None:
+        self._is_doubtful = self._is_doubtful or not self._cluster.is_ours
         if self._abandoning is not None:
             await asyncio.gather(self._abandoning, return_exceptions=True)
             self._abandoning = None
@@ -147,12 +164,15 @@ class Upkeep:
             await asyncio.get_running_loop().run_in_executor(self._thread, self._cluster.disconnect)
 
     async def _in_ray_thread(self, call: Callable[..., Result], *arguments: Any) -> Result:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, self._asked, call, *arguments)
+        asked = asyncio.get_running_loop().run_in_executor(self._thread, self._asked, call, *arguments)
+        return await self._loss.wait(asked, None)
 
     def _asked(self, call: Callable[..., Result], *arguments: Any) -> Result:
-        # What waited for its turn while the cluster went away must not be asked: Ray starts a cluster by itself when there is none.
-        self._loss.require_none()
         try:
             return call(*arguments)
-        except SystemExit as error:
-            raise NoWorkerError("the Ray cluster was left while it was asked") from error
+        except (SystemExit, GivenUpError) as error:  # the first one would end the service
+            raise NoWorkerError(f"Ray does not answer: {error}") from error
+
+
+def _ray_thread() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix="ray")

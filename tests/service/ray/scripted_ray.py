@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator
 from types import SimpleNamespace
 from typing import Any
 
+from service.ray.patience import Patience
+
 
 class Answer:
     """What Ray gives for a call: it is awaited, or cancelled. result: a value, an exception, or None for never."""
@@ -37,8 +39,10 @@ class ScriptedCluster:
         self.asked: list[str] = []
         self.threads: set[str] = set()
         self.is_ours = True
+        self.patience = Patience()
 
     def connect(self) -> None:
+        self.patience.begin()
         self._note("connect")
         if self.failures:
             raise self.failures.pop(0)
@@ -76,6 +80,9 @@ class ScriptedServing:
         self.faults: list[list[str]] = []
         self.running: Callable[[], int] = lambda: num_workers
         self.asked: list[str] = []
+        self.told = ""
+        self.told_load = self.num_exchanges = 0
+        self.load_of_others: list[int] = []
         self._num_workers = num_workers
 
     def options(self, *, multiplexed_model_id: str) -> Any:
@@ -100,6 +107,11 @@ class ScriptedServing:
 
     def num_running(self) -> int:
         return self.running()
+
+    def exchange_load(self, num_admitted: int) -> list[int]:
+        self.told_load = num_admitted
+        self.num_exchanges += 1
+        return self.load_of_others
 
     def submit(self, task: Callable[..., Any], argument: Any) -> Answer:
         self.submitted.append((task.__name__, argument))

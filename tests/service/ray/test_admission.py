@@ -112,3 +112,16 @@ def test_the_newest_duration_counts_a_fifth() -> None:
     admission.note_duration(53.0)
     with admission.admit():
         assert admission.retry_after_s == 13
+
+
+@pytest.mark.parametrize(
+    ("others", "share"), [([], 4), ([0], 4), ([1], 3), ([9], 2), ([0, 9], 2), ([9, 9, 9], 1), ([1, 1], 2)], ids=str
+)
+def test_of_workers_that_others_use_too_each_has_what_they_leave_or_its_part(others: list[int], share: int) -> None:
+    admission = Admission(queue_limit=100)
+    admission.set_num_workers(4)
+    admission.set_others(others)
+    with ExitStack() as held:
+        for _ in range(12):
+            held.enter_context(admission.admit())
+        assert admission.retry_after_s == 12 / share  # a second each

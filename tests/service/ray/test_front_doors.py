@@ -22,7 +22,7 @@ class Cluster:
     """The jobs of a cluster, in place of Ray's: `join` adds one, `own` is the number of the one that looks."""
 
     jobs: list[Any] = field(default_factory=list)
-    leaving: set[int] = field(default_factory=set)
+    words: dict[int, bytes] = field(default_factory=dict)
     own: int = 0
 
     def join(self, door: FrontDoors | None) -> int:
@@ -44,7 +44,9 @@ class Cluster:
 def cluster(monkeypatch: pytest.MonkeyPatch) -> Cluster:
     cluster = Cluster()
     monkeypatch.setattr(module, "_jobs", lambda: cluster.jobs)
-    monkeypatch.setattr(module, "_leaving", lambda: cluster.leaving)
+    monkeypatch.setattr(module, "_words", lambda: dict(cluster.words))
+    monkeypatch.setattr(module, "_say", lambda number, word: cluster.words.update({number: word}))
+    monkeypatch.setattr(module, "_forget", lambda numbers: [cluster.words.pop(number) for number in list(numbers)])
     monkeypatch.setattr(module, "_own_number", lambda: cluster.own)
     return cluster
 
@@ -108,10 +110,15 @@ def test_the_number_of_a_job_is_read_in_ray_s_order(cluster: Cluster) -> None:
 
 def test_of_those_that_leave_at_the_same_time_the_last_one_finds_itself_alone(cluster: Cluster) -> None:
     first, second = cluster.join(door()), cluster.join(door())
+    gone = cluster.join(door())
+    cluster.jobs[gone - 1].is_dead = True
+    cluster.words = {gone: b"3"}
     cluster.own = first
+    door().say_leaving()
     assert not door().are_alone()
-    cluster.leaving = {first}
+    assert cluster.words == {first: b"leaving"}
     cluster.own = second
+    door().say_leaving()
     assert door().are_alone()
     assert door().senior() is None
 
@@ -142,3 +149,18 @@ def test_workers_of_this_folder_that_nobody_uses_are_abandoned(cluster: Cluster)
     cluster.own = cluster.join(ours)
     running = [each.application for each in (killed, living, ours, of_others)] + ["somebody-else"]
     assert ours.abandoned(running) == [killed.application]
+
+
+def test_load_is_told_to_those_who_use_the_same_workers(cluster: Cluster) -> None:
+    first, second, other, dead, leaving = (
+        cluster.join(each) for each in (door(), door(), door(num_workers=7), door(), door())
+    )
+    cluster.jobs[dead - 1].is_dead = True
+    cluster.words = {other: b"5", dead: b"6", leaving: b"leaving"}
+    cluster.own = first
+    assert door().exchange_load(2) == []  # the second has not said anything yet
+    cluster.own = second
+    assert door().exchange_load(4) == [2]
+    cluster.own = first
+    assert door().exchange_load(0) == [4]
+    assert cluster.words[first] == b"0"

@@ -4,16 +4,18 @@ import asyncio
 import threading
 import time
 from collections.abc import Coroutine
+from dataclasses import replace
 from typing import Any, cast
 
 import pytest
 
-from service.errors import NoWorkerError
+from service.errors import NoWorkerError, QueueFullError
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryOptions, RegisterJob, RegisterOptions
 from service.ray import cluster_loss as loss_module
 from service.ray import upkeep as upkeep_module
 from service.ray.admission import Admission
 from service.ray.own_node import RayStartError
+from service.ray.patience import GivenUpError
 from service.ray.pool import RayPool
 from service.worker.reply import WorkerReply
 from tests.service.ray.scripted_ray import ScriptedCluster, ScriptedServing
@@ -34,6 +36,7 @@ class JoinedCluster(ScriptedCluster):
         self.fault: str | None = None
         self.num_looks = 0
         self.left = threading.Event()
+        self.test_is_over = threading.Event()
 
     def silent(self) -> str | None:
         self.num_looks += 1
@@ -48,9 +51,19 @@ class JoinedCluster(ScriptedCluster):
         self.left.set()
 
     def hang(self) -> Any:
-        """Answer no more, like a call of Ray."""
+        """Answer no more, like most calls of Ray, which end when the cluster is left."""
         assert self.left.wait(10)
         raise SystemExit(0)
+
+    def hang_for_ever(self) -> Any:
+        """Answer no more, like some calls of Ray."""
+        self.test_is_over.wait(60)
+
+    def wait_patiently(self) -> Any:
+        """Wait until the waiting is ended."""
+        while not self.patience._is_over.is_set():
+            time.sleep(0.01)
+        raise GivenUpError("given up")
 
     def rehearse(self) -> None:
         super().rehearse()
@@ -63,6 +76,7 @@ def _in_little_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loss_module, "_WATCH_PERIOD_S", 0.02)
     monkeypatch.setattr(upkeep_module, "_WATCH_PERIOD_S", 0.02)
     monkeypatch.setattr(upkeep_module, "_RESTART_PAUSE_S", 0.05)
+    monkeypatch.setattr(upkeep_module, "_UNSTICK_S", 0.3)
     monkeypatch.setattr("ray.cancel", lambda *_, **__: None)
 
 
@@ -91,8 +105,8 @@ async def started(cluster: JoinedCluster, serving: ScriptedServing) -> RayPool:
     return pool
 
 
-@pytest.mark.parametrize("hangs", [False, True], ids=["calls fail", "calls hang"])
-def test_who_waits_for_a_cluster_that_goes_away_is_told_and_it_is_joined_again(hangs: bool) -> None:
+@pytest.mark.parametrize("call", ["answers", "wait_patiently", "hang", "hang_for_ever"])
+def test_who_waits_for_a_cluster_that_goes_away_is_told_and_it_is_joined_again(call: str) -> None:
     async def scenario() -> None:
         cluster, serving = JoinedCluster(), ScriptedServing(None, WorkerReply(OUTCOME))
         serving.tasks = [None]
@@ -100,8 +114,8 @@ def test_who_waits_for_a_cluster_that_goes_away_is_told_and_it_is_joined_again(h
         query = asyncio.create_task(pool.localize(job()))
         registering = asyncio.create_task(pool.register(registration()))
         await until(lambda: serving.given and serving.references)
-        if hangs:
-            serving.running = cluster.hang
+        if call != "answers":
+            serving.running = getattr(cluster, call)
         cluster.fault = SILENCE
         for waiting in (query, registering):
             with pytest.raises(NoWorkerError, match="head does not answer at head:6379") as refused:
@@ -119,6 +133,47 @@ def test_who_waits_for_a_cluster_that_goes_away_is_told_and_it_is_joined_again(h
         assert cluster.asked[:3] == ["rehearse", "connect", "disconnect"]
         assert cluster.asked[-2:] == ["rehearse", "connect"]
         assert cluster.asked.count("connect") == 2
+        await pool.stop(drain_s=0)
+        cluster.test_is_over.set()
+
+    run(scenario())
+
+
+def test_an_answer_that_comes_at_the_moment_of_the_loss_makes_nothing_ready() -> None:
+    async def scenario() -> None:
+        cluster, serving = JoinedCluster(), ScriptedServing()
+        pool, loop = await started(cluster, serving), asyncio.get_running_loop()
+
+        def answer_while_it_goes(num_admitted: int) -> list[int]:
+            if cluster.fault is None:
+                cluster.fault = SILENCE
+                loop.call_soon_threadsafe(pool._loss.fall_silent, SILENCE)
+            return []
+
+        serving.exchange_load = answer_while_it_goes  # type: ignore[method-assign]
+        await until(lambda: not pool.state().ready)
+        for _ in range(30):
+            assert not pool.state().ready
+            await asyncio.sleep(0.005)
+        await pool.stop(drain_s=0)
+
+    run(scenario())
+
+
+def test_a_call_of_ray_that_ends_as_processes_do_ends_no_service() -> None:
+    async def scenario() -> None:
+        cluster, serving = JoinedCluster(), ScriptedServing(None)
+        pool = await started(cluster, serving)
+        ends = iter([SystemExit(0)])
+
+        def end_once() -> int:
+            for error in ends:
+                raise error
+            return 1
+
+        serving.running = end_once
+        await until(lambda: "Ray does not answer" in (pool.state().waiting_for or ""))
+        await until(lambda: pool.state().ready)
         await pool.stop(drain_s=0)
 
     run(scenario())
@@ -207,6 +262,34 @@ def test_how_many_run_at_the_same_time_follows_the_workers_that_are_up() -> None
         for each in asking:
             each.cancel()
         await asyncio.gather(*asking, return_exceptions=True)
+        await pool.stop(drain_s=0)
+
+    run(scenario())
+
+
+def test_what_waits_at_other_front_doors_counts_when_a_query_has_little_time() -> None:
+    async def scenario() -> None:
+        cluster, serving = JoinedCluster(), ScriptedServing(WorkerReply(OUTCOME, duration_s=1.0), None, None)
+        pool = await started(cluster, serving)
+
+        async def hear(load: list[int]) -> None:
+            serving.load_of_others = load
+            heard = serving.num_exchanges + 2
+            await until(lambda: serving.num_exchanges > heard)
+
+        await pool.localize(job())
+        asking = asyncio.create_task(pool.localize(job()))
+        await until(lambda: serving.told_load == 1)
+        # Two and a half seconds for a worker of its own, with caution, and twice as many where it is one of three who ask.
+        await hear([5, 0, 5])
+        with pytest.raises(QueueFullError, match="take about 5 s"):
+            await pool.localize(replace(job(), deadline_unix_s=time.time() + 4))
+        await hear([0, 0])
+        second = asyncio.create_task(pool.localize(replace(job(), deadline_unix_s=time.time() + 4)))
+        await until(lambda: pool.num_under_way == 2)
+        for each in (asking, second):
+            each.cancel()
+        await asyncio.gather(asking, second, return_exceptions=True)
         await pool.stop(drain_s=0)
 
     run(scenario())

@@ -436,7 +436,8 @@ def test_a_pool_whose_workers_are_not_up_yet_is_not_ready() -> None:
         serving.running = lambda: 0
         pool = RayPool(cast(Any, ScriptedCluster()), cast(Any, serving), Admission(3))
         await pool.start()
-        await until(lambda: "deploy" in serving.asked and pool.state().waiting_for == "workers")
+        serving.told = "no machine has a GPU to give"
+        await until(lambda: pool.state().waiting_for == "workers (no machine has a GPU to give)")
         await asyncio.sleep(0.02)
         assert not pool.state().ready
         assert await pool.localize(job()) == OUTCOME  # it waits in Serve's queue instead
