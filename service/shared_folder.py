@@ -121,7 +121,8 @@ class SharedFolder:
         stored = await asyncio.to_thread(self._storage.stamps, "maps", "map.json")
         # Also one that came and went since the last look, and was asked for in between.
         gone = known - stored.keys()
-        for map_id in [*gone, *(map_id for map_id, stamp in stored.items() if self._seen.get(map_id) != stamp)]:
+        new = {map_id for map_id, stamp in stored.items() if self._seen.get(map_id) != stamp}
+        for map_id in [*gone, *(each for each in new if not self._registry.is_current(each, stored[each]))]:
             await self._registry.refresh(map_id)
         self._seen = stored
         await self._batches.refresh()

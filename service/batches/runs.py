@@ -15,7 +15,7 @@ from core.errors import DeadlineExceededError
 from core.panorama.image_header import IMAGE, check_image
 from service.batches.record import BatchRecord, Result
 from service.batches.store import BatchStore
-from service.errors import EXPECTED_ERRORS, TryAgainError
+from service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError
 from service.jobs import QueryImage, WorkerPool
 from service.localizations import Localizations, LocalizeRequest
 from service.maps.selection import MapChoice
@@ -177,7 +177,8 @@ async def _patiently(work: Callable[[], Awaitable[_T]], what: str, max_tries: in
         try:
             return await work()
         except (OSError, TryAgainError) as error:
-            num_tries += 1
+            # What comes back when a bucket does is not the fault of one image.
+            num_tries += not isinstance(error, StorageAwayError)
             if num_tries == max_tries:
                 raise
             _log.error(f"{what}, it is tried again", error=str(error))

@@ -43,6 +43,10 @@ class KnownMaps:
         """Tell whether there is a map under this id."""
         return map_id in self._records
 
+    def is_current(self, map_id: str, stamp: Stamp) -> bool:
+        """Tell whether a map is known as it is stored."""
+        return map_id in self._records and self._stamps.get(map_id) == stamp
+
     def georeferences(self, refs: Iterable[MapRef]) -> dict[str, dict[str, Any]]:
         """Return the georeferences of those of the maps that (still) have one, by map id.
 

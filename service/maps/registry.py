@@ -65,19 +65,22 @@ class MapRegistry(KnownMaps):
 
     async def load(self) -> None:
         """Read all records; one that cannot be read is logged and left alone."""
-        is_shared = self._is_shared
-        await asyncio.to_thread(self._storage.tidy, _LEFT_BEHIND_S if is_shared else 0.0)
-        for map_id in await asyncio.to_thread(self._storage.names, "maps"):
-            try:
-                record, stamp = await asyncio.to_thread(read_stamped_record, self._storage, map_id)
-            except StorageError as error:
-                if is_shared and isinstance(error, StoredFileMissingError):
-                    continue  # another process stores its scan now
-                # Never deleted here: it may be a scan that somebody wants back.
-                _log.error("a folder of maps is left alone, its record cannot be read", map_id=map_id, error=str(error))
-                continue
-            self._records[map_id], self._stamps[map_id] = record, stamp
-            await self._remove_forgotten_revisions(record)
+        await asyncio.to_thread(self._storage.tidy, _LEFT_BEHIND_S if self._is_shared else 0.0)
+        map_ids = await asyncio.to_thread(self._storage.names, "maps")
+        # At the same time: a bucket answers each after a while.
+        await asyncio.gather(*(self._load(map_id) for map_id in map_ids))
+
+    async def _load(self, map_id: str) -> None:
+        try:
+            record, stamp = await asyncio.to_thread(read_stamped_record, self._storage, map_id)
+        except StorageError as error:
+            if self._is_shared and isinstance(error, StoredFileMissingError):
+                return  # another process stores its scan now
+            # Never deleted here: it may be a scan that somebody wants back.
+            _log.error("a folder of maps is left alone, its record cannot be read", map_id=map_id, error=str(error))
+            return
+        self._records[map_id], self._stamps[map_id] = record, stamp
+        await self._remove_forgotten_revisions(record)
 
     async def find(self, map_ids: Iterable[str]) -> None:
         """Look for maps that are not known here: another process may have made them a moment ago. Raises StorageAwayError."""

@@ -30,7 +30,7 @@ def open_client(url: str, variables: Mapping[str, str], *, is_patient: bool = Tr
     scheme, rest = split_url(url)
     bucket, _, prefix = rest.partition("/")
     config = known_variables(scheme, bucket, variables)
-    endpoints = (value for name, value in config.items() if "endpoint" in name)
+    endpoints = (value for name, value in config.items() if "endpoint" in name or "url" in name)
     options: dict[str, Any] = {
         # Of one request; files are sent and fetched in pieces.
         "timeout": timedelta(seconds=30 if is_patient else 5),

@@ -19,6 +19,7 @@ from obstore.store import ObjectStore
 
 from service.errors import StoredFileChangedError, StoredFileMissingError
 from service.storage.bucket_lacks import bucket_lacks_said
+from service.storage.opening import split_url
 from service.storage.protocol import DIGEST_SUFFIX, Stamp
 
 PIECE_BYTES = 8 * 2**20
@@ -28,11 +29,13 @@ _DIGEST = "sha256"
 
 @dataclass(frozen=True)
 class FoundObject:
-    """An object as it is now. digest: SHA-256, hexadecimal, None where nothing is known. beginning: bytes that came with it."""
+    """An object as it is now. e_tag: of just these bytes. digest: SHA-256, hexadecimal, None where nothing is known. beginning: bytes that
+    came with it."""
 
     key: str
     size: int
     stamp: str
+    e_tag: str
     digest: str | None
     beginning: bytes
 
@@ -48,19 +51,21 @@ class BucketObjects:
     def __init__(self, client: ObjectStore, url: str) -> None:
         self._client = client
         self._url = url
+        # Google compares generations, all others tags.
+        self._compared = "version" if split_url(url)[0] == "gs" else "e_tag"
 
     def write(self, key: str, data: bytes | Path, digest: str | None, over: Stamp | None = None) -> Stamp:
         """Write an object and return its stamp; a file of any size goes in pieces of a few megabytes. over: as in `Storage.replace`."""
         options: dict[str, Any] = {"attributes": {} if digest is None else {_DIGEST: digest}}
         if over is not None:
-            options["mode"] = {"e_tag": over}
+            options["mode"] = {self._compared: over}
         if isinstance(data, bytes):
             options["use_multipart"] = False
         with bucket_lacks_said(self._url, key, writes=True):
             put = obstore.put(
                 self._client, key, data, chunk_size=PIECE_BYTES, max_concurrency=_PARTS_AT_A_TIME, **options
             )
-        return _stamp_of(put)
+        return self._stamp_of(put)
 
     def find(self, key: str, *, with_beginning: bool = True) -> FoundObject:
         """Return what is there. with_beginning: and its first piece, which is all of most. Raises StoredFileMissingError."""
@@ -70,7 +75,9 @@ class BucketObjects:
             beginning = bytes(found.bytes()) if with_beginning else b""
             digest = found.attributes.get(_DIGEST)
         digest = str(digest) if digest is not None else self._digest_beside(key)
-        return FoundObject(key, found.meta["size"], _stamp_of(found.meta), digest, beginning)
+        return FoundObject(
+            key, found.meta["size"], self._stamp_of(found.meta), str(found.meta["e_tag"]), digest, beginning
+        )
 
     def pieces(self, found: FoundObject) -> Iterator[bytes]:
         """Yield all bytes of an object. Raises StoredFileChangedError where somebody replaces it meanwhile."""
@@ -92,7 +99,7 @@ class BucketObjects:
                 return found, b"".join(self.pieces(found))
 
     def _piece(self, found: FoundObject, start: int) -> bytes:
-        options: Any = {"range": (start, min(start + PIECE_BYTES, found.size)), "if_match": found.stamp}
+        options: Any = {"range": (start, min(start + PIECE_BYTES, found.size)), "if_match": found.e_tag}
         with bucket_lacks_said(self._url, found.key, writes=False):
             return bytes(obstore.get(self._client, found.key, options=options).bytes())
 
@@ -112,6 +119,5 @@ class BucketObjects:
             return self.find(key + DIGEST_SUFFIX).beginning.decode("ascii").strip()
         return None
 
-
-def _stamp_of(meta: Any) -> str:
-    return str(meta["e_tag"] or meta["version"])
+    def _stamp_of(self, meta: Any) -> str:
+        return str(meta[self._compared] or meta["e_tag"])

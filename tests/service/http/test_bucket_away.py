@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 import redis
 
+from service.errors import StorageAwayError
 from service.host.embedded_redis import EmbeddedRedis
-from tests.service.http.running_service import RunningService, running_service
+from service.storage.bucket import BucketStorage
+from tests.service.http.running_service import RunningService, png_of, running_service
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 pytestmark = pytest.mark.anyio
@@ -59,6 +61,31 @@ async def test_changes_and_uploads_are_503_while_it_is_away_and_queries_are_answ
         assert (await on_bucket.client.patch(f"/maps/{map_id}", json={"name": "new"})).status_code == 200
     finally:
         again.stop()
+
+
+async def test_a_batch_waits_for_a_bucket_that_cannot_be_read_and_loses_no_image(
+    on_bucket: RunningService, server: BucketServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.batches.runs._FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr("service.batches.runs._LONGEST_PAUSE_S", 0.01)
+    map_id = await on_bucket.ready_map()
+    on_bucket.pool.is_ready = False
+    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(3)]
+    batch = (await on_bucket.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+    num_refused = 0
+    read = BucketStorage.read
+
+    def refused(storage: BucketStorage, key: str) -> bytes:
+        nonlocal num_refused
+        if "/images/" in key and num_refused < 20:
+            num_refused += 1
+            raise StorageAwayError("away")
+        return read(storage, key)
+
+    monkeypatch.setattr(BucketStorage, "read", refused)
+    on_bucket.pool.is_ready = True
+    shown = await on_bucket.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
+    assert (shown["counts"]["localized"], num_refused) == (3, 20)
 
 
 async def test_a_key_that_was_revoked_is_said(on_bucket: RunningService, server: BucketServer) -> None:

@@ -92,6 +92,18 @@ def test_one_that_stood_still_learns_that_another_has_the_bucket_and_leaves_it(
     assert b"of another" in bucket.read("claims/sole.json")
 
 
+def test_one_that_stops_before_it_learns_that_leaves_the_other_alone(
+    claim: Claims, bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = claim("one")
+    monkeypatch.setattr("service.storage.claim._RENEW_S", 1000.0)
+    one.take()
+    bucket.put("claims/sole.json", b'{"token": "of another", "machine": "m", "process": 7}')
+    one.release()
+    assert one.loss is None
+    assert b"of another" in bucket.read("claims/sole.json")
+
+
 @pytest.mark.parametrize("note", [b"", b"[]", b"{}"])
 def test_a_note_that_cannot_be_read_keeps_nobody_out(claim: Claims, bucket: BucketStorage, note: bytes) -> None:
     bucket.put("claims/sole.json", note)
