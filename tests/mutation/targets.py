@@ -11,7 +11,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 
 _STORED_MAPS = ("tests/service/maps/test_map_registry.py", "tests/service/http/test_changes_at_once.py")
-_POOL = ("tests/service/ray/test_pool.py", "tests/service/ray/test_ray_pool_loss.py")
+_POOL = (
+    "tests/service/ray/test_pool.py",
+    "tests/service/ray/test_joined_pool.py",
+    "tests/service/ray/test_ray_pool_loss.py",
+)
 _STEP = ("tests/core/refine/test_gauss_newton.py", "tests/reference/test_loss_twin.py")
 _INDEX = ("tests/core/index/test_map_codec.py", "tests/core/index/test_map_index.py")
 
