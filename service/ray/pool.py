@@ -24,8 +24,8 @@ from service.worker.reply import WorkerReply, error_of
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
-# Which of the queries under way ended their worker nobody knows. One that lost several is asked again while no other such one is, so that
-# the one that does it takes the others along no more.
+# Which of the queries under way ended their worker nobody knows. One that lost several is asked again alone, and nothing else is asked
+# meanwhile: so it comes first where workers keep dying, and takes no others along where it is what ends them.
 _ATTEMPTS_TOGETHER = 3
 _ATTEMPTS_ALONE = 3
 _MAX_REBUILDS = 2
@@ -134,6 +134,7 @@ class RayPool:
 
     async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         for attempt in range(1, _ATTEMPTS_TOGETHER + 1):
+            await self._before_deadline(self._nothing_asked_alone(), job)
             if (reply := await self._asked(job, attempt)) is not None:
                 return reply
         await self._before_deadline(self._asked_alone.acquire(), job)
@@ -144,6 +145,10 @@ class RayPool:
         finally:
             self._asked_alone.release()
         raise NoWorkerError(f"{attempt} workers in a row were lost while they computed this answer")
+
+    async def _nothing_asked_alone(self) -> None:
+        async with self._asked_alone:
+            pass
 
     async def _asked(self, job: LocalizeJob, attempt: int) -> WorkerReply[LocalizeOutcome] | None:
         """Return the answer of some worker, None where it was lost meanwhile."""
