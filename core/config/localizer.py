@@ -54,10 +54,13 @@ class LocalizerConfig:
 
     def for_photos(self, share: float) -> "LocalizerConfig":
         """Return the configuration for photos that show a `share` of the sphere: the less they show, the closer they are looked at."""
-        finer = 2 if share < _NARROW_SHARE else 1
+        is_narrow = share < _NARROW_SHARE
+        finer = 2 if is_narrow else 1
         refinement, judge, photos = self.refinement, self.judge, self.photos
+        margin_deg = photos.coarse_margin_deg if is_narrow else photos.wide_coarse_margin_deg
         return replace(
             self,
+            photos=replace(photos, coarse_margin_deg=margin_deg),
             search=replace(
                 self.search,
                 num_candidates=self.photo_search.num_candidates,

@@ -89,6 +89,7 @@ class PhotoRefinementConfig:
     # degrees does, and more for others: a patch has a gain and offsets of its own, and a dozen points agree with anything.
     coarse_points_share: float = 0.085
     coarse_margin_deg: float = 35.0  # around what they show, likewise dense
+    wide_coarse_margin_deg: float = 20.0  # likewise, of photos that show much, which turn less
     margin_deg: float = 8.0  # later, when poses hardly turn
     # Of local contrast in the colours: what a photo shows of the light of a room says little about all of it.
     contrast_share: float = 0.8

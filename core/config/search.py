@@ -44,7 +44,7 @@ class PhotoSearchConfig:
     level_candidates: int = 32
     sure: float = 0.9
     limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
-    limited_rescored_poses: int = 4000  # of these
+    limited_rescored_poses: int = 2500  # of these
     most_rotations: int = 12_000  # of the denser set; above it the other one is taken
     limit_margin_m: float = 0.5  # starts are no nearer to what hints allow than half their spacing
     limit_margin_deg: float = 6.0  # half the spacing of the denser set, and what a start's distance turns
@@ -52,7 +52,7 @@ class PhotoSearchConfig:
     # Of all poses together: of many photos each pose has many, and fewer poses need them. The second of the denser set.
     rescored_pixels: int = 2_500_000
     limited_rescored_pixels: int = 600_000
-    most_patches: int = 80  # that histograms are compared of; six frames show 160, and half of them tell as much
+    most_patches: int = 64  # that histograms are compared of; six frames show 160, and half of them tell as much
     patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     num_candidates: int = 48
