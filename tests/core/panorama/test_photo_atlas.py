@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from core.camera.camera import Camera
+from core.errors import PanoramaShapeError
 from core.geometry.pose import Pose
 from core.geometry.rotations import even_directions
 from core.light.color_equalization import LabelCodes
@@ -205,3 +206,19 @@ def test_a_photo_coarser_than_asked_for_is_enlarged() -> None:
     fine, finer = (sampled(atlas, rows, azimuth, elevation) for rows in (256, 512))
     np.testing.assert_allclose(fine[:3], finer[:3], atol=3 / 255)
     assert (finer[9] > 0.99).all()
+
+
+@pytest.mark.parametrize("kept", ["four pixels of ten", "every eighth column", "one pixel"])
+def test_a_mask_that_leaves_no_region_is_refused_with_what_to_do(kept: str) -> None:
+    photo = plain(CAMERA)
+    valid = np.zeros_like(photo.valid)
+    if kept == "four pixels of ten":
+        valid = np.random.default_rng(0).uniform(size=valid.shape) < 0.4
+    elif kept == "every eighth column":
+        valid[:, ::8] = True
+    else:
+        valid[240, 320] = True
+    spoilt = Photo(photo.color, valid, photo.camera)
+    with pytest.raises(PanoramaShapeError, match="mask whole regions"):
+        atlas_of(spoilt)
+    assert float(atlas_of(spoilt, plain(CAMERA)).share()) > 0  # another photo of the session shows something
