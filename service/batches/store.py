@@ -26,10 +26,10 @@ from service.batches.stored_batches import StoredBatches
 from service.errors import (
     BatchLimitError,
     BatchNotFoundError,
-    CacheDownError,
     StorageError,
 )
-from service.sharing.folder_locks import FolderLocks, HeldLock, OwnFolderLocks
+from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
+from service.sharing.held_lock import HeldLock
 from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
@@ -168,7 +168,9 @@ class BatchStore:
         self._num_coming += 1
         try:
             async with self._turn(record.id):
-                await _to_the_end(self._files.adopt, record, images, partial(self._check_sure, record.id))
+                await _to_the_end(
+                    self._files.adopt, record, images, partial(check_sure, self._locks, _turn_of(record.id))
+                )
         except BaseException:
             await _to_the_end(self._storage.delete_all, folder_of(record.id))
             raise
@@ -247,11 +249,6 @@ class BatchStore:
         num_done = len(await self.done(batch_id))
         if batch_id in self._records:
             self._num_done[batch_id] = num_done
-
-    def _check_sure(self, batch_id: str) -> None:
-        """Raise CacheDownError where another process may take what is stored for an upload that nobody is at any more."""
-        if not self._locks.is_sure(_turn_of(batch_id)):
-            raise CacheDownError("expected a lock in Redis that is renewed in time, but it was not; try again")
 
     async def _remove_unfinished(self, batch_id: str) -> None:
         """Remove an upload that never became a batch, unless another process is at it."""

@@ -31,7 +31,7 @@ from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.problems import problem_document
-from service.sharing.folder_locks import HeldLock
+from service.sharing.held_lock import HeldLock
 
 _log = structlog.get_logger(__name__)
 

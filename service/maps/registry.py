@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import structlog
 
 from service.errors import (
-    CacheDownError,
     MapLimitError,
     MapNotFoundError,
     StorageError,
@@ -28,7 +27,8 @@ from service.maps.known_maps import KnownMaps, is_id
 from service.maps.record import MapRecord, Revision, folder_of, key_of, read_stamped_record, write_record
 from service.maps.scan_size import counted_bytes
 from service.maps.turns import Turns
-from service.sharing.folder_locks import FolderLocks, HeldLock, OwnFolderLocks
+from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
+from service.sharing.held_lock import HeldLock
 from service.storage import Storage
 
 Result = TypeVar("Result")
@@ -93,7 +93,7 @@ class MapRegistry(KnownMaps):
 
     def check_new_revision(self, ref: MapRef) -> None:
         """Raise CacheDownError where the reference of `new_revision` may be another's by now: before a record names it."""
-        self._check_sure(_coming(ref))
+        check_sure(self._locks, _coming(ref))
 
     @asynccontextmanager
     async def new_revision(self, map_id: str) -> AsyncIterator[MapRef]:
@@ -198,7 +198,7 @@ class MapRegistry(KnownMaps):
 
         async def remove() -> None:
             record = self.get(map_id)
-            self._check_sure(_turn_of(map_id))
+            check_sure(self._locks, _turn_of(map_id))
             del self._records[map_id]
             try:
                 await asyncio.to_thread(self._storage.delete_all, folder_of(map_id))
@@ -215,7 +215,7 @@ class MapRegistry(KnownMaps):
         async def remove() -> None:
             if not self.holds(ref):
                 for lock in (_turn_of(ref.id), _coming(ref)):
-                    self._check_sure(lock)
+                    check_sure(self._locks, lock)
                 prefix = f"{folder_of(ref.id)}/{ref.revision}" if self.has(ref.id) else folder_of(ref.id)
                 await asyncio.to_thread(self._storage.delete_all, prefix)
 
@@ -239,10 +239,6 @@ class MapRegistry(KnownMaps):
                 work.close()  # where it has not begun
 
         return await self._turns.take(map_id, _turn_of(map_id), on_what_is_stored())
-
-    def _check_sure(self, lock: str) -> None:
-        if not self._locks.is_sure(lock):
-            raise CacheDownError("expected a lock in Redis that is renewed in time, but it was not; try again")
 
     async def _remove_forgotten_revisions(self, record: MapRecord) -> None:
         for name in await asyncio.to_thread(self._storage.names, folder_of(record.id)):

@@ -8,36 +8,15 @@ import asyncio
 import contextlib
 import fcntl
 import os
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from service.errors import CacheDownError
+from service.sharing.held_lock import HeldLock, held_once_free, unless_cancelled
 from service.storage_lacks import lacks_said
-
-_PAUSE_S = 0.005
-_LONGEST_PAUSE_S = 0.1
-
-
-class HeldLock:
-    """A lock until it is released, or lost to another process, as only leases are."""
-
-    def __init__(self, release: Callable[[], None]) -> None:
-        self._release = release
-        self._when_lost: Callable[[], object] = lambda: None
-
-    def release(self) -> None:
-        """Let others have it."""
-        self._release()
-
-    def call_when_lost(self, end: Callable[[], object]) -> None:
-        """Name what ends the work under this lock when another process has it."""
-        self._when_lost = end
-
-    def lose(self) -> None:
-        """Say that another process has it."""
-        self._when_lost()
 
 
 class FolderLocks(Protocol):
@@ -60,6 +39,12 @@ class FolderLocks(Protocol):
 
     async def close(self) -> None:
         """Let go of everything."""
+
+
+def check_sure(locks: FolderLocks, name: str) -> None:
+    """Raise CacheDownError where another process may hold a lock that this one took; before what cannot be undone."""
+    if not locks.is_sure(name):
+        raise CacheDownError("expected a lock in Redis that is renewed in time, but it was not; try again")
 
 
 class OwnFolderLocks:
@@ -101,25 +86,11 @@ class SharedFolderLocks:
 
     async def try_hold(self, name: str) -> HeldLock | None:
         """Return the lock, None while somebody else holds it."""
-        trying = asyncio.ensure_future(asyncio.to_thread(self._try, name))
-        try:
-            return await asyncio.shield(trying)
-        except asyncio.CancelledError:
-            trying.add_done_callback(release_found)
-            raise
+        return await unless_cancelled(asyncio.to_thread(self._try, name))
 
-    @asynccontextmanager
-    async def held(self, name: str) -> AsyncIterator[None]:
+    def held(self, name: str) -> contextlib.AbstractAsyncContextManager[None]:
         """Wait for a lock and hold it for the duration of a block."""
-        # Not in a thread that sleeps until it has it: who holds the lock may need a thread to get done.
-        pause_s = _PAUSE_S
-        while (lock := await self.try_hold(name)) is None:
-            await asyncio.sleep(pause_s)
-            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
-        try:
-            yield
-        finally:
-            lock.release()
+        return held_once_free(self.try_hold, name)
 
     def is_sure(self, name: str) -> bool:
         """Return True: the kernel keeps a lock for as long as its holder lives."""
@@ -158,9 +129,3 @@ def _is_same_file(file: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(file), os.stat(path))
     except FileNotFoundError:
         return False
-
-
-def release_found(trying: asyncio.Future[HeldLock | None]) -> None:
-    """Release what was found after nobody wanted it any more."""
-    if not trying.cancelled() and trying.exception() is None and (lock := trying.result()) is not None:
-        lock.release()

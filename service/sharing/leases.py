@@ -9,8 +9,7 @@ import asyncio
 import contextlib
 import secrets
 import time
-from collections.abc import AsyncIterator, Awaitable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -19,7 +18,7 @@ import structlog
 from redis.exceptions import RedisError
 
 from service.errors import CacheDownError
-from service.sharing.folder_locks import HeldLock, release_found
+from service.sharing.held_lock import HeldLock, held_once_free, unless_cancelled
 
 Answer = TypeVar("Answer")
 
@@ -28,8 +27,6 @@ _log = structlog.get_logger(__name__)
 LEASE_S = 10.0
 _PREFIX = "panoloc:lease:"
 _TIMEOUT_S = 2.0
-_PAUSE_S = 0.005
-_LONGEST_PAUSE_S = 0.1
 # Ours again where nobody has it: a Redis that was started anew, or needed room, has lost all leases.
 _RENEW = """
 local holder = redis.call('get', KEYS[1])
@@ -67,24 +64,11 @@ class LeaseLocks:
 
     async def try_hold(self, name: str) -> HeldLock | None:
         """Return the lock, None while somebody else holds it. Raises CacheDownError."""
-        trying = asyncio.ensure_future(self._try(name))
-        try:
-            return await asyncio.shield(trying)
-        except asyncio.CancelledError:
-            trying.add_done_callback(release_found)
-            raise
+        return await unless_cancelled(self._try(name))
 
-    @asynccontextmanager
-    async def held(self, name: str) -> AsyncIterator[None]:
+    def held(self, name: str) -> contextlib.AbstractAsyncContextManager[None]:
         """Wait for a lock and hold it for the duration of a block. Raises CacheDownError."""
-        pause_s = _PAUSE_S
-        while (lock := await self.try_hold(name)) is None:
-            await asyncio.sleep(pause_s)
-            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
-        try:
-            yield
-        finally:
-            lock.release()
+        return held_once_free(self.try_hold, name)
 
     def is_sure(self, name: str) -> bool:
         """Tell whether a lock that this process holds is still its own beyond doubt; True for one that it does not hold."""
