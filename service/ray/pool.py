@@ -27,6 +27,8 @@ Result = TypeVar("Result")
 # Which of the queries under way ended their worker nobody knows. One that lost several is asked again alone, and nothing else is asked
 # meanwhile: so it comes first where workers keep dying, and takes no others along where it is what ends them.
 _ATTEMPTS_TOGETHER = 3
+# Others wait for it no longer than a worker takes to come back and to answer a usual query; the slow ones hold up nobody.
+_LONGEST_ALONE_S = 10.0
 _ATTEMPTS_ALONE = 3
 _MAX_REBUILDS = 2
 _END_BUILDS_S = 5.0
@@ -147,8 +149,9 @@ class RayPool:
         raise NoWorkerError(f"{attempt} workers in a row were lost while they computed this answer")
 
     async def _nothing_asked_alone(self) -> None:
-        async with self._asked_alone:
-            pass
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_LONGEST_ALONE_S), self._asked_alone:
+                pass
 
     async def _asked(self, job: LocalizeJob, attempt: int) -> WorkerReply[LocalizeOutcome] | None:
         """Return the answer of some worker, None where it was lost meanwhile."""

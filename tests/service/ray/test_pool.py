@@ -210,6 +210,24 @@ def test_a_query_that_lost_several_workers_is_asked_alone() -> None:
     run(scenario())
 
 
+def test_others_wait_only_so_long_for_a_query_that_is_asked_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.ray.pool._LONGEST_ALONE_S", 0.1)
+
+    async def scenario() -> None:
+        serving = ScriptedServing(*(ActorDiedError() for _ in range(3)), None, reply())
+        async with running(serving) as pool:
+            first = asyncio.create_task(pool.localize(job(timeout_s=5.0)))
+            while len(serving.jobs) < 4:
+                await asyncio.sleep(0.01)
+            began = time.monotonic()
+            assert await pool.localize(job(timeout_s=5.0)) == OUTCOME
+            assert 0.05 < time.monotonic() - began < 3
+            assert not first.done()
+            first.cancel()
+
+    run(scenario())
+
+
 def test_a_query_that_waits_to_be_asked_alone_ends_by_its_deadline() -> None:
     async def scenario() -> None:
         lost = [ActorDiedError() for _ in range(3)]
