@@ -52,7 +52,7 @@ class PhotoSearchConfig:
     # Of all poses together: of many photos each pose has many, and fewer poses need them. The second of the denser set.
     rescored_pixels: int = 2_500_000
     limited_rescored_pixels: int = 600_000
-    most_patches: int = 64  # that histograms are compared of; six frames show 160, and half of them tell as much
+    most_patches: int = 64  # that histograms are compared of; six frames show 160, and so many of them rank as well
     patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     num_candidates: int = 48
