@@ -18,7 +18,7 @@ from core.panorama.photo_level import PhotoLevel, PhotoWindows
 from core.views.comparison import Comparison
 from core.views.drawn_points import ViewParts
 from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import SyntheticViews, render_views
+from core.views.synthetic_view import SyntheticViews, render_parts
 
 _NEAR_M = 1.0  # what a photo shows is hardly nearer; parallax widens what must be drawn by no more
 
@@ -40,7 +40,7 @@ class RigView:
             [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1]]
         )
         self.rig_from_view = around.to(atlas.rotations)
-        self._rows: dict[int, _Rows] = {}
+        self._same: dict[int, _SameForAllPoses] = {}
 
     def parts(self, rotations: Tensor, height: int) -> ViewParts:
         """Return what is drawn of the views from K poses of the rig, rotations (K, 3, 3), at `height` rows to the sphere."""
@@ -61,7 +61,7 @@ class RigView:
         Where several photos show a pixel, it is compared with the one whose middle is nearest. Equalized over what both sides see.
         """
         parts = self.parts(rotations, height)
-        views = render_views(cloud, positions, height, with_points, parts)
+        views = render_parts(cloud, positions, parts, with_points)
         seen, photo = self._look_up(views, height)
         weights = views.valid.flatten(1) * parts.window.solid_angles(positions.device) * (photo >= 0)
         scan, tables = views.color.flatten(1, 2), None
@@ -72,21 +72,21 @@ class RigView:
 
     def _look_up(self, views: SyntheticViews, height: int) -> tuple[Tensor, Tensor]:
         """Return the colours (K, S, 3) that photos show at the rendered pixels, and the number of the photo (K, S), −1 for none."""
-        at_rows = self._at_rows(height)
+        same = self._same_for_all_poses(height)
         valid, depth = views.valid.flatten(1), views.depth.flatten(1)
         count, size = depth.shape
-        if at_rows.alone is not None:
-            color, shown = at_rows.alone
+        if same.alone is not None:
+            color, shown = same.alone
             shown = shown & valid
             return color * shown[..., None], torch.where(shown, 0, -1)
         color = torch.zeros((count * size, 3), device=depth.device)
         photo = torch.full((count * size,), -1, dtype=torch.int64, device=depth.device)
         central = torch.full((count * size,), -2.0, device=depth.device)
-        for number, near in enumerate(at_rows.near):
+        for number, near in enumerate(same.near):
             pose, which = valid[:, near].nonzero(as_tuple=True)
             pixel = near[which]
-            in_rig = at_rows.directions[pixel] * depth[pose, pixel, None]
-            sampled, ahead = self._sampled(at_rows.level, in_rig, number)
+            in_rig = same.directions[pixel] * depth[pose, pixel, None]
+            sampled, ahead = self._sampled(same.level, in_rig, number)
             at = pose * size + pixel
             better = (sampled[3] > 0.99) & (ahead > central[at])
             at = at[better]
@@ -102,9 +102,9 @@ class RigView:
         sampled = level.sample(torch.atan2(y, x)[None], torch.atan2(z, flat)[None], which)[0]
         return sampled, x / torch.hypot(flat, z).clamp_min(1e-6)
 
-    def _at_rows(self, height: int) -> "_Rows":
+    def _same_for_all_poses(self, height: int) -> "_SameForAllPoses":
         """Return what is the same for all poses at one resolution."""
-        if height not in self._rows:
+        if height not in self._same:
             window = self._window.at(height)
             directions = window.directions(self.atlas.rotations.device) @ self.rig_from_view.T
             level = _colors_alone(self.atlas.windows(height))
@@ -114,12 +114,12 @@ class RigView:
             if len(self.atlas) == 1:  # without parallax every pixel shows the same of the photo, whatever its depth
                 sampled, _ = self._sampled(level, directions, 0)
                 alone = sampled[:3].T.contiguous(), sampled[3] > 0.99
-            self._rows[height] = _Rows(directions, near, level, alone)
-        return self._rows[height]
+            self._same[height] = _SameForAllPoses(directions, near, level, alone)
+        return self._same[height]
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _SameForAllPoses:
     """directions: (S, 3), of the window's pixels in the axes of the rig. near: of each photo the numbers of the pixels that it might show.
     level: what photos show. alone: of an only photo colours (S, 3) and validity (S,) of the pixels."""
 

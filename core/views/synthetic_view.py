@@ -48,11 +48,9 @@ class SyntheticViews:
     @property
     def map_from_view(self) -> Tensor:
         """Return the axes of the views, (B, 3, 3)."""
-        return (
-            torch.eye(3, device=self.depth.device).expand(len(self.depth), 3, 3)
-            if self.parts is None
-            else self.parts.rotations
-        )
+        if self.parts is not None:
+            return self.parts.rotations
+        return torch.eye(3, device=self.depth.device).expand(len(self.depth), 3, 3)
 
     def on_sphere(self) -> "SyntheticViews":
         """Return images of the whole sphere, in the same axes, on which nothing was seen beyond the part that was drawn."""
@@ -76,20 +74,24 @@ def num_levels(height: int) -> int:
     return max(1, int(math.log2(height / 8)) + 1)
 
 
-def render_views(
-    cloud: RenderCloud,
-    centers: Tensor,
-    height: int,
-    with_points: bool = True,
-    parts: ViewParts | None = None,
-) -> SyntheticViews:
-    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` rows and twice as many columns to a sphere.
+def render_views(cloud: RenderCloud, centers: Tensor, height: int, with_points: bool = True) -> SyntheticViews:
+    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` rows and twice as many columns.
 
-    with_points: also find the point that each pixel shows. parts: the part of each sphere that is drawn; None: all of it.
-    Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
+    with_points: also find the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
     """
-    window = SphereWindow.of_sphere(height) if parts is None else parts.window
-    batch, levels = len(centers), num_levels(height)
+    return _render(cloud, centers, SphereWindow.of_sphere(height), None, with_points)
+
+
+def render_parts(cloud: RenderCloud, centers: Tensor, parts: ViewParts, with_points: bool = True) -> SyntheticViews:
+    """Render of the views from the centers (B, 3) the parts that are wanted, in axes of their own; the rest as of `render_views`."""
+    return _render(cloud, centers, parts.window, parts, with_points)
+
+
+def _render(
+    cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None, with_points: bool
+) -> SyntheticViews:
+    """Draw the points of each view, the nearest in front; parts: None where all of the sphere is drawn, in axes parallel to the map's."""
+    batch, levels = len(centers), num_levels(window.rows)
     drawn = drawn_points(cloud, centers, window, parts)
     distance = drawn.relative.square().sum(0).sqrt()
     offsets, size = _level_offsets(batch, window.height, window.width, levels)

@@ -17,7 +17,7 @@ from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.session import Session, SessionImage, session_from_rig
 from core.views.comparison import Comparison
 from core.views.photo_comparison import RigView
-from core.views.synthetic_view import render_views
+from core.views.synthetic_view import render_parts, render_views
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
 
@@ -125,8 +125,8 @@ def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_sh
     everything = replace(
         parts, window=SphereWindow.of_sphere(HEIGHT), half_angles=torch.full_like(parts.half_angles, 4.0)
     )
-    whole = render_views(box_index.render_cloud, positions, HEIGHT, parts=everything)
-    drawn = render_views(box_index.render_cloud, positions, HEIGHT, parts=parts).on_sphere()
+    whole = render_parts(box_index.render_cloud, positions, everything)
+    drawn = render_parts(box_index.render_cloud, positions, parts).on_sphere()
     inside = SphereWindow.on_sphere(parts.window, torch.ones(1, parts.window.height * parts.window.width))[0] > 0
     inside = inside.view(HEIGHT, 2 * HEIGHT)
     directions = pixel_directions(HEIGHT, 2 * HEIGHT) @ view.rig_from_view.T
@@ -143,7 +143,7 @@ def test_views_in_axes_of_their_own_show_what_those_of_the_map_show(session: Ses
     rotations, positions = tensors_of(MAP_FROM_RIG)
     parts = view_of(session).parts(rotations, HEIGHT)
     of_map = render_views(box_index.render_cloud, positions, HEIGHT)
-    drawn = render_views(box_index.render_cloud, positions, HEIGHT, parts=parts)
+    drawn = render_parts(box_index.render_cloud, positions, parts)
     in_map = parts.window.directions(torch.device("cpu")) @ parts.rotations[0].T
     pixel, _ = of_map.window.pixels_towards(in_map)
     depth, expected = drawn.depth[0].flatten(), of_map.depth[0].flatten()[pixel]
