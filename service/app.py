@@ -9,12 +9,13 @@ from service.cache import Cache
 from service.host.service_version import service_version
 from service.http.error_handlers import install_error_handlers
 from service.http.guards.foreign_pages import ForeignPages
+from service.http.guards.full_queue import FullQueue
 from service.http.guards.slow_bodies import SlowBodies
 from service.http.lingering import LingeringClose
 from service.http.openapi import install_openapi
 from service.http.recent_errors import RecentErrors
 from service.http.request_context import RequestContext
-from service.http.routes import ROUTERS
+from service.http.routes import QUERY_ROUTES, ROUTERS
 from service.jobs import WorkerPool
 from service.services import Services
 from service.settings import Settings
@@ -62,6 +63,7 @@ def create_app(
         bytes_per_s=settings.min_bytes_per_s,
         note_refusal=services.metrics.note_refusal,
     )
+    app.add_middleware(FullQueue, services=services, routes=QUERY_ROUTES)
     app.add_middleware(LingeringClose)
     app.add_middleware(ForeignPages, allowed=settings.allowed_host_names, is_needed=lambda: not settings.keys.required)
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)

@@ -240,6 +240,12 @@ class WorkerPool(Protocol):
     async def stop(self, drain_s: float) -> None:
         """Take nothing more, wait up to `drain_s` for what is under way, then end the workers."""
 
+    def require_place(self, longest_s: float) -> None:
+        """Raise QueueFullError where a query that came now would be refused whatever it asks; never blocks.
+
+        longest_s: that it may allow for its answer.
+        """
+
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         """Answer one query; cancelling the call drops it.
 

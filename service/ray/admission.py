@@ -60,23 +60,32 @@ class Admission:
         remaining_s: until nobody waits for the answer any more. Raises QueueFullError when there is no place, and when those before
         this request are expected to take so long that it would not be done by then; one that nobody is before is always tried.
         """
-        if self.num_admitted - self._num_workers >= self._queue_limit:
-            raise QueueFullError(
-                f"{self.queue_depth} requests are waiting, which is as many as may; try again in"
-                f" {self.retry_after_s} s or raise PANOLOC_QUEUE_LIMIT",
-                self.retry_after_s,
-            )
-        self._refuse_what_comes_too_late(kind, remaining_s)
+        self._refuse_without_a_place()
+        self._refuse_what_comes_too_late(self._mean_s(kind), remaining_s)
         self._admitted[kind] += 1
         try:
             yield
         finally:
             self._admitted[kind] -= 1
 
-    def _refuse_what_comes_too_late(self, kind: str, remaining_s: float) -> None:
+    def require_place(self, longest_s: float) -> None:
+        """Raise QueueFullError where the next request is refused whatever it asks. longest_s: that it may allow for its answer."""
+        self._refuse_without_a_place()
+        # How long the request itself would take is not known yet.
+        self._refuse_what_comes_too_late(0.0, longest_s)
+
+    def _refuse_without_a_place(self) -> None:
+        if self.num_admitted - self._num_workers >= self._queue_limit:
+            raise QueueFullError(
+                f"{self.queue_depth} requests are waiting, which is as many as may; try again in"
+                f" {self.retry_after_s} s or raise PANOLOC_QUEUE_LIMIT",
+                self.retry_after_s,
+            )
+
+    def _refuse_what_comes_too_late(self, duration_s: float, remaining_s: float) -> None:
         if self.num_admitted < self._share():
             return
-        needed_s = self._CAUTION * (self._work_ahead_s() + self._mean_s(kind))
+        needed_s = self._CAUTION * (self._work_ahead_s() + duration_s)
         if needed_s > remaining_s:
             retry_after_s = self._within_reason(needed_s - remaining_s)
             raise QueueFullError(

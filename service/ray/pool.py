@@ -109,6 +109,12 @@ class RayPool:
             num_retries=self._num_retries,
         )
 
+    def require_place(self, longest_s: float) -> None:
+        """Raise QueueFullError where a query would be refused whatever it asks; see `WorkerPool.require_place`."""
+        # What else is amiss has another status, which `localize` says.
+        if not self._draining and self._upkeep.handle is not None:
+            self._admission.require_place(longest_s)
+
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
         self._require_workers()

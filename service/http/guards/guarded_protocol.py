@@ -33,6 +33,9 @@ class GuardedProtocol(HttpToolsProtocol):
         self._num_head_bytes = 0
         self._head_timer: asyncio.TimerHandle | None = None
         self._write_timer: asyncio.TimerHandle | None = None
+        self._in_body = False
+        self._num_unread_bytes = 0
+        self._unread_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a connection, or say why not."""
@@ -53,6 +56,7 @@ class GuardedProtocol(HttpToolsProtocol):
             self._address = None
         self._end_head()
         self._cancel_write_timer()
+        self._end_unread()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -68,6 +72,7 @@ class GuardedProtocol(HttpToolsProtocol):
 
     def on_message_begin(self) -> None:
         """Begin a request."""
+        self._unset_keepalive_if_required()
         super().on_message_begin()
         self._in_head = self._began_here = True
         self._num_head_bytes = 0
@@ -88,18 +93,34 @@ class GuardedProtocol(HttpToolsProtocol):
         self._end_head()
         self._in_head = False
         self._check_head()
+        self._in_body = True
         if not self._refused:
             super().on_headers_complete()
 
     def on_body(self, body: bytes) -> None:
-        """Take a part of the body."""
+        """Take a part of the body; the parser throws away what comes after the answer."""
+        self._num_unread_bytes += len(body)
         if not self._refused:
             super().on_body(body)
 
     def on_message_complete(self) -> None:
         """End a request."""
-        if not self._refused:
-            super().on_message_complete()
+        self._in_body = False
+        self._end_unread()
+        if self._refused:
+            return
+        super().on_message_complete()
+        if self.cycle.response_complete and not self.transport.is_closing():
+            # Answered before it was over: its last bytes have stopped the clock of idle connections, which goes on only now.
+            self.timeout_keep_alive_task = self.loop.call_later(
+                self.timeout_keep_alive, self.timeout_keep_alive_handler
+            )
+
+    def on_response_complete(self) -> None:
+        """End an answer; what still comes of a body that nobody has read has to come as fast as if it were read."""
+        super().on_response_complete()
+        if self._in_body and self.cycle.response_complete and not self.transport.is_closing():
+            self._watch_unread()
 
     def pause_writing(self) -> None:
         """Wait for a client that does not read, but not for ever."""
@@ -156,6 +177,22 @@ class GuardedProtocol(HttpToolsProtocol):
             self.transport.abort()
         else:
             self._watch_reader(num_waiting)
+
+    def _watch_unread(self) -> None:
+        self._num_unread_bytes = 0
+        self._unread_timer = self.loop.call_later(self._limits.transfer_timeout_s, self._look_at_unread)
+
+    def _look_at_unread(self) -> None:
+        if self._num_unread_bytes < self._limits.bytes_per_s * self._limits.transfer_timeout_s:
+            self._count.note_refusal("slow-body")
+            self.transport.close()
+        else:
+            self._watch_unread()
+
+    def _end_unread(self) -> None:
+        if self._unread_timer is not None:
+            self._unread_timer.cancel()
+            self._unread_timer = None
 
     def _cancel_write_timer(self) -> None:
         if self._write_timer is not None:

@@ -1,6 +1,7 @@
 """The paths of the HTTP API, one module per group."""
 
 from fastapi import APIRouter
+from fastapi.routing import APIRoute
 
 from service.http.routes import (
     batches,
@@ -40,3 +41,11 @@ ROUTERS: tuple[APIRouter, ...] = tuple(
         console,
     )
 )
+
+QUERY_ROUTES: tuple[APIRoute, ...] = tuple(
+    route
+    for module in (localize, geopose, openflame)
+    for route in module.router.routes
+    if isinstance(route, APIRoute) and "POST" in (route.methods or ())
+)
+"""Those that wait for a worker: whether it has a place for them is looked at before their body."""

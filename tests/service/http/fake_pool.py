@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.cache import WorkerCache
-from service.errors import NoWorkerError
+from service.errors import NoWorkerError, QueueFullError
 from service.http.schemas.maps import MAP_EXAMPLE
 from service.jobs import (
     FoundPose,
@@ -43,7 +43,7 @@ def outcome_in(map_ref: MapRef, pictures: dict[str, bytes]) -> LocalizeOutcome:
 
 @dataclass
 class FakePool:
-    """`fail_localize` and `fail_register` are raised, in turn; closed gates hold work, or its end, back."""
+    """`fail_localize` and `fail_register` are raised, in turn, `full` as long as it is set; closed gates hold work, or its end, back."""
 
     worker_cache: WorkerCache
     is_ready: bool = True
@@ -51,6 +51,7 @@ class FakePool:
     fail_register: list[Exception] = field(default_factory=list)
     register_gate: asyncio.Event = field(default_factory=asyncio.Event)
     localize_gate: asyncio.Event = field(default_factory=asyncio.Event)
+    full: QueueFullError | None = None
     end_gate: asyncio.Event = field(default_factory=asyncio.Event)
     jobs: list[LocalizeJob] = field(default_factory=list)
     registrations: list[RegisterJob] = field(default_factory=list)
@@ -68,6 +69,10 @@ class FakePool:
 
     async def stop(self, drain_s: float) -> None:
         self.stopped = True
+
+    def require_place(self, longest_s: float) -> None:
+        if self.full is not None:
+            raise self.full
 
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         self.jobs.append(job)

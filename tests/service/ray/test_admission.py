@@ -125,3 +125,27 @@ def test_of_workers_that_others_use_too_each_has_what_they_leave_or_its_part(oth
         for _ in range(12):
             held.enter_context(admission.admit())
         assert admission.retry_after_s == 12 / share  # a second each
+
+
+def test_a_full_queue_refuses_what_nothing_is_known_of_yet_and_one_with_a_place_does_not() -> None:
+    admission = Admission(queue_limit=1)
+    with admission.admit():
+        admission.require_place(600)
+        with admission.admit():
+            with pytest.raises(QueueFullError, match="1 requests are waiting") as refused:
+                admission.require_place(600)
+            assert refused.value.limit == "queue"
+        assert admission.num_admitted == 1  # to ask takes no place
+
+
+def test_work_that_outlasts_the_longest_time_refuses_whatever_it_is() -> None:
+    admission = Admission(queue_limit=64)
+    admission.require_place(0.0)
+    for _ in range(100):
+        admission.note_duration(100.0)
+    with admission.admit(), admission.admit(), admission.admit():
+        admission.require_place(600)
+        with admission.admit(), admission.admit():
+            with pytest.raises(QueueFullError) as refused:
+                admission.require_place(600)
+            assert refused.value.limit == "deadline"

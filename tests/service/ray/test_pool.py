@@ -388,9 +388,31 @@ def test_as_many_queries_wait_as_may_beyond_one_for_each_worker() -> None:
             assert pool.state().queue_depth == 1
             with pytest.raises(QueueFullError):
                 await pool.localize(job())
+            with pytest.raises(QueueFullError):
+                pool.require_place(600)
+            asking.pop().cancel()
+            await until(lambda: pool.num_under_way == 2)
+            pool.require_place(600)
             for each in asking:
                 each.cancel()
             await asyncio.gather(*asking, return_exceptions=True)
+
+    run(scenario())
+
+
+def test_a_pool_that_takes_nothing_more_says_that_and_not_that_its_queue_is_full() -> None:
+    async def scenario() -> None:
+        async with running(ScriptedServing(*[None] * 9), queue_limit=0) as pool:
+            asking = asyncio.create_task(pool.localize(job()))
+            await until(lambda: pool.num_under_way == 1)
+            with pytest.raises(QueueFullError):
+                pool.require_place(600)
+            pool.begin_drain()
+            pool.require_place(600)
+            with pytest.raises(NoWorkerError):
+                await pool.localize(job())
+            asking.cancel()
+            await asyncio.gather(asking, return_exceptions=True)
 
     run(scenario())
 
