@@ -19,13 +19,15 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "parts",
         nargs="*",
-        help="scans, images, requests, replica, controller, redis, front-door, service, node, overload, soak; all",
+        help="scans, images, requests, replica, controller, redis, front-door, service, node, soak;\n"
+        "deaths: of a front door and a node during 200 queries;\n"
+        "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers; all",
     )
     parser.add_argument(
         "--cases", type=int, default=10_000, help="damaged scans; half as many images and requests (10,000)"
     )
     parser.add_argument("--kills", type=int, default=20, help="of each class of processes (20)")
-    parser.add_argument("--overload-s", type=float, default=300.0, help="seconds of overload (300)")
+    parser.add_argument("--overload-s", type=float, default=300.0, help="seconds of overload, and of crowd (300)")
     parser.add_argument("--soak-s", type=float, default=3600.0, help="seconds of soak (3600)")
     parser.add_argument("--seed", type=int, default=1, help="the same seed damages in the same way (1)")
     given = parser.parse_args(arguments)
@@ -82,10 +84,20 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
 
         return node_kills(given.kills)
 
-    def overloaded() -> Outcome:
-        from tests.campaign.running import overload
+    def deaths() -> Outcome:
+        from tests.campaign.cluster_nodes import door_and_node_killed
 
-        return overload(given.overload_s)
+        return door_and_node_killed()
+
+    def overloaded() -> Outcome:
+        from tests.campaign.overload import impatient
+
+        return impatient(given.overload_s)
+
+    def crowded() -> Outcome:
+        from tests.campaign.overload import newcomers
+
+        return newcomers(given.overload_s)
 
     def soaked() -> Outcome:
         from tests.campaign.running import soak
@@ -101,7 +113,9 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
         "front-door": front_door,
         "service": service,
         "node": node,
+        "deaths": deaths,
         "overload": overloaded,
+        "crowd": crowded,
         "soak": soaked,
     }
 

@@ -1,4 +1,4 @@
-"""Kills, overload and soak of a service that runs as its users run it."""
+"""Kills and soak of a service that runs as its users run it."""
 
 import os
 import signal
@@ -48,36 +48,6 @@ def kills(process: str, times: int, num_clients: int = 4) -> Outcome:
     outcome.figures |= {
         "answers flow again after (median, longest)": f"{quantile(back_s, 0.5):.1f} s, {max(back_s):.1f} s"
     }
-    outcome.seconds = time.monotonic() - began
-    return outcome
-
-
-def overload(seconds: float, num_clients: int = 40) -> Outcome:
-    """Ask ten times as much as a queue of four holds."""
-    outcome, began = Outcome(f"{num_clients} clients, a queue of 4"), time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        service, map_id = ready_service(Path(folder), queue_limit="4")
-        try:
-            alone = Clients(str(service.http.base_url), map_id, 1)
-            time.sleep(min(20.0, seconds / 3))
-            one_s = quantile(alone.stop().seconds, 0.5)
-            idle = sum(family_bytes(service.process.pid).values())
-            clients = Clients(str(service.http.base_url), map_id, num_clients)
-            time.sleep(seconds)
-            busy = sum(family_bytes(service.process.pid).values())
-            answers = clients.stop()
-        finally:
-            service.stop()
-    outcome.cases = len(answers.status)
-    tell(outcome, answers, allowed=(429, 503, 504))
-    taken = [lasted for lasted, status in zip(answers.seconds, answers.status, strict=True) if status == 200]
-    refused = [lasted for lasted, status in zip(answers.seconds, answers.status, strict=True) if status == 429]
-    outcome.figures |= {
-        "one client": f"{one_s:.2f} s", "p99 of accepted": f"{quantile(taken, 0.99):.2f} s",
-        "refusals p50, p99": f"{1000 * quantile(refused, 0.5):.0f} ms, {1000 * quantile(refused, 0.99):.0f} ms",
-        "504 of admitted": f"{100 * answers.count(504) / max(1, len(taken) + answers.count(504)):.1f} %",
-        "memory idle, busy": f"{idle / 1e6:.0f} MB, {busy / 1e6:.0f} MB",
-    }  # fmt: skip
     outcome.seconds = time.monotonic() - began
     return outcome
 
