@@ -96,7 +96,7 @@ def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_i
 def test_a_photo_of_labels_is_found_in_a_map_of_labels(localizer: Localizer, box_pose: Pose) -> None:
     palette = ((0, 0, 0), (255, 0, 0), (0, 128, 255), (90, 90, 90), (20, 200, 60))
     box = PaintedBox(seed=1, palette=palette)
-    index = build_map_index(box.scan(), IndexOptions(color_kind="labels"))
+    index = build_map_index(box.scan(), IndexOptions(color_kind="labels", spacing_m=0.8))
     found = localizer.localize(photo_of(box, WIDE, box_pose), [index])
     assert_found(found, box_pose, 0.05, 2.0)
 
@@ -106,7 +106,7 @@ def test_only_points_that_are_aligned_by_patches_are_more_for_photos_that_show_m
     color_kind: ColorKind, box_pose: Pose
 ) -> None:
     box, config = PaintedBox(seed=1, palette=((0, 0, 0), (255, 0, 0), (0, 128, 255))), LocalizerConfig()
-    index = build_map_index(box.scan(), IndexOptions(color_kind=color_kind))
+    index = build_map_index(box.scan(), IndexOptions("grid", 2.0, color_kind=color_kind))
     photos = PreparedPhotos(
         Session.of_photo(photo_of(box, WIDE, box_pose)), 256, index.labels, torch.device("cpu"), config
     )

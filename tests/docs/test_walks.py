@@ -80,7 +80,7 @@ def test_a_registration_takes_the_walk(box: PaintedBox, tmp_path: Path) -> None:
 
     def register() -> None:
         cloud = read_scan(scan)
-        index = build_map_index(cloud)
+        index = build_map_index(cloud, IndexOptions(spacing_m=0.8))
         encode_map_index(index)
         map_diagnostics(index, IndexOptions(), len(cloud))
         encode_png(draw_map_preview(index))

@@ -14,6 +14,7 @@ from pathlib import Path
 import service.serve, service.ray.remote, service.worker.localization_worker, service.worker.registrar
 from core.index.map_builder import build_map_index
 from core.localizer import Localizer
+from core.options import IndexOptions
 from core.scan.reading import read_scan
 from core.scan.ply.writer import write_ply
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -21,7 +22,7 @@ from core.geometry.pose import Pose
 import numpy as np
 box = PaintedBox(seed=3)
 write_ply(Path(sys.argv[1]), box.scan())
-index = build_map_index(read_scan(Path(sys.argv[1])))
+index = build_map_index(read_scan(Path(sys.argv[1])), IndexOptions(spacing_m=0.8))
 pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
 print(Localizer(device="cpu").localize(box.panorama(pose), [index]).status)
 """

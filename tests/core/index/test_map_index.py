@@ -59,7 +59,7 @@ def test_the_sampled_share_of_a_start_is_that_of_the_sphere_where_points_lie(box
 def test_progress_moves_from_stage_to_stage_and_never_back(box: PaintedBox) -> None:
     seen: list[tuple[str, float]] = []
     build_map_index(
-        box.scan(3000), IndexOptions(spacing_m=0.7), progress=lambda stage, share: seen.append((stage, share))
+        box.scan(3000), IndexOptions(spacing_m=1.0), progress=lambda stage, share: seen.append((stage, share))
     )
     stages = list(dict.fromkeys(stage for stage, _ in seen))
     assert stages == ["finding starts", "rendering starts", "describing views"]

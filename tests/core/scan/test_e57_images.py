@@ -17,6 +17,7 @@ from core.exports.tour import PlacedPhoto, Tour
 from core.geometry.pose import Pose
 from core.index.map_builder import build_map_index
 from core.localizer import Localizer
+from core.options import IndexOptions
 from core.scan.e57.__main__ import REFUSED, main
 from core.scan.reading import read_scan
 from tests.core.exports.tours import written
@@ -165,7 +166,7 @@ def test_faces_of_cubes_come_out_with_their_cameras(tmp_path: Path, capsys: pyte
 
 @pytest.mark.slow
 def test_a_scan_that_its_own_panoramas_have_coloured_is_a_map(tmp_path: Path, localizer: Localizer) -> None:
-    index = build_map_index(read_scan(painted_survey(tmp_path, np.zeros(3))))
+    index = build_map_index(read_scan(painted_survey(tmp_path, np.zeros(3))), IndexOptions(spacing_m=0.8))
     pose = Pose(rotation_of(200.0), np.array([2.4, 1.1, 1.5]))
     assert_found(localizer.localize(BOX.panorama(pose), [index]), pose)
 

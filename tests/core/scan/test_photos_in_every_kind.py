@@ -9,6 +9,7 @@ import pytest
 from core.geometry.pose import Pose
 from core.index.map_builder import build_map_index
 from core.localizer import Localizer
+from core.options import IndexOptions
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
@@ -60,7 +61,7 @@ def test_a_panorama_is_found_within_five_centimetres(
     scan_file: Callable[[str, bytes | str], Path], localizer: Localizer, name: str
 ) -> None:
     pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-    index = build_map_index(read_scan(scan_file(name, KINDS[name](BOX))))
+    index = build_map_index(read_scan(scan_file(name, KINDS[name](BOX))), IndexOptions(spacing_m=0.8))
     found = localizer.localize(BOX.panorama(pose), [index])
     assert_found(found, pose, 0.05, 1.0)
     assert found.status == "localized"

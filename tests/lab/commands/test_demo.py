@@ -21,6 +21,12 @@ from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> DemoScene:
+    """Make the room of the demo."""
+    return make_demo_scene(tmp_path_factory.mktemp("demo"), 3, lambda text: None)
+
+
 @pytest.fixture
 def small_scene(monkeypatch: pytest.MonkeyPatch, scan: Path, panorama: Path) -> DemoScene:
     """Replace the generator by two files; the known pose is 0.3 m and 90 degrees from what the fake answers."""
@@ -79,12 +85,12 @@ def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeServic
 
 
 @pytest.mark.slow
-def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(tmp_path: Path) -> None:
-    scenes = [make_demo_scene(tmp_path / name, 3, lambda text: None) for name in ("a", "b")]
-    assert scenes[0].scan.read_bytes() == scenes[1].scan.read_bytes()
-    first, second = (scene.queries[1] for scene in scenes)
+def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(made: DemoScene, tmp_path: Path) -> None:
+    again = make_demo_scene(tmp_path, 3, lambda text: None)
+    assert made.scan.read_bytes() == again.scan.read_bytes()
+    first, second = (scene.queries[1] for scene in (made, again))
     assert first.image.read_bytes() == second.image.read_bytes()
-    truth = json.loads((tmp_path / "a" / "truth.json").read_text())
+    truth = json.loads(made.scan.with_name("truth.json").read_text())
     assert truth["queries"][1]["position_m"] == first.pose.position.tolist()
     assert [entry["image"] for entry in truth["queries"]] == [
         "as-scanned.jpg",
@@ -96,14 +102,13 @@ def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(tmp_pat
 
 
 @pytest.mark.slow
-def test_the_photo_is_of_the_camera_that_the_service_is_told_of(tmp_path: Path) -> None:
-    scene = make_demo_scene(tmp_path, 3, lambda text: None)
-    photo = scene.queries[2]
-    assert scene.file_names == ["scan.ply", "as-scanned.jpg", "changed.jpg", "photo.jpg"]
+def test_the_photo_is_of_the_camera_that_the_service_is_told_of(made: DemoScene) -> None:
+    photo = made.queries[2]
+    assert made.file_names == ["scan.ply", "as-scanned.jpg", "changed.jpg", "photo.jpg"]
     image = read_image(photo.image.read_bytes(), camera=CameraDescription(**photo.options["cameras"][0]))
     assert isinstance(image, Photo)
     # What the scan has in front of the camera is in the photo, in its colours.
-    cloud = read_scan(scene.scan)
+    cloud = read_scan(made.scan)
     u, v, shown = project_to_image(image.camera, (cloud.positions - photo.pose.position) @ photo.pose.rotation)
     height, width = image.valid.shape
     seen = image.color[v[shown].astype(int).clip(0, height - 1), u[shown].astype(int).clip(0, width - 1)]

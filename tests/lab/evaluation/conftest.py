@@ -21,8 +21,8 @@ def box_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with two boxes as cases, the first with two panoramas, the second with one."""
     root = tmp_path_factory.mktemp("cases")
     for name, seed, yaws in (("first", 3, (20.0, 130.0)), ("second", 44, (70.0,))):
-        box = PaintedBox(seed=seed)
-        poses = [Pose(rotation_of(yaw, 3.0), np.array([1.7, 2.4, 1.4])) for yaw in yaws]
+        box = PaintedBox(seed=seed, size_m=(3.2, 3.0, 2.4))
+        poses = [Pose(rotation_of(yaw, 3.0), np.array([1.4, 1.8, 1.3])) for yaw in yaws]
         queries = [
             PosedPanorama(f"q{k}", box.panorama(pose, 128), pose, ("box", f"q{k}")) for k, pose in enumerate(poses)
         ]

@@ -40,7 +40,7 @@ from service.worker.registrar import Registrar
 from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
-OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 1.5))
+OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 2.0))
 
 
 class MadeUpLocalizer:
