@@ -1,6 +1,12 @@
-"""In which order the files begin where several processes share them."""
+"""In which order the files begin where several processes share the tests, and which of them stay together."""
+
+from typing import Any
 
 import pytest
+from xdist.scheduler import LoadFileScheduling
+
+# Their tests share one service, which one process can start.
+TOGETHER = "tests/integration/one_service/"
 
 
 @pytest.hookimpl(trylast=True)
@@ -12,6 +18,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         file = _file_of(item)
         rank_of_file[file] = min(rank, rank_of_file.get(file, rank))
     items.sort(key=lambda item: rank_of_file[_file_of(item)])
+
+
+class FilesOfOneService(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
+    """Gives every file to one process, and those that share a service to the same."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return TOGETHER if nodeid.startswith(TOGETHER) else str(super()._split_scope(nodeid))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOfOneService | None:
+    """Share the tests out by files, where that is asked for."""
+    return FilesOfOneService(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 def _file_of(item: pytest.Item) -> str:

@@ -1,9 +1,9 @@
-"""Many kinds of bad input against a running service: what each is told, and that the next good request is answered."""
+"""Bad input of every way through a running service: what each is told, and that the next good request is answered."""
 
 import io
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import httpx
@@ -12,33 +12,18 @@ import pytest
 from PIL import Image
 
 from tests.core.painted_box import PaintedBox
-from tests.core.scan.mesh_files import colored_quad, glb, obj_files, zip_of
-from tests.core.scan.ptx_files import station_text
+from tests.core.scan.mesh_files import obj_files, zip_of
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
 pytestmark = pytest.mark.integration
 
 
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    running = RunningService(tmp_path_factory.mktemp("bad-input") / "data")
-    try:
-        running.wait_until_ready()
-        yield running
-    finally:
-        running.stop()
-
-
-@pytest.fixture(scope="module")
-def map_id(service: RunningService) -> str:
-    return service.register(small_room().scan, OPTIONS)
-
-
-def ascii_ply(points: np.ndarray, with_color: bool = True) -> bytes:
-    color = "property uchar red\nproperty uchar green\nproperty uchar blue\n" if with_color else ""
-    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n{color}"
-    rows = [" ".join(f"{v}" for v in p) + (" 10 200 30" if with_color else "") for p in points]
+def ply_without_color(points: np.ndarray) -> bytes:
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+    )
+    rows = [" ".join(f"{v}" for v in p) for p in points]
     return (head + "end_header\n" + "\n".join(rows) + "\n").encode()
 
 
@@ -72,39 +57,22 @@ class BadScan:
 
 
 POINTS = np.random.default_rng(1).uniform(0, 3, (500, 3))
-PTX = station_text(POINTS, np.full((500, 3), 90, np.uint8), np.eye(3), np.zeros(3))
+# What the readers refuse beside these is tested with them; from here on all of it takes the same way.
 BAD_SCANS = {
     "empty file": BadScan("room.ply", lambda: b"", (400, 415, 422), ("empty",)),
     "truncated PLY": BadScan(
         "room.ply", lambda: small_room().scan[: len(small_room().scan) // 2], (422,), ("expected", "points")
     ),
-    "PLY without colour": BadScan("room.ply", lambda: ascii_ply(POINTS, with_color=False), (422,), ("colo",)),
-    "NaN points": BadScan("room.ply", lambda: ascii_ply(np.full((50, 3), np.nan)), (422,), ("finite",)),
-    "a single point": BadScan("room.ply", lambda: ascii_ply(POINTS[:1]), (422,), ("point",)),
+    "PLY without colour": BadScan("room.ply", lambda: ply_without_color(POINTS), (422,), ("colo",)),
     "wrong extension": BadScan("room.ply", lambda: jpeg(64, 32), (415,), ("expected",)),
     "zip bomb": BadScan(
         "scans.zip", lambda: zip_of({"scan.xyz": b"0" * 300_000_000}), (422,), ("would take", "unpacked")
-    ),
-    "zip that leads out": BadScan(
-        "scans.zip", lambda: zip_of({"../../scan.ply": small_room().scan}), (422,), ("leads out",)
-    ),
-    "glTF that contains itself": BadScan(
-        "room.glb", lambda: glb(*colored_quad(nodes=[{"mesh": 0, "children": [0]}])), (422,), ("below itself",)
-    ),
-    "glTF that announces too much": BadScan(
-        "room.glb", lambda: glb(*colored_quad(buffers=[{"byteLength": 1 << 40}])), (422,), ("announces a buffer",)
     ),
     "half an OBJ": BadScan(
         "room.zip",
         lambda: zip_of({name: data for name, data in obj_files(PaintedBox()).items() if "wall 3" not in name}),
         (422,),
         ("wall 3.png", "no such file"),
-    ),
-    "PTX cut short": BadScan(
-        "room.ptx",
-        lambda: "\n".join(PTX.splitlines()[:200]).encode(),
-        (422,),
-        ("announces 500 points", "ends after"),
     ),
 }
 BAD_IMAGES = {

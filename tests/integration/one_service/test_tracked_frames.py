@@ -2,7 +2,6 @@
 
 import io
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,26 +10,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from core.geometry.pose import Pose, pose_error
+from tests.integration.one_service.tracked_frames import TrackedFrames, tracked_frames
 from tests.integration.running_service import RunningService
-from tests.integration.small_room import OPTIONS, small_room
-from tests.integration.tracked_frames import TrackedFrames, tracked_frames
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    running = RunningService(tmp_path_factory.mktemp("frames") / "data")
-    try:
-        running.wait_until_ready()
-        yield running
-    finally:
-        running.stop()
-
-
-@pytest.fixture(scope="module")
-def map_id(service: RunningService) -> str:
-    return service.register(small_room().scan, OPTIONS)
 
 
 @pytest.fixture(scope="module")
