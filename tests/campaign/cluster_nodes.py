@@ -97,7 +97,10 @@ def _shared_cluster() -> Iterator[tuple[RayClusterOfOthers, list[RunningService]
             for door in doors:
                 door.wait_until_ready(PATIENCE_S)
             _wait_for_both_workers(doors)
-            yield cluster, doors, doors[0].register(small_room().scan, OPTIONS)
+            map_id = doors[0].register(small_room().scan, OPTIONS)
+            # The others hear of it within half a second.
+            assert eventually(lambda: all(door.map(map_id).get("status") == "ready" for door in doors), PATIENCE_S)
+            yield cluster, doors, map_id
         finally:
             for door in doors:
                 door.kill()
