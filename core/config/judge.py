@@ -26,14 +26,22 @@ class JudgeConfig:
     # Of several images: correlation below which one contradicts the pose of the others, and the share that may.
     contradiction: float = 0.2
     contradicting_share: float = 0.25
+    rivals: int = 1  # places elsewhere that are judged as the best one is
+    photo_rivals: int = 3  # likewise, of photos
     # Two places that both fit well are equals when their scores differ by less than both: of the score, and of the better one a share.
     ambiguous_margin: float = 0.1
     ambiguous_share: float = 0.15
+    # Where it is known how alike the scan looks from both, as a share of the better one's score: below the first they are no equals, and
+    # from the second on they are when they differ by less than the third.
+    unlike_share: float = 0.6
+    alike_share: float = 0.85
+    alike_ambiguous_share: float = 0.3
     # Of the score, in the features of the confidence: beyond the first the runner-up says nothing more; the second stands
     # for a runner-up that is not there. The coefficients were fitted with both.
     max_margin: float = 0.5
     unknown_margin: float = 0.2
     unknown_relative_margin: float = 0.2
+    unknown_distinctness: float = 0.5  # of panoramas, and where nothing is elsewhere
 
 
 @dataclass(frozen=True)

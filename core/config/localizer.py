@@ -89,6 +89,7 @@ class LocalizerConfig:
                 final_height=finer * judge.final_height,
                 patch_rows=finer * judge.patch_rows,
                 ranks_by_explained=True,
+                rivals=judge.photo_rivals,
                 shifted_patches=True,
             ),
         )

@@ -59,6 +59,11 @@ class PhotoSearchConfig:
     first_portion: int = 6  # of them: where an answer is sure, the right one is seldom further behind
     pool: int = 2500  # poses that candidates are chosen from
     distinct: PoseDistance = PoseDistance(0.6, 18.0)
+    # Where an answer would be sure, the map is searched for places that look like the one found, at so many turns about the vertical.
+    lookalike_turns: int = 48
+    lookalike_rescored: int = 1000
+    lookalikes: int = 4  # that are refined on what their starts see
+    lookalikes_settled: int = 2  # and of them on what they see themselves
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ class FineViewCollector:
         values = roots @ self._basis
         scale = values.abs().amax((1, 2)).clamp_min(1e-9) / self._config.steps
         steps = (values / scale[:, None, None]).round().to(torch.int8)
-        pictures, seen = _small_pictures(views, self._config.picture_height)
+        pictures, seen = small_pictures(views, self._config.picture_height)
         self._parts.append(FineViews(steps, scale, self._basis, weights.half(), pictures, seen))
 
     def collected(self, keep: Tensor) -> FineViews:
@@ -89,13 +89,18 @@ class FineViewCollector:
         return FineViews(**joined, basis=self._basis).take(keep)
 
     def _roots(self, views: RenderedViews) -> tuple[Tensor, Tensor]:
-        histograms = described_histograms(
-            views.color, views.canonical, views.valid.float(), views.weights, self._grid, self._bins, self._is_labels
-        )
-        return centered_roots(histograms, self._grid.solid_angles(histograms.device))
+        return roots_of_views(views, self._grid, self._bins, self._is_labels)
 
 
-def _small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:
+def roots_of_views(views: RenderedViews, grid: PatchGrid, bins: int, is_labels: bool) -> tuple[Tensor, Tensor]:
+    """Return centred root histograms (B, P, bins³ or twice as many) of the patches of views, and the patches' weights (B, P)."""
+    histograms = described_histograms(
+        views.color, views.canonical, views.valid.float(), views.weights, grid, bins, is_labels
+    )
+    return centered_roots(histograms, grid.solid_angles(histograms.device))
+
+
+def small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:
     """Return pictures (B, h, 2h, 3) uint8 averaged over what was seen, and where at least half was (B, h, 2h)."""
     planes = torch.cat((views.color * views.valid[..., None], views.valid[..., None].float()), dim=-1).permute(
         0, 3, 1, 2

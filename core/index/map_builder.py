@@ -17,15 +17,15 @@ from core.describe.fine_views import FineViewCollector, RenderedViews
 from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import pixel_solid_angles
 from core.index.map_index import INDEX_VERSION, MapIndex
 from core.index.starts import Starts, grid_starts, octree_starts
-from core.light.color_equalization import LabelCodes, equalize, label_codes
+from core.light.color_equalization import LabelCodes, label_codes
 from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
 from core.scan.voxel_thinning import thin_to_spacing
+from core.views.described_view import views_to_describe
 from core.views.render_cloud import RenderCloud, make_render_cloud, point_spacing
-from core.views.synthetic_view import RENDER_BATCH, render_views
+from core.views.synthetic_view import RENDER_BATCH
 
 Progress = Callable[[str, float], None]
 
@@ -118,12 +118,7 @@ class _ViewCollector:
 
     def _render(self, centers: Tensor) -> tuple[RenderedViews, Tensor]:
         """Return the views from `centers` (B, 3), and in which pixels (B, H, W) a point falls."""
-        height, width = self.config.view_height, 2 * self.config.view_height
-        views = render_views(self.cloud, centers, height)
-        weights = views.valid * pixel_solid_angles(height, width, centers.device)
-        flat = views.color.flatten(1, 2)
-        canonical = flat if self.labels is not None else equalize(flat, weights.flatten(1))
-        return RenderedViews(views.color, canonical, views.valid, weights), views.point >= 0
+        return views_to_describe(self.cloud, centers, self.config.view_height, self.labels is not None)
 
     def well_covered(self, config: StartsConfig) -> Tensor:
         """Return the numbers of the views that see enough to lie inside the scanned space."""

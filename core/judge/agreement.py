@@ -72,6 +72,15 @@ def agreement(comparison: Comparison, config: JudgeConfig, share: float = 1.0) -
     )
 
 
+def likeness(here: Comparison, there: Comparison, config: JudgeConfig, share: float) -> float:
+    """Return the score of the scan as photos would show it at one pose beside the scan as they would show it at another.
+
+    Both compared at one pose of the rig, in the same window of its axes: their pixels are the same directions.
+    """
+    both = here.weights * (there.weights > 0)
+    return float(agreement(replace(here, panorama=there.scan, weights=both), config, share).score)
+
+
 def agreement_by_photo(comparison: Comparison | None, count: int) -> list[float | None]:
     """Return the correlation of what each of `count` photos shows with the scan at the one pose compared; None where nothing is in view."""
     if comparison is None or comparison.photo is None:

@@ -15,7 +15,7 @@ import torch
 from core.config import JudgeConfig
 from core.judge.hypotheses import Hypothesis
 
-FEATURES = ("correlation", "patch_correlation", "inlier_share", "log_coverage", "margin", "relative_margin")
+FEATURES = ("patch_correlation", "margin", "relative_margin", "distinctness")
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,12 @@ def features_of(hypothesis: Hypothesis, best_elsewhere: float, config: JudgeConf
     measures, score = hypothesis.measures, hypothesis.score
     has_rival = best_elsewhere > 0
     return {
-        "correlation": measures["correlation"],
         "patch_correlation": measures["patch_correlation"],
-        "inlier_share": measures["inlier_share"],
-        "log_coverage": math.log(max(measures["coverage"], 1e-3)),
         "margin": min(score - best_elsewhere, config.max_margin) if has_rival else config.unknown_margin,
         "relative_margin": 1 - best_elsewhere / max(score, best_elsewhere)
         if has_rival
         else config.unknown_relative_margin,
+        "distinctness": measures.get("distinctness", config.unknown_distinctness),
     }
 
 

@@ -24,7 +24,8 @@ class Hypothesis:
     loss: robust sampling loss of the last refinement. hessian: (6, 6), its curvature by turn (rad) and move (m) in the camera frame.
     residual_scale: of the last refinement, the residual at which a point counts a quarter. iterations: refinement steps so far.
     color_model: how colours of scan and photo were brought together. is_held_back: whether the last refinement left what hints or
-    gravity allow and was turned back, so that the pose fits them rather than the picture.
+    gravity allow and was turned back, so that the pose fits them rather than the picture. likeness: to the best hypothesis, the score
+    that the scan as photos would show it here has beside the scan as they would show it there; None where it was not measured.
     """
 
     map_number: int
@@ -39,6 +40,7 @@ class Hypothesis:
     iterations: int = 0
     color_model: str = "equalized"
     is_held_back: bool = False
+    likeness: float | None = None
 
     def is_near(self, other: "Hypothesis", near: PoseDistance) -> bool:
         """Tell whether both are the same place and orientation of the same map within the limits."""
@@ -131,3 +133,14 @@ def distinct(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypot
     rotations, positions = stacked_poses(hypotheses)
     number = torch.tensor([h.map_number for h in hypotheses], device=rotations.device)
     return [hypotheses[k] for k in first_distinct(rotations, positions, near, number)]
+
+
+def with_distinctness(best: Hypothesis, elsewhere: Sequence[Hypothesis]) -> Hypothesis:
+    """Return the best hypothesis with one more measure, by how much less its place resembles any of the others than what was photographed:
+    0, at least as much, to 1, not at all. As it is where that was not measured.
+    """
+    found = [h.likeness for h in elsewhere if h.likeness is not None]
+    if not found or best.score <= 0:
+        return best
+    distinctness = 1 - min(1.0, max(0.0, max(found) / best.score))
+    return replace(best, measures={**best.measures, "distinctness": distinctness})

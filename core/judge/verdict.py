@@ -21,8 +21,7 @@ class Verdict:
 def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> Verdict:
     """Judge the places of hypotheses that are sorted by falling score, at least one."""
     places = distinct(hypotheses, config.place)
-    close = min(config.ambiguous_margin, config.ambiguous_share * places[0].score)
-    equals = [h for h in places if places[0].score - h.score < close]
+    equals = [h for h in places if _is_equal(h, places[0], config)]
     # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
     alone = model.probability(features_of(places[0], 0.0, config))
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:
@@ -31,6 +30,17 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: Ju
         return Verdict(places, shared + others, "ambiguous")
     confidences = [_confidence(place, places, model, config) for place in places]
     return Verdict(places, confidences, "localized" if confidences[0] >= model.threshold else "not_localized")
+
+
+def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
+    """Tell whether a place fits as well as the best, as far as can be told: of places that look like each other less than of others."""
+    behind, alike = best.score - place.score, place.likeness
+    if alike is not None and place is not best:
+        if alike < config.unlike_share * best.score:
+            return False
+        if alike >= config.alike_share * best.score:
+            return behind < config.alike_ambiguous_share * best.score
+    return behind < min(config.ambiguous_margin, config.ambiguous_share * best.score)
 
 
 def _confidence(place: Hypothesis, places: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> float:

@@ -116,33 +116,36 @@ def _search_map(
     photos: DescribedPhotos, index: MapIndex, limits: PoseLimits, config: PhotoSearchConfig, fine: FineViewConfig
 ) -> MapCandidates:
     rotations, is_dense = _searched_rotations(limits, config, index.starts.device)
+    poses, pixels = config.rescored_poses, config.rescored_pixels
+    if is_dense:
+        poses, pixels = config.limited_rescored_poses, config.limited_rescored_pixels
+    rescored = min(poses, pixels // max(1, len(photos.directions)))
+    return search_rotations(photos, index, limits, rotations, rescored, config, fine)
+
+
+def search_rotations(
+    photos: DescribedPhotos,
+    index: MapIndex,
+    limits: PoseLimits,
+    rotations: Tensor,
+    rescored: int,
+    config: PhotoSearchConfig,
+    fine: FineViewConfig,
+) -> MapCandidates:
+    """Score the starts that the limits allow with rotations (R, 3, 3), the best `rescored` again by pixels, and choose candidates."""
     starts = limits.searched_starts(index.starts, config.limit_margin_m).nonzero()[:, 0]
     if len(starts) == 0 or len(rotations) == 0:
         empty = Candidates(starts[:0], starts[:0], starts[:0].float())
         return MapCandidates(empty, rotations, 0, 0)
     views = index.fine_views if len(starts) == index.num_starts else index.fine_views.take(starts)
     scores = _histogram_scores(photos, views.descriptors(), rotations, PatchGrid(fine.patch_rows, fine.patch_columns))
-    usual, dense = (
-        (config.rescored_poses, config.rescored_pixels),
-        (config.limited_rescored_poses, config.limited_rescored_pixels),
-    )
-    poses, pixels = dense if is_dense else usual
-    count = min(poses, pixels // max(1, len(photos.directions)), scores.numel())
-    best = scores.flatten().topk(count).indices
+    best = scores.flatten().topk(min(rescored, scores.numel())).indices
     start, rotation = best // len(rotations), best % len(rotations)
     again = _pixel_scores(photos, views, rotations, start, rotation, index.labels is not None, config)
     order = again.argsort(descending=True)[: config.pool]
-    chosen = order[
-        torch.tensor(
-            first_distinct(
-                rotations[rotation[order]],
-                index.starts[starts[start[order]]],
-                config.distinct,
-                count=config.num_candidates,
-            ),
-            device=order.device,
-        )
-    ]
+    turned, places = rotations[rotation[order]], index.starts[starts[start[order]]]
+    distinct = first_distinct(turned, places, config.distinct, count=config.num_candidates)
+    chosen = order[torch.tensor(distinct, dtype=torch.long, device=order.device)]
     found = Candidates(starts[start[chosen]], rotation[chosen], again[chosen])
     return MapCandidates(found, rotations, len(starts), scores.numel())
 

@@ -19,7 +19,7 @@ from lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 # A little above 0.68: on places of a kind that was not fitted on, radii hold less often than on those that were.
-_RADIUS_LEVEL = 0.78
+_RADIUS_LEVEL = 0.72
 _LEAST_THRESHOLD = (
     60  # percent; a few hundred rows cannot tell what happens below it, and a wrong pose is worse than none
 )

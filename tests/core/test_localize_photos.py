@@ -1,7 +1,9 @@
 """Photos of ordinary cameras in a painted box: one alone, and several whose poses among each other are known."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import torch
 from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
+from core.geometry.rotations import rotation_angle
 from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis
@@ -20,11 +23,15 @@ from core.panorama.session import Session, SessionImage
 from core.prepared_photos import PreparedPhotos
 from core.refine.photo_points import look_directions
 from core.results import Localization
+from core.search.map_search import MapCandidates
+from core.search.photo_search import search_photos
+from core.search.pose_scores import Candidates
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import FOUR, SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
 
 pytestmark = pytest.mark.slow
+CONFIG = LocalizerConfig()
 WIDE = Camera.from_hfov("pinhole", 640, 480, 100.0)
 MAP_FROM_SESSION = Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2]))
 CAMERAS = (UPRIGHT, SIDEWAYS, UPRIGHT, SIDEWAYS)
@@ -80,6 +87,37 @@ def test_a_photo_of_another_place_is_never_localized(
     photo = photo_of(box, WIDE, box_pose)
     query = photo if form == "photo" else photo_on_sphere(photo.color, photo.valid, photo.camera)
     assert localizer.localize(query, [other_box_index]).status == "not_localized"
+
+
+def test_a_room_that_looks_the_same_is_named_also_when_the_search_overlooks_it(
+    localizer: Localizer, box_pose: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box = PaintedBox(seed=3, symmetric=True)
+    index = build_map_index(box.scan())
+    search = search_photos
+
+    def one_sided(*given: Any) -> list[MapCandidates]:
+        """Search, and leave out all candidates that look the other way."""
+        (found,) = search(*given)
+        turned = rotation_angle(
+            found.rotations[found.candidates.rotations], torch.from_numpy(box_pose.rotation).float()
+        )
+        kept = turned < math.radians(90)
+        own = found.candidates
+        return [replace(found, candidates=Candidates(own.starts[kept], own.rotations[kept], own.scores[kept]))]
+
+    monkeypatch.setattr("core.fast.fast_method.search_photos", one_sided)
+    photo = photo_of(box, WIDE, box_pose)
+    found = localizer.localize(photo, [index])
+    assert found.status == "ambiguous"
+    assert found.best is not None
+    half_turn, middle = rotation_of(180.0), np.array([box.size_m[0], box.size_m[1], 0.0]) / 2
+    twin = Pose(half_turn @ box_pose.rotation, half_turn @ (box_pose.position - middle) + middle)
+    named = (found.best.pose, found.alternatives[0].pose)
+    for side in (box_pose, twin):
+        assert any(pose_error(pose, side).within(0.1, 5.0) for pose in named)
+    overlooking = Localizer(replace(CONFIG, photo_search=replace(CONFIG.photo_search, lookalikes=0)), device="cpu")
+    assert overlooking.localize(photo, [index]).status == "localized"
 
 
 def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose) -> None:

@@ -90,12 +90,12 @@ def test_the_relative_margin_is_the_share_that_the_best_other_place_is_behind(
     assert found["relative_margin"] == pytest.approx(share)
 
 
-def test_the_signs_of_confidence_are_the_judges_measures_and_the_logarithm_of_the_coverage() -> None:
-    found = features_of(judged(coverage=0.25), 0.9, JudgeConfig())
-    assert set(found) == set(FEATURES)
-    assert [found[name] for name in FEATURES[:3]] == pytest.approx([0.1, 0.2, 0.4])
-    assert found["log_coverage"] == pytest.approx(math.log(0.25))
-    assert features_of(judged(coverage=0.0), 0.9, JudgeConfig())["log_coverage"] == pytest.approx(math.log(1e-3))
+def test_the_signs_of_confidence_are_agreement_inside_patches_margins_and_distinctness() -> None:
+    found = features_of(judged(), 0.9, JudgeConfig())
+    assert tuple(found) == FEATURES
+    assert found["patch_correlation"] == pytest.approx(0.2)
+    assert found["distinctness"] == JudgeConfig().unknown_distinctness
+    assert features_of(judged(distinctness=0.8), 0.9, JudgeConfig())["distinctness"] == pytest.approx(0.8)
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:

@@ -1,6 +1,7 @@
 """Which hypotheses remain."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -14,6 +15,7 @@ from core.judge.hypotheses import (
     merged,
     stacked_poses,
     with_close_rival,
+    with_distinctness,
     with_refined,
     within_margin,
 )
@@ -118,3 +120,13 @@ def test_the_best_pose_elsewhere_goes_along_where_it_is_close() -> None:
     assert with_close_rival([best, elsewhere, beside], 2, 0.25, place) == [best, elsewhere]
     assert with_close_rival([best, beside, placed(3.0, 0.7)], 2, 0.25, place) == [best, beside]
     assert with_close_rival([], 2, 0.25, place) == []
+
+
+def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it() -> None:
+    best = replace(placed(0.0, 0.5), measures={"coverage": 0.1})
+    others = [replace(placed(3.0 * k, 0.2), likeness=likeness) for k, likeness in enumerate((0.1, 0.4, None), 1)]
+    found = with_distinctness(best, others)
+    assert found.measures == {"coverage": 0.1, "distinctness": pytest.approx(0.2)}
+    assert with_distinctness(best, [replace(others[0], likeness=0.7)]).measures["distinctness"] == 0.0
+    assert with_distinctness(best, [replace(others[0], likeness=-0.1)]).measures["distinctness"] == 1.0
+    assert with_distinctness(best, others[2:]) == best

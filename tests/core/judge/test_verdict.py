@@ -63,3 +63,22 @@ def test_a_pose_that_was_held_back_is_never_sure() -> None:
         found = verdict([held_back, *rivals], MODEL, CONFIG)
         assert found.status == "not_localized"
         assert found.confidences[0] < MODEL.threshold
+
+
+@pytest.mark.parametrize(
+    ("likeness", "rival", "status"),
+    [
+        (0.9, 0.36, "ambiguous"),  # they look the same: 20 % is no difference
+        (0.9, 0.3, "localized"),  # one third is
+        (0.7, 0.36, "localized"),  # they hardly look the same: 20 % is a difference
+        (0.7, 0.41, "ambiguous"),
+        (0.4, 0.41, "localized"),  # they do not: as much of the photo fits there by chance, which the margin knows
+        (None, 0.41, "ambiguous"),
+        (None, 0.36, "localized"),
+    ],
+)
+def test_how_alike_two_places_look_decides_by_how_much_they_must_differ(
+    likeness: float | None, rival: float, status: str
+) -> None:
+    other = replace(judged(3.0, rival, 0.9), likeness=None if likeness is None else likeness * 0.45)
+    assert verdict([judged(0.0, 0.45, 0.9), other], MODEL, CONFIG).status == status

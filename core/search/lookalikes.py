@@ -1,0 +1,58 @@
+"""The search for places that look like one that was found.
+
+Of two equal rooms the search for a photo may propose poses in one alone: a photo shows the things and the light of its day, and a start
+that happens to stand well wins. The scan as seen from the place that was found has neither, and finds the other room at once.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from core.config import LocalizerConfig
+from core.describe.fine_views import roots_of_views, small_pictures
+from core.describe.spherical_patches import PatchGrid
+from core.geometry.projection import project
+from core.geometry.rotations import rotation_from_vector
+from core.index.map_index import MapIndex
+from core.search.map_search import MapCandidates
+from core.search.photo_search import DescribedPhotos, search_rotations
+from core.search.pose_limits import PoseLimits
+from core.views.described_view import views_to_describe
+
+
+def described_as_scanned(
+    photos: DescribedPhotos, index: MapIndex, rotation: Tensor, position: Tensor, config: LocalizerConfig
+) -> DescribedPhotos:
+    """Describe what photos would show of the scan alone at a pose of their rig, (3, 3) map_from_rig and (3,): in the same axes."""
+    fine, device = config.fine_views, position.device
+    grid, rows = PatchGrid(fine.patch_rows, fine.patch_columns), fine.picture_height
+    is_labels = index.labels is not None
+    view, _ = views_to_describe(index.render_cloud, position[None], config.descriptors.view_height, is_labels)
+    roots, weights = roots_of_views(view, grid, config.descriptors.bins, is_labels)
+    patches = grid.nearest_patch(grid.centers(device)[photos.patches] @ rotation.T)
+    pictures, seen = small_pictures(view, rows)
+    u, v = project(photos.directions @ rotation.T, rows, 2 * rows)
+    at = v.long().clamp(0, rows - 1), u.long().clamp(0, 2 * rows - 1)
+    return DescribedPhotos(
+        roots[0, patches],
+        photos.patches,
+        photos.weights * (weights[0, patches] > 0),
+        photos.directions,
+        pictures[0][at].float() / 255,
+        photos.solid * seen[0][at],
+        photos.squares,
+    )
+
+
+def search_lookalikes(
+    as_scanned: DescribedPhotos, index: MapIndex, limits: PoseLimits, rotation: Tensor, config: LocalizerConfig
+) -> MapCandidates:
+    """Search a map for where the same is seen, with the rotation (3, 3) of the rig turned about the vertical: equal rooms stand upright."""
+    search = config.photo_search
+    angles = torch.arange(search.lookalike_turns, device=rotation.device) * (2 * math.pi / search.lookalike_turns)
+    about = torch.nn.functional.pad(angles[:, None], (2, 0))
+    rotations = rotation_from_vector(about) @ rotation
+    rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
+    rescored = search.lookalike_rescored
+    return search_rotations(as_scanned, index, limits, rotations, rescored, search, config.fine_views)

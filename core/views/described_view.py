@@ -1,0 +1,21 @@
+"""Synthetic views as they are described: with the light taken out of their colours, and what each pixel weighs."""
+
+from torch import Tensor
+
+from core.describe.fine_views import RenderedViews
+from core.geometry.projection import pixel_solid_angles
+from core.light.color_equalization import equalize
+from core.views.render_cloud import RenderCloud
+from core.views.synthetic_view import render_views
+
+
+def views_to_describe(
+    cloud: RenderCloud, centers: Tensor, height: int, is_labels: bool
+) -> tuple[RenderedViews, Tensor]:
+    """Return the views from `centers` (B, 3), of `height` rows, and in which pixels (B, H, W) a point falls."""
+    width = 2 * height
+    views = render_views(cloud, centers, height)
+    weights = views.valid * pixel_solid_angles(height, width, centers.device)
+    flat = views.color.flatten(1, 2)
+    canonical = flat if is_labels else equalize(flat, weights.flatten(1))
+    return RenderedViews(views.color, canonical, views.valid, weights), views.point >= 0

@@ -1,0 +1,96 @@
+"""Candidates on their way: nothing is worked out twice, and margins compare like with like."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+import torch
+
+from core.config import JudgeConfig, LocalizerConfig
+from core.fast.candidate_stages import CandidateStages
+from core.judge.hypotheses import Hypothesis
+from core.prepared_query import MapQuery
+from core.stage_clock import StageClock
+
+SMALLER = 0.5  # what is judged on the larger rendering has half the score
+
+
+def placed(x: float, score: float) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis."""
+    return Hypothesis(0, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score)
+
+
+class Refinement:
+    """Stands for the refinement steps: leaves poses as they are and counts them."""
+
+    def __init__(self) -> None:
+        self.settled, self.full = list[Hypothesis](), list[Hypothesis]()
+
+    def on_poses(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        self.settled += hypotheses
+        return list(hypotheses)
+
+    def fully(self, query: MapQuery, hypothesis: Hypothesis) -> Hypothesis:
+        self.full.append(hypothesis)
+        return hypothesis
+
+
+def stages_of(rivals: int) -> tuple[CandidateStages, Refinement]:
+    """Return stages with one map, which allows everything, whose judge halves scores at the end."""
+
+    def judge_alone(hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
+        return replace(hypothesis, score=SMALLER * hypothesis.score), None
+
+    query = SimpleNamespace(
+        judge=lambda group, height: list(group), judge_alone=judge_alone, allows=lambda h: True, picture=None
+    )
+    config = replace(LocalizerConfig(), judge=JudgeConfig(rivals=rivals))
+    stages = CandidateStages([cast(MapQuery, query)], config, StageClock(None, torch.device("cpu")))
+    refinement = Refinement()
+    stages.refined = cast(Any, refinement)
+    return stages, refinement
+
+
+def test_what_was_settled_or_refined_fully_is_not_again() -> None:
+    stages, refinement = stages_of(rivals=1)
+    ranked = [placed(0.0, 1.0), placed(3.0, 0.8)]
+    assert stages.settle(ranked[:1]) == ranked[:1]
+    assert stages.settle(ranked) == ranked[1:]
+    assert refinement.settled == ranked
+    for _ in range(2):
+        stages.finals(stages.settled[:1], ranked)
+    assert refinement.full == ranked[:1]
+    assert [h.score for h in stages.settled] == [1.0, 0.8]
+
+
+@pytest.mark.parametrize("rivals", [1, 2])
+def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_they(rivals: int) -> None:
+    stages, _ = stages_of(rivals)
+    ranked = [placed(3.0 * k, score) for k, score in enumerate((1.0, 0.8, 0.7, 0.6))]
+    stages.settle(ranked)
+    found, _ = stages.finals(stages.settled[:1], ranked)
+    least = SMALLER * ranked[rivals].score
+    assert [h.score for h in found] == [
+        0.5,
+        *(SMALLER * h.score for h in ranked[1 : 1 + rivals]),
+        *[least] * (3 - rivals),
+    ]
+
+
+def test_where_two_places_are_refined_fully_the_second_is_the_rival() -> None:
+    stages, refinement = stages_of(rivals=1)
+    ranked = [placed(0.0, 1.0), placed(3.0, 0.8), placed(6.0, 0.7)]
+    stages.settle(ranked)
+    found, _ = stages.finals(stages.settled[:2], ranked)
+    assert [h.score for h in found] == [0.5, 0.4, 0.4]
+    assert refinement.full == ranked[:2]
+
+
+def test_where_all_came_to_one_place_the_best_judged_before_elsewhere_is_the_rival() -> None:
+    stages, _ = stages_of(rivals=3)
+    ranked = [placed(0.0, 1.0), placed(0.3, 0.9)]
+    stages.settle(ranked)
+    found, _ = stages.finals(stages.settled[:1], [*ranked, placed(3.0, 0.6), placed(6.0, 0.5)])
+    assert [(round(float(h.position[0]), 1), h.score) for h in found] == [(0.0, 0.5), (3.0, 0.3), (0.3, 0.3)]

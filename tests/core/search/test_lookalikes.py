@@ -1,0 +1,84 @@
+"""The search for places that look like one that was found, in a painted box that looks the same after half a turn."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from core.config import LocalizerConfig
+from core.geometry.pose import Pose, pose_error
+from core.index.map_builder import build_map_index
+from core.index.map_index import MapIndex
+from core.panorama.session import Session
+from core.prepared_photos import PreparedPhotos
+from core.search.lookalikes import described_as_scanned, search_lookalikes
+from core.search.map_search import MapCandidates
+from core.search.photo_search import DescribedPhotos
+from core.search.pose_limits import PoseLimits
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.panorama.painted_photos import UPRIGHT, photo_of
+
+pytestmark = pytest.mark.slow
+CONFIG = LocalizerConfig()
+BOX = PaintedBox(seed=3, symmetric=True)
+POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+ROTATION, POSITION = torch.from_numpy(POSE.rotation).float(), torch.from_numpy(POSE.position).float()
+
+
+@pytest.fixture(scope="module")
+def index() -> MapIndex:
+    return build_map_index(BOX.scan())
+
+
+def described(box: PaintedBox) -> DescribedPhotos:
+    session = Session.of_photo(photo_of(box, UPRIGHT, POSE))
+    return PreparedPhotos(session, 256, None, torch.device("cpu"), CONFIG).described()
+
+
+@pytest.fixture(scope="module")
+def as_scanned(index: MapIndex) -> DescribedPhotos:
+    """Return what the photo of another room would show at the pose in this one."""
+    return described_as_scanned(described(PaintedBox(seed=8)), index, ROTATION, POSITION, CONFIG)
+
+
+def best_near(pose: Pose, found: MapCandidates, index: MapIndex) -> int | None:
+    """Return the place of the first candidate that is at the start nearest to a pose, or almost, and turned as it is."""
+    starts, turns = found.candidates.starts.tolist(), found.candidates.rotations.tolist()
+    for rank, (start, turn) in enumerate(zip(starts, turns, strict=True)):
+        candidate = Pose(found.rotations[turn].double().numpy(), index.starts[start].double().numpy())
+        if pose_error(candidate, pose).within(0.6, 15.0):
+            return rank
+    return None
+
+
+def test_what_is_described_is_the_scan_and_not_the_photo(as_scanned: DescribedPhotos) -> None:
+    own, other = described(BOX), described(PaintedBox(seed=8))
+    both = own.solid > 0
+    assert torch.equal(as_scanned.directions, other.directions)
+    assert torch.equal(as_scanned.patches, other.patches)
+    assert (as_scanned.colors - own.colors)[both].abs().mean() < 0.06 < (other.colors - own.colors)[both].abs().mean()
+
+
+def test_both_sides_of_a_symmetric_room_are_found_first(as_scanned: DescribedPhotos, index: MapIndex) -> None:
+    found = search_lookalikes(as_scanned, index, PoseLimits(), ROTATION, CONFIG)
+    half_turn, middle = rotation_of(180.0), np.array([BOX.size_m[0], BOX.size_m[1], 0.0]) / 2
+    twin = Pose(half_turn @ POSE.rotation, half_turn @ (POSE.position - middle) + middle)
+    ranks = [best_near(pose, found, index) for pose in (POSE, twin)]
+    assert None not in ranks
+    assert max(rank for rank in ranks if rank is not None) < 4
+
+
+def test_only_what_the_limits_allow_is_searched(as_scanned: DescribedPhotos, index: MapIndex) -> None:
+    heading = math.atan2(POSE.rotation[1, 0], POSE.rotation[0, 0])
+    limits = replace(PoseLimits(), heading=heading, heading_tolerance=math.radians(40))
+    found = search_lookalikes(as_scanned, index, limits, ROTATION, CONFIG)
+    assert 0 < len(found.rotations) < CONFIG.photo_search.lookalike_turns / 2
+    assert bool(limits.allows_rotation(found.rotations, math.radians(CONFIG.photo_search.limit_margin_deg)).all())
+
+
+def test_gravity_is_kept(as_scanned: DescribedPhotos, index: MapIndex) -> None:
+    found = search_lookalikes(as_scanned, index, PoseLimits(), ROTATION, CONFIG)
+    assert len(found.rotations) == CONFIG.photo_search.lookalike_turns
+    torch.testing.assert_close(found.rotations[:, 2], ROTATION[2].expand(len(found.rotations), 3))
