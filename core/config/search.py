@@ -64,6 +64,11 @@ class PhotoSearchConfig:
     lookalike_rescored: int = 1000
     lookalikes: int = 4  # that are refined on what their starts see
     lookalikes_settled: int = 2  # and of them on what they see themselves
+    # Of the score of the best, in that search and after each refinement: places that look less like it are left at that.
+    lookalike_least: float = 0.5
+    lookalike_share: float = (
+        0.2  # of the sphere: who shows more finds both of two equal rooms without it, and it would cost more there
+    )
 
 
 @dataclass(frozen=True)

@@ -148,16 +148,16 @@ class _Run:
         """Refine the best of the poses judged on what they see, and the best of these fully; return them, best first, and how
         the scan compares at the best.
 
-        alike: places that look like the best of them, judged as those were; they go as far as it, however well they fit.
+        alike: places that look like the best of them, judged as those were; they go as far as it where they fit half as well.
         """
-        sizes, place = self.config.refinement, self.config.judge.place
+        sizes, place, search = self.config.refinement, self.config.judge.place, self.config.photo_search
         stages.settle(within_margin(judged, sizes.middle_candidates, sizes.middle_margin, place))
         close = with_close_rival(stages.settled, sizes.fine_candidates, sizes.fine_margin, place)
         if alike:
-            rivals = stages.settle(
-                within_margin(alike, self.config.photo_search.lookalikes_settled, sizes.middle_margin)
-            )
-            close += [h for h in rivals if all(h is not other and not h.is_near(other, place) for other in close)][:1]
+            fitting = [h for h in alike if h.score >= search.lookalike_least * judged[0].score]
+            rivals = stages.settle(within_margin(fitting, search.lookalikes_settled, sizes.middle_margin))
+            fitting = [h for h in rivals if h.score >= search.lookalike_least * stages.settled[0].score]
+            close += [h for h in fitting if all(h is not other and not h.is_near(other, place) for other in close)][:1]
         return stages.finals(close, judged)
 
     def _search(self, queries: Sequence[MapQuery], limits: Sequence[PoseLimits]) -> list[MapCandidates]:
@@ -177,7 +177,7 @@ class _Run:
             return []
         best, search = hypotheses[0], self.config.photo_search
         own = queries[best.map_number]
-        if not isinstance(own.picture, PreparedPhotos):
+        if not isinstance(own.picture, PreparedPhotos) or own.picture.share > search.lookalike_share:
             return []
         with self.clock.stage("search"):
             alike = [query for query in queries if query.picture is own.picture]

@@ -5,6 +5,7 @@ that happens to stand well wins. The scan as seen from the place that was found 
 """
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -48,11 +49,16 @@ def described_as_scanned(
 def search_lookalikes(
     as_scanned: DescribedPhotos, index: MapIndex, limits: PoseLimits, rotation: Tensor, config: LocalizerConfig
 ) -> MapCandidates:
-    """Search a map for where the same is seen, with the rotation (3, 3) of the rig turned about the vertical: equal rooms stand upright."""
+    """Search a map for where the same is seen, with the rotation (3, 3) of the rig turned about the vertical: equal rooms stand upright.
+
+    What looks far less like it than the best of them, which is the place itself as seen from a start beside it, is left out.
+    """
     search = config.photo_search
     angles = torch.arange(search.lookalike_turns, device=rotation.device) * (2 * math.pi / search.lookalike_turns)
     about = torch.nn.functional.pad(angles[:, None], (2, 0))
     rotations = rotation_from_vector(about) @ rotation
     rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
-    rescored = search.lookalike_rescored
-    return search_rotations(as_scanned, index, limits, rotations, rescored, search, config.fine_views)
+    found = search_rotations(as_scanned, index, limits, rotations, search.lookalike_rescored, search, config.fine_views)
+    scores = found.candidates.scores
+    kept = scores >= search.lookalike_least * (scores.max() if len(scores) else 0.0)
+    return replace(found, candidates=found.candidates.take(kept))

@@ -24,6 +24,10 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.starts)
 
+    def take(self, keep: Tensor) -> "Candidates":
+        """Return those where `keep` (K,) is true."""
+        return Candidates(self.starts[keep], self.rotations[keep], self.scores[keep])
+
 
 def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
     """Return w (T, R): for each start and rotation the weighted sum over query patches of I[t, i, π_r(i)].
