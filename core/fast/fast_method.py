@@ -78,13 +78,7 @@ class FastMethod:
         if not hypotheses:
             return False
         found = verdict(hypotheses, self.confidence, self.config.judge)
-        # Of equals each has its share of how sure one of them is.
-        equals = (
-            [c for c in found.confidences if c == found.confidences[0]]
-            if found.status == "ambiguous"
-            else found.confidences[:1]
-        )
-        return found.status != "not_localized" and sum(equals) >= self.config.photo_search.sure
+        return found.status != "not_localized" and found.together >= self.config.photo_search.sure
 
     def _of(self, query: Panorama | Session, clock: StageClock) -> "_Run":
         config = self.config.for_photos(shown_share(query)) if isinstance(query, Session) else self.config

@@ -137,10 +137,10 @@ def distinct(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypot
 
 def with_distinctness(best: Hypothesis, elsewhere: Sequence[Hypothesis]) -> Hypothesis:
     """Return the best hypothesis with one more measure, by how much less its place resembles any of the others than what was photographed:
-    0, at least as much, to 1, not at all. As it is where that was not measured.
+    0, at least as much, to 1, not at all. Without that measure where nobody knows.
     """
+    measures = {name: value for name, value in best.measures.items() if name != "distinctness"}
     found = [h.likeness for h in elsewhere if h.likeness is not None]
-    if not found or best.score <= 0:
-        return best
-    distinctness = 1 - min(1.0, max(0.0, max(found) / best.score))
-    return replace(best, measures={**best.measures, "distinctness": distinctness})
+    if found and best.score > 0:
+        measures["distinctness"] = 1 - min(1.0, max(0.0, max(found) / best.score))
+    return replace(best, measures=measures)

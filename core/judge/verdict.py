@@ -5,31 +5,37 @@ from dataclasses import dataclass
 
 from core.config import JudgeConfig
 from core.judge.confidence import ConfidenceModel, features_of
-from core.judge.hypotheses import Hypothesis, distinct
+from core.judge.hypotheses import Hypothesis, distinct, with_distinctness
 from core.options import Status
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Hypotheses at different places, best first, the confidence of each, and what to say of the best one."""
+    """Hypotheses at different places, best first, the confidence of each, and what to say of the best one.
+
+    together: how sure it is that the best, or one of its equals, is the right one.
+    """
 
     places: list[Hypothesis]
     confidences: list[float]
     status: Status
+    together: float
 
 
 def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> Verdict:
-    """Judge the places of hypotheses that are sorted by falling score, at least one."""
+    """Judge the places of hypotheses, at least one, the best first."""
     places = distinct(hypotheses, config.place)
     equals = [h for h in places if _is_equal(h, places[0], config)]
+    unequal = [h for h in places if all(h is not other for other in equals)]
     # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-    alone = model.probability(features_of(places[0], 0.0, config))
+    alone = model.probability(features_of(with_distinctness(places[0], unequal), 0.0, config))
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:
         shared = [alone / len(equals)] * len(equals)
-        others = [_confidence(place, places, model, config) for place in places if all(place is not h for h in equals)]
-        return Verdict(places, shared + others, "ambiguous")
+        others = [_confidence(place, places, model, config) for place in unequal]
+        return Verdict([*equals, *unequal], shared + others, "ambiguous", alone)
     confidences = [_confidence(place, places, model, config) for place in places]
-    return Verdict(places, confidences, "localized" if confidences[0] >= model.threshold else "not_localized")
+    status: Status = "localized" if confidences[0] >= model.threshold else "not_localized"
+    return Verdict(places, confidences, status, confidences[0])
 
 
 def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:

@@ -130,3 +130,4 @@ def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it() ->
     assert with_distinctness(best, [replace(others[0], likeness=0.7)]).measures["distinctness"] == 0.0
     assert with_distinctness(best, [replace(others[0], likeness=-0.1)]).measures["distinctness"] == 1.0
     assert with_distinctness(best, others[2:]) == best
+    assert with_distinctness(found, others[2:]) == best

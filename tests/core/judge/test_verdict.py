@@ -82,3 +82,15 @@ def test_how_alike_two_places_look_decides_by_how_much_they_must_differ(
 ) -> None:
     other = replace(judged(3.0, rival, 0.9), likeness=None if likeness is None else likeness * 0.45)
     assert verdict([judged(0.0, 0.45, 0.9), other], MODEL, CONFIG).status == status
+
+
+def test_that_equals_resemble_each_other_does_not_count_against_them() -> None:
+    best = judged(0.0, 0.45, 0.5)
+    best = replace(best, measures=best.measures | {"distinctness": 0.0})
+    equal, other = replace(judged(3.0, 0.44, 0.5), likeness=0.45), replace(judged(6.0, 0.1, 0.2), likeness=0.09)
+    found = verdict([best, other, equal], MODEL, CONFIG)
+    assert found.status == "ambiguous"
+    assert [float(place.position[0]) for place in found.places] == [0.0, 3.0, 6.0]
+    assert found.together == pytest.approx(2 * found.confidences[0]) == pytest.approx(2 * found.confidences[1])
+    as_far = replace(other, likeness=0.45)
+    assert verdict([best, as_far, equal], MODEL, CONFIG).together < found.together
