@@ -55,6 +55,8 @@ class BatchStore:
         self._num_done: dict[str, int] = {}
         self._reading = asyncio.Lock()
         self._damaged: dict[str, set[int]] = {}
+        # The batches whose results are being read, each with what is written meanwhile.
+        self._readings: list[tuple[str, set[int]]] = []
         self._when_damaged: Callable[[BatchRecord], None] = lambda record: None
         self._tell: Callable[[str], Awaitable[None]] = _tell_nobody
 
@@ -200,9 +202,14 @@ class BatchStore:
 
     async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
         """Return the results of those images that have one; one that is damaged is none, and its image is localized again."""
-        found = await asyncio.to_thread(self._files.read_results, batch_id, list(numbers))
-        damaged = {number for number, result in found.items() if result is None}
-        self._note_damaged(batch_id, damaged)
+        reading = (batch_id, set[int]())
+        self._readings.append(reading)
+        try:
+            found = await asyncio.to_thread(self._files.read_results, batch_id, list(numbers))
+        finally:
+            self._readings = [one for one in self._readings if one is not reading]
+        # What was written anew after it was read is as it should be.
+        self._note_damaged(batch_id, {number for number, result in found.items() if result is None} - reading[1])
         return {number: result for number, result in found.items() if result is not None}
 
     async def put_result(self, batch_id: str, number: int, result: Result) -> None:
@@ -212,6 +219,9 @@ class BatchStore:
                 return
             await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
         self._damaged.get(batch_id, set()).discard(number)
+        for read, written in self._readings:
+            if read == batch_id:
+                written.add(number)
         known = self._statuses.setdefault(batch_id, {})
         # With others it is counted again at every look.
         if not self._locks.is_shared or (number not in known and batch_id in self._records):

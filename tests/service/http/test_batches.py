@@ -241,6 +241,27 @@ async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
         assert len(again.pool.jobs) == 3
 
 
+async def test_a_result_that_is_written_anew_while_it_is_read_is_not_worked_out_again(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch_id = (await post(running, await running.ready_map(), ["a.png"])).json()["id"]
+    await done(running, batch_id)
+    store, loop, told = running.app.state.services.batches, asyncio.get_running_loop(), list[object]()
+    result = (await store.results(batch_id, [0]))[0]
+    store.call_when_damaged(told.append)
+
+    def overtaken(of: str, numbers: list[int]) -> dict[int, None]:
+        """Read a damaged result, which is replaced before the reader can tell."""
+        asyncio.run_coroutine_threadsafe(store.put_result(of, 0, result), loop).result(10)
+        return dict.fromkeys(numbers)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store._files, "read_results", overtaken)
+        assert await store.results(batch_id, [0]) == {}
+    assert told == []
+    assert await store.results(batch_id, [0]) == {0: result}
+
+
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), StorageFullError("no space", 0)])
 async def test_a_disk_that_fails_for_a_while_ends_no_batch(
     running: RunningService, monkeypatch: pytest.MonkeyPatch, error: Exception
