@@ -137,14 +137,21 @@ def test_a_rest_that_does_not_come_ends_the_connection(
         assert counted(url, 'panoloc_refusals_total{limit="slow-body"}') == 1
 
 
-@pytest.mark.slow
-def test_an_idle_connection_is_closed_although_its_answer_came_before_its_body(
-    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@contextmanager
+def soon_idle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, redis_server: EmbeddedRedis) -> Iterator[Connection]:
+    """Yield a connection that is idle after a second, refused with 3,000 bytes of its body to come."""
     monkeypatch.setattr(running_service_module, "guarded_config", partial(guarded_config, timeout_keep_alive=1))
     with full(monkeypatch, tmp_path, redis_server) as (_, connection):
         connection.send(head("Content-Length: 3000"))
         assert connection.answer()[0] == 429
+        yield connection
+
+
+@pytest.mark.slow
+def test_an_idle_connection_is_closed_although_its_answer_came_before_its_body(
+    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with soon_idle(monkeypatch, tmp_path, redis_server) as connection:
         connection.send(b"x" * 3000)
         began = time.monotonic()
         assert connection.is_closed()
@@ -155,10 +162,7 @@ def test_an_idle_connection_is_closed_although_its_answer_came_before_its_body(
 def test_one_whose_next_request_has_begun_with_the_rest_of_the_last_is_not_idle(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running_service_module, "guarded_config", partial(guarded_config, timeout_keep_alive=1))
-    with full(monkeypatch, tmp_path, redis_server) as (_, connection):
-        connection.send(head("Content-Length: 3000"))
-        assert connection.answer()[0] == 429
+    with soon_idle(monkeypatch, tmp_path, redis_server) as connection:
         connection.send(b"x" * 3000 + head("Content-Length: 6", "/maps") + b"--b")
         time.sleep(1.5)
         connection.send(b"\r\nX")
