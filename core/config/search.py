@@ -59,16 +59,14 @@ class PhotoSearchConfig:
     first_portion: int = 6  # of them: where an answer is sure, the right one is seldom further behind
     pool: int = 2500  # poses that candidates are chosen from
     distinct: PoseDistance = PoseDistance(0.6, 18.0)
-    # Where an answer would be sure, the map is searched for places that look like the one found, at so many turns about the vertical.
+    # Where photos would be localized, the map is searched for places that look like the one found, at so many turns about the vertical.
     lookalike_turns: int = 48
-    lookalike_rescored: int = 1000
+    lookalike_poses: int = 1000  # looked at pixel by pixel,
+    lookalike_pixels: int = 200_000  # and fewer of many photos, so that all of them together have so many pixels
     lookalikes: int = 4  # that are refined on what their starts see
     lookalikes_settled: int = 2  # and of them on what they see themselves
     # Of the score of the best, in that search and after each refinement: places that look less like it are left at that.
     lookalike_least: float = 0.5
-    lookalike_share: float = (
-        0.2  # of the sphere: who shows more finds both of two equal rooms without it, and it would cost more there
-    )
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ class _Run:
             return []
         best, search = hypotheses[0], self.config.photo_search
         own = queries[best.map_number]
-        if not isinstance(own.picture, PreparedPhotos) or own.picture.share > search.lookalike_share:
+        if not isinstance(own.picture, PreparedPhotos):
             return []
         with self.clock.stage("search"):
             alike = [query for query in queries if query.picture is own.picture]
