@@ -6,10 +6,17 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from service.errors import QueueFullError
+from service.ray.turns import Turns
+
+# One computes, one more is already there when it ends: Ray Serve takes a moment to bring the next.
+REQUESTS_PER_WORKER = 2
 
 
 class Admission:
-    """Counts what is under way. Used from one event loop, so it needs no lock."""
+    """Counts what is under way. Used from one event loop, so it needs no lock.
+
+    turns: in which what is admitted goes to the workers.
+    """
 
     # Weight of the newest duration in the running mean; before the first one of its kind a second is assumed.
     _NEWEST = 0.2
@@ -21,6 +28,7 @@ class Admission:
     def __init__(self, queue_limit: int) -> None:
         self._queue_limit = queue_limit
         self._num_workers = 1
+        self.turns = Turns(REQUESTS_PER_WORKER)
         self._others: list[int] = []
         self._mean_duration_s: dict[str, float] = {}
         self._admitted: Counter[str] = Counter()
@@ -43,6 +51,7 @@ class Admission:
     def set_num_workers(self, num_workers: int) -> None:
         """Tell how many requests run at the same time."""
         self._num_workers = max(1, num_workers)
+        self.turns.set_places(REQUESTS_PER_WORKER * self._num_workers)
 
     def set_others(self, num_admitted: Sequence[int]) -> None:
         """Tell how many requests each of the other front doors has under way that use the same workers."""

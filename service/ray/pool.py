@@ -119,8 +119,9 @@ class RayPool:
         """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
         self._require_workers()
         with self._admission.admit(job.kind, job.deadline_unix_s - time.time()):
+            number = self._admission.turns.number()
             for _ in range(_MAX_REBUILDS + 1):
-                reply = await self._on_some_worker(job)
+                reply = await self._on_some_worker(job, number)
                 if not reply.missing:
                     return self._outcome(reply)
                 await self._before_deadline(self._builds.rebuild(reply.missing), job)
@@ -140,11 +141,16 @@ class RayPool:
             raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
         return self._upkeep.handle
 
-    async def _on_some_worker(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        for attempt in range(1, _ATTEMPTS_TOGETHER + 1):
-            await self._before_deadline(self._nothing_asked_alone(), job)
-            if (reply := await self._asked(job, attempt)) is not None:
-                return reply
+    async def _on_some_worker(self, job: LocalizeJob, number: int) -> WorkerReply[LocalizeOutcome]:
+        turns = self._admission.turns
+        await self._before_deadline(turns.take(number), job)
+        try:
+            for attempt in range(1, _ATTEMPTS_TOGETHER + 1):
+                await self._before_deadline(self._nothing_asked_alone(), job)
+                if (reply := await self._asked(job, attempt)) is not None:
+                    return reply
+        finally:
+            turns.give_back()
         await self._before_deadline(self._asked_alone.acquire(), job)
         try:
             for attempt in range(_ATTEMPTS_TOGETHER + 1, _ATTEMPTS_TOGETHER + _ATTEMPTS_ALONE + 1):

@@ -9,6 +9,7 @@ from typing import Any
 from service.errors import NoWorkerError
 from service.host.process_resources import num_sockets
 from service.host.service_version import service_version
+from service.ray.admission import REQUESTS_PER_WORKER
 from service.ray.cluster import SPIN_COUNT, RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.reachability import leave_token, missing_here, take_token_back
@@ -17,8 +18,6 @@ from service.worker.plan import WorkerPlan
 _log = logging.getLogger(__name__)
 
 _DEPLOYMENT = "localizer"
-# One computes, one more is already there when it ends: the router would take up to half a second to bring the next.
-_REQUESTS_PER_REPLICA = 2
 _TASK_RETRIES = 2
 _LONGEST_TOLD = 400
 _MACHINE_S = 60.0
@@ -93,7 +92,7 @@ class RayServing:
             LocalizationReplica,
             name=_DEPLOYMENT,
             num_replicas=staffing.num_workers,
-            max_ongoing_requests=_REQUESTS_PER_REPLICA,
+            max_ongoing_requests=REQUESTS_PER_WORKER,
             # Bounded before it reaches Serve: a retry after a worker's death must not be turned away.
             max_queued_requests=-1,
             max_replicas_per_node=None if self._cluster.is_ours or staffing.gpus_per_worker else 1,

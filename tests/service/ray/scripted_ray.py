@@ -10,7 +10,7 @@ from service.ray.patience import Patience
 
 
 class Answer:
-    """What Ray gives for a call: it is awaited, or cancelled. result: a value, an exception, or None for never."""
+    """What Ray gives for a call: it is awaited, or cancelled. result: a value, an exception, a future of one, or None for never."""
 
     def __init__(self, result: Any) -> None:
         self.result = result
@@ -22,6 +22,8 @@ class Answer:
     async def _answer(self) -> Any:
         if self.result is None:
             await asyncio.Event().wait()
+        if isinstance(self.result, asyncio.Future):
+            return await self.result
         if isinstance(self.result, BaseException):
             raise self.result
         return self.result

@@ -246,6 +246,63 @@ def test_a_query_that_waits_to_be_asked_alone_ends_by_its_deadline() -> None:
     run(scenario())
 
 
+def test_workers_are_handed_what_they_have_room_for_and_the_rest_as_it_came() -> None:
+    async def scenario() -> None:
+        serving = ScriptedServing(*[None] * 5)
+        async with running(serving, queue_limit=4) as pool:
+            jobs = [job() for _ in range(5)]
+            asked = [asyncio.create_task(pool.localize(each)) for each in jobs]
+            await until(lambda: pool.num_under_way == 5)
+            await asyncio.sleep(0.05)
+            assert serving.jobs == jobs[:2]
+            for number in range(3):
+                asked[number].cancel()
+                await until(lambda number=number: len(serving.jobs) == number + 3)
+                assert serving.jobs == jobs[: number + 3]
+
+    run(scenario())
+
+
+def test_a_query_whose_worker_died_is_asked_again_before_those_that_came_later() -> None:
+    async def scenario() -> None:
+        death = asyncio.get_running_loop().create_future()
+        serving = ScriptedServing(death, None, None, None)
+        async with running(serving) as pool:
+            jobs = [job() for _ in range(3)]
+            tasks = [asyncio.create_task(pool.localize(each)) for each in jobs]
+            await until(lambda: pool.num_under_way == 3)
+            death.set_exception(ActorDiedError())
+            await until(lambda: len(serving.jobs) == 3)
+            await asyncio.sleep(0.05)
+            assert serving.jobs == [jobs[0], jobs[1], jobs[0]]
+            for task in tasks:
+                task.cancel()
+
+    run(scenario())
+
+
+def test_a_query_whose_index_was_missing_is_asked_again_before_those_that_came_later() -> None:
+    async def scenario() -> None:
+        lacking = asyncio.get_running_loop().create_future()
+        serving = ScriptedServing(lacking, None, None, None, None)
+        serving.tasks = [reply()]
+        async with running(serving) as pool:
+            jobs = [job() for _ in range(4)]
+            tasks = [asyncio.create_task(pool.localize(each)) for each in jobs]
+            await until(lambda: pool.num_under_way == 4)
+            lacking.set_result(missing(MAP))
+            await until(lambda: len(serving.submitted) == 1 and len(serving.jobs) == 3)
+            await asyncio.sleep(0.05)
+            tasks[1].cancel()
+            await until(lambda: len(serving.jobs) == 4)
+            # The third had the place while the index was built.
+            assert serving.jobs == [*jobs[:3], jobs[0]]
+            for task in tasks:
+                task.cancel()
+
+    run(scenario())
+
+
 def test_a_fault_in_our_own_code_is_not_tried_on_another_worker() -> None:
     async def scenario() -> None:
         fault = RayTaskError("localize", "Traceback", ZeroDivisionError())
