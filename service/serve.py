@@ -19,10 +19,10 @@ from service.host.secret_variables import remove_variables
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
-from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.pool import RayPool
+from service.ray.queue.admission import Admission
 from service.ray.serving import RayServing
 from service.settings import Settings
 from service.storage import Storage, open_storage

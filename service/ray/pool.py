@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 from core.errors import DeadlineExceededError
 from service.errors import NoWorkerError
 from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome, at_once
-from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.cluster_loss import ClusterLoss
 from service.ray.map_builds import MapBuilds
+from service.ray.queue.admission import Admission
 from service.ray.serving import RayServing
 from service.ray.upkeep import Upkeep
 from service.worker.reply import WorkerReply, error_of

@@ -9,9 +9,9 @@ from typing import Any
 from service.errors import NoWorkerError
 from service.host.process_resources import num_sockets
 from service.host.service_version import service_version
-from service.ray.admission import REQUESTS_PER_WORKER
 from service.ray.cluster import SPIN_COUNT, RayCluster
 from service.ray.front_doors import FrontDoors
+from service.ray.queue.admission import REQUESTS_PER_WORKER
 from service.ray.reachability import leave_token, missing_here, take_token_back
 from service.worker.plan import WorkerPlan
 

@@ -9,11 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from service.errors import NoWorkerError
-from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.cluster_loss import ClusterLoss
 from service.ray.own_node import RayStartError
 from service.ray.patience import GivenUpError
+from service.ray.queue.admission import Admission
 from service.ray.serving import RayServing
 
 _log = logging.getLogger(__name__)

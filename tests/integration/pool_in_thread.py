@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
-from service.ray.admission import Admission
 from service.ray.cluster import RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.pool import RayPool
+from service.ray.queue.admission import Admission
 from service.ray.serving import RayServing
 from service.settings import Settings
 from service.worker.plan import WorkerPlan, WorkerSettings

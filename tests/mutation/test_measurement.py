@@ -82,15 +82,15 @@ PROGRAM = """
 import time
 from tests.mutation import runner
 from tests.mutation.mutants import Mutant
-source = open("service/ray/admission.py").read()
+source = open("service/ray/queue/admission.py").read()
 changes = {
     "none": "",
     "fault": "Admission.num_admitted = property(lambda self: -1)",
     "for ever": "Admission.set_num_workers = lambda *_: exec('while True: pass')",
 }
 for name, change in changes.items():
-    mutant = Mutant(name, "service/ray/admission.py", 1, "", "", source + change)
-    child = runner.start(["tests/service/ray/test_admission.py"], mutant, 200.0 if name != "for ever" else 4.0)
+    mutant = Mutant(name, "service/ray/queue/admission.py", 1, "", "", source + change)
+    child = runner.start(["tests/service/ray/queue/test_admission.py"], mutant, 200.0 if name != "for ever" else 4.0)
     while (end := runner.ended(child)) is None:
         time.sleep(0.02)
     print(name, end.status, sep=": ")
@@ -108,7 +108,16 @@ def test_tests_see_the_changed_file_and_whoever_runs_for_ever_is_ended() -> None
 
 @pytest.mark.slow
 def test_the_command_shows_what_it_would_run() -> None:
-    command = [sys.executable, "-m", "tests.mutation", "--list", "--sample", "3", "--only", "service/ray/admission.py"]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.mutation",
+        "--list",
+        "--sample",
+        "3",
+        "--only",
+        "service/ray/queue/admission.py",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=240, check=True)
     assert len(done.stdout.splitlines()) == 3
-    assert all(line.startswith("service/ray/admission.py::Admission.") for line in done.stdout.splitlines())
+    assert all(line.startswith("service/ray/queue/admission.py::Admission.") for line in done.stdout.splitlines())

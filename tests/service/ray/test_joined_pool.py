@@ -13,10 +13,10 @@ from service.errors import NoWorkerError, QueueFullError
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryOptions, RegisterJob, RegisterOptions
 from service.ray import cluster_loss as loss_module
 from service.ray import upkeep as upkeep_module
-from service.ray.admission import Admission
 from service.ray.own_node import RayStartError
 from service.ray.patience import GivenUpError
 from service.ray.pool import RayPool
+from service.ray.queue.admission import Admission
 from service.worker.reply import WorkerReply
 from tests.service.ray.scripted_ray import ScriptedCluster, ScriptedServing
 

@@ -27,9 +27,9 @@ from service.jobs import (
     RegisterOutcome,
 )
 from service.ray import upkeep as upkeep_module
-from service.ray.admission import Admission
 from service.ray.own_node import RayStartError
 from service.ray.pool import RayPool
+from service.ray.queue.admission import Admission
 from service.worker.reply import WorkerFailure, WorkerReply
 from tests.service.ray.scripted_ray import ScriptedCluster, ScriptedServing
 

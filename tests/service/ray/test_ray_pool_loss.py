@@ -9,8 +9,8 @@ import pytest
 
 from service.errors import NoWorkerError
 from service.jobs import LocalizeJob, MapRef, QueryOptions, RegisterJob, RegisterOptions
-from service.ray.admission import Admission
 from service.ray.pool import RayPool
+from service.ray.queue.admission import Admission
 
 # Ray Serve's own models, not ours.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")

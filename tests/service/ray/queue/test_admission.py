@@ -3,7 +3,7 @@ from contextlib import ExitStack
 import pytest
 
 from service.errors import QueueFullError
-from service.ray.admission import Admission
+from service.ray.queue.admission import Admission
 
 
 def test_as_many_are_admitted_as_run_and_wait() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from service.errors import QueueFullError
-from service.ray.turns import Turns
+from service.ray.queue.turns import Turns
 
 # One computes, one more is already there when it ends: Ray Serve takes a moment to bring the next.
 REQUESTS_PER_WORKER = 2

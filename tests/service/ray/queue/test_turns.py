@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.ray.turns import Turns
+from service.ray.queue.turns import Turns
 
 
 def run(scenario: Coroutine[Any, Any, None]) -> None:
