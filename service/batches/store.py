@@ -13,21 +13,10 @@ from pathlib import Path
 
 import structlog
 
-from service.batches.record import (
-    BatchRecord,
-    Result,
-    folder_of,
-    image_key,
-    result_key,
-    result_to_json,
-    results_prefix,
-)
+from service.batches.record import BatchRecord, Result, folder_of, image_key, result_key, result_to_json
+from service.batches.results import BatchResults
 from service.batches.stored_batches import StoredBatches
-from service.errors import (
-    BatchLimitError,
-    BatchNotFoundError,
-    StorageError,
-)
+from service.errors import BatchLimitError, BatchNotFoundError, StorageError
 from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
 from service.sharing.held_lock import HeldLock
 from service.storage import Storage
@@ -49,20 +38,13 @@ class BatchStore:
         self._records: dict[str, BatchRecord] = {}
         # Deleted by us, now or before: no id comes again.
         self._going: set[str] = set()
-        self._statuses: dict[str, dict[int, str]] = {}
-        self._all_known: set[str] = set()
+        self._results = BatchResults(storage, self._files, self._locks.is_shared)
         self._num_coming = 0
-        self._num_done: dict[str, int] = {}
-        self._reading = asyncio.Lock()
-        self._damaged: dict[str, set[int]] = {}
-        # The batches whose results are being read, each with what is written meanwhile.
-        self._readings: list[tuple[str, set[int]]] = []
-        self._when_damaged: Callable[[BatchRecord], None] = lambda record: None
         self._tell: Callable[[str], Awaitable[None]] = _tell_nobody
 
     def call_when_damaged(self, redo: Callable[[BatchRecord], None]) -> None:
         """Name what is called for a batch of which a stored result turned out to be damaged: its image has none any more."""
-        self._when_damaged = redo
+        self._results.when_damaged = lambda batch_id: redo(self._records[batch_id])
 
     def call_on_change(self, tell: Callable[[str], Awaitable[None]]) -> None:
         """Name what is awaited with the id of each batch that this process has made, deleted, or has a result of."""
@@ -80,7 +62,7 @@ class BatchStore:
                 await self._remove_unfinished(batch_id)
                 continue
             self._records[batch_id] = record
-            self._num_done[batch_id] = len(await self.done(batch_id))
+            self._results.begin(batch_id, len(await self.done(batch_id)))
 
     async def refresh(self) -> None:
         """Look what other processes have made, done and deleted; does nothing where there are none."""
@@ -93,7 +75,7 @@ class BatchStore:
         for batch_id in stored:
             await self.find(batch_id)
         for record in self.unfinished():
-            await self._count(record.id)
+            await self._results.count(record.id)
 
     async def refresh_one(self, batch_id: str) -> None:
         """Look what other processes have made of one batch."""
@@ -102,7 +84,7 @@ class BatchStore:
         if batch_id not in self._records:
             await self.find(batch_id)
         elif await asyncio.to_thread(self._files.is_stored, batch_id):
-            await self._count(batch_id)
+            await self._results.count(batch_id)
         else:
             self._forget(batch_id)
 
@@ -117,7 +99,8 @@ class BatchStore:
             _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
             return
         if found is not None and batch_id not in self._records and batch_id not in self._going:
-            self._records[batch_id], self._num_done[batch_id] = found, num_done
+            self._records[batch_id] = found
+            self._results.begin(batch_id, num_done)
 
     def get(self, batch_id: str, tenant: str | None = None) -> BatchRecord:
         """Return a batch; tenant: of the caller, None for one that sees all. Raises BatchNotFoundError."""
@@ -141,7 +124,7 @@ class BatchStore:
 
     def unfinished(self) -> list[BatchRecord]:
         """Return the batches with images that have no result yet, oldest first."""
-        waiting = [each for each in self._records.values() if self._num_done[each.id] < len(each.names)]
+        waiting = [each for each in self._records.values() if self.num_done(each.id) < len(each.names)]
         return sorted(waiting, key=_order)
 
     def after(self, place: tuple[str, str], tenant: str | None = None) -> list[BatchRecord]:
@@ -151,7 +134,7 @@ class BatchStore:
 
     def num_done(self, batch_id: str) -> int:
         """Return how many images of a batch have a result; nothing is read for that."""
-        return self._num_done[batch_id]
+        return self._results.num_done(batch_id)
 
     def check_room(self) -> None:
         """Raise BatchLimitError when there are as many batches as allowed."""
@@ -179,38 +162,20 @@ class BatchStore:
         finally:
             self._num_coming -= 1
         self._records[record.id] = record
-        self._num_done[record.id] = 0
+        self._results.begin(record.id)
         await self._tell(record.id)
 
     async def done(self, batch_id: str) -> set[int]:
         """Return the numbers of the images that have a result."""
-        names = await asyncio.to_thread(self._storage.names, results_prefix(batch_id))
-        return {int(name.removesuffix(".json")) for name in names} - self._damaged.get(batch_id, set())
+        return await self._results.done(batch_id)
 
     async def counts(self, batch_id: str) -> Counter[str]:
         """Return how many images ended with each status."""
-        async with self._reading:
-            known = self._statuses.setdefault(batch_id, {})
-            if batch_id not in self._all_known:
-                # What is done meanwhile is noted by `put_result`.
-                missing = await self.done(batch_id) - known.keys()
-                for number, result in (await self.results(batch_id, missing)).items():
-                    known[number] = result["status"]
-                if not self._locks.is_shared:
-                    self._all_known.add(batch_id)
-            return Counter(known.values())
+        return await self._results.counts(batch_id)
 
     async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
         """Return the results of those images that have one; one that is damaged is none, and its image is localized again."""
-        reading = (batch_id, set[int]())
-        self._readings.append(reading)
-        try:
-            found = await asyncio.to_thread(self._files.read_results, batch_id, list(numbers))
-        finally:
-            self._readings = [one for one in self._readings if one is not reading]
-        # What was written anew after it was read is as it should be.
-        self._note_damaged(batch_id, {number for number, result in found.items() if result is None} - reading[1])
-        return {number: result for number, result in found.items() if result is not None}
+        return await self._results.read(batch_id, numbers)
 
     async def put_result(self, batch_id: str, number: int, result: Result) -> None:
         """Store what became of an image; to its end, so that nothing is written after a batch is deleted."""
@@ -218,15 +183,7 @@ class BatchStore:
             if self._locks.is_shared and not await asyncio.to_thread(self._files.is_stored, batch_id):
                 return
             await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
-        self._damaged.get(batch_id, set()).discard(number)
-        for read, written in self._readings:
-            if read == batch_id:
-                written.add(number)
-        known = self._statuses.setdefault(batch_id, {})
-        # With others it is counted again at every look.
-        if not self._locks.is_shared or (number not in known and batch_id in self._records):
-            self._num_done[batch_id] += 1
-        known[number] = result["status"]
+        self._results.note(batch_id, number, result)
         await self._tell(batch_id)
 
     async def image(self, batch_id: str, number: int) -> bytes:
@@ -251,14 +208,7 @@ class BatchStore:
 
     def _forget(self, batch_id: str) -> None:
         self._records.pop(batch_id, None)
-        self._statuses.pop(batch_id, None)
-        self._damaged.pop(batch_id, None)
-        self._all_known.discard(batch_id)
-
-    async def _count(self, batch_id: str) -> None:
-        num_done = len(await self.done(batch_id))
-        if batch_id in self._records:
-            self._num_done[batch_id] = num_done
+        self._results.forget(batch_id)
 
     async def _remove_unfinished(self, batch_id: str) -> None:
         """Remove an upload that never became a batch, unless another process is at it."""
@@ -270,19 +220,6 @@ class BatchStore:
                 await asyncio.to_thread(self._storage.delete_all, folder_of(batch_id))
         finally:
             lock.release()
-
-    def _note_damaged(self, batch_id: str, numbers: set[int]) -> None:
-        """Take images for waiting again whose results cannot be used; what writes them anew replaces the files."""
-        known, record = self._damaged.setdefault(batch_id, set()), self._records.get(batch_id)
-        new = numbers - known
-        if record is None or not new:
-            return
-        known |= new
-        for number in new:
-            self._statuses.get(batch_id, {}).pop(number, None)
-        self._num_done[batch_id] -= len(new)
-        _log.error("results are damaged, their images are localized again", batch_id=batch_id, numbers=sorted(new))
-        self._when_damaged(record)
 
 
 async def _tell_nobody(batch_id: str) -> None:
