@@ -89,35 +89,37 @@ def test_a_photo_of_another_place_is_never_localized(
     assert localizer.localize(query, [other_box_index]).status == "not_localized"
 
 
+@pytest.mark.parametrize("form", ["photo", "frames"])
 def test_a_room_that_looks_the_same_is_named_also_when_the_search_overlooks_it(
-    localizer: Localizer, box_pose: Pose, monkeypatch: pytest.MonkeyPatch
+    box_pose: Pose, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
     box = PaintedBox(seed=3, symmetric=True)
     index = build_map_index(box.scan())
+    asked = Session.of_photo(photo_of(box, WIDE, box_pose))
+    if form == "frames":
+        asked = session_of(box, MAP_FROM_SESSION, FOUR, CAMERAS)
     search = search_photos
 
     def one_sided(*given: Any) -> list[MapCandidates]:
         """Search, and leave out all candidates that look the other way."""
         (found,) = search(*given)
-        turned = rotation_angle(
-            found.rotations[found.candidates.rotations], torch.from_numpy(box_pose.rotation).float()
-        )
-        kept = turned < math.radians(90)
+        looks = torch.from_numpy((box_pose if form == "photo" else MAP_FROM_SESSION).rotation).float()
+        kept = rotation_angle(found.rotations[found.candidates.rotations], looks) < math.radians(90)
         own = found.candidates
         return [replace(found, candidates=Candidates(own.starts[kept], own.rotations[kept], own.scores[kept]))]
 
     monkeypatch.setattr("core.fast.fast_method.search_photos", one_sided)
-    photo = photo_of(box, WIDE, box_pose)
-    found = localizer.localize(photo, [index])
+    found = Localizer(CONFIG, device="cpu").localize(asked, [index])
     assert found.status == "ambiguous"
     assert found.best is not None
     half_turn, middle = rotation_of(180.0), np.array([box.size_m[0], box.size_m[1], 0.0]) / 2
-    twin = Pose(half_turn @ box_pose.rotation, half_turn @ (box_pose.position - middle) + middle)
+    here = box_pose if form == "photo" else MAP_FROM_SESSION.after(FOUR[0])
+    twin = Pose(half_turn @ here.rotation, half_turn @ (here.position - middle) + middle)
     named = (found.best.pose, found.alternatives[0].pose)
-    for side in (box_pose, twin):
+    for side in (here, twin):
         assert any(pose_error(pose, side).within(0.1, 5.0) for pose in named)
     overlooking = Localizer(replace(CONFIG, photo_search=replace(CONFIG.photo_search, lookalikes=0)), device="cpu")
-    assert overlooking.localize(photo, [index]).status == "localized"
+    assert overlooking.localize(asked, [index]).status == "localized"
 
 
 def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose) -> None:
