@@ -39,10 +39,12 @@ class PhotoSearchConfig:
     """The search for photos, over all starts and more rotations (see `core.search.photo_search`)."""
 
     num_rotations: int = 9216  # spacing about 11 degrees
-    # People hold cameras level: poses tilted no more than this are searched first, and densely. An answer that is this sure is the answer.
+    # People hold cameras level: poses tilted no more than this are searched first, and densely. An answer that is this sure is the answer;
+    # one at a single place may be less so once all candidates of that search were looked at.
     level_tilt_deg: float = 18.0
     level_candidates: int = 32
     sure: float = 0.9
+    sure_at_end: float = 0.7
     limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
     limited_rescored_poses: int = 2500  # of these
     most_rotations: int = 12_000  # of the denser set; above it the other one is taken
@@ -59,6 +61,15 @@ class PhotoSearchConfig:
     first_portion: int = 6  # of them: where an answer is sure, the right one is seldom further behind
     pool: int = 2500  # poses that candidates are chosen from
     distinct: PoseDistance = PoseDistance(0.6, 18.0)
+    # Photos that show no more than this share of the sphere, and would be localized, but not beyond doubt, are searched once more near the
+    # place found: what fits nearly as well there must not have been overlooked.
+    closer_share: float = 0.2
+    beyond_doubt: float = 0.97
+    closer_m: float = 1.0
+    closer_deg: float = 30.0
+    closer_poses: int = 800
+    closer_candidates: int = 24
+    closer_distinct: PoseDistance = PoseDistance(0.4, 12.0)
     # Where photos would be localized, the map is searched for places that look like the one found, at so many turns about the vertical.
     lookalike_turns: int = 48
     lookalike_poses: int = 1000  # looked at pixel by pixel,

@@ -32,6 +32,7 @@ from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, prepare_queries, search_limits
+from core.search.closer_look import search_around
 from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
@@ -69,16 +70,20 @@ class FastMethod:
         """Return a hypothesis for a single photo, refined together with its focal length, and by which factor that grows."""
         return self._of(query, clock).with_focal(query, maps, known)
 
-    def would_answer(self, hypotheses: Sequence[Hypothesis]) -> bool:
-        """Return whether the best of hypotheses would be answered as right."""
-        return verdict(hypotheses, self.confidence, self.config.judge).status == "localized"
+    def confidence_of_answer(self, hypotheses: Sequence[Hypothesis]) -> float:
+        """Return how sure the best of hypotheses would be if it was answered as right, 0 where it would not be."""
+        if not hypotheses:
+            return 0.0
+        found = verdict(hypotheses, self.confidence, self.config.judge)
+        return found.together if found.status == "localized" else 0.0
 
-    def is_sure(self, hypotheses: Sequence[Hypothesis]) -> bool:
-        """Return whether the best hypothesis leaves nothing to search for."""
+    def is_sure(self, hypotheses: Sequence[Hypothesis], is_last: bool = False) -> bool:
+        """Return whether the best hypothesis leaves nothing to search for. is_last: no candidate of the search is left."""
         if not hypotheses:
             return False
-        found = verdict(hypotheses, self.confidence, self.config.judge)
-        return found.status != "not_localized" and found.together >= self.config.photo_search.sure
+        found, search = verdict(hypotheses, self.confidence, self.config.judge), self.config.photo_search
+        least = search.sure_at_end if is_last and found.status == "localized" else search.sure
+        return found.status != "not_localized" and found.together >= least
 
     def _of(self, query: Panorama | Session, clock: StageClock) -> "_Run":
         config = self.config.for_photos(shown_share(query)) if isinstance(query, Session) else self.config
@@ -109,11 +114,14 @@ class _Run:
                 hypotheses, comparison = self._finish(stages, judged)
                 if self.method.is_sure(hypotheses):
                     break
-            if self.method.is_sure(hypotheses):
+            if self.method.is_sure(hypotheses, is_last=True):
                 break
-        alike = self._lookalikes(queries, hypotheses)
-        if alike:
-            hypotheses, comparison = self._finish(stages, judged, stages.roughly(alike))
+        rough = stages.roughly(alike) if (alike := self._lookalikes(queries, hypotheses)) else []
+        if rough:
+            hypotheses, comparison = self._finish(stages, judged, rough)
+        if around := self._around(queries, hypotheses):
+            judged = by_score([*judged, *stages.roughly(around)], self.config.judge.distinct)
+            hypotheses, comparison = self._finish(stages, judged, rough)
         cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
         return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses)
 
@@ -167,7 +175,7 @@ class _Run:
     def _lookalikes(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return candidates that look like the best pose and are elsewhere, where photos would be answered with it: none of a room that
         exists twice must be sure because the search overlooked the other."""
-        if not hypotheses or not self.method.would_answer(hypotheses):
+        if not self.method.confidence_of_answer(hypotheses):
             return []
         best, search = hypotheses[0], self.config.photo_search
         own = queries[best.map_number]
@@ -179,3 +187,17 @@ class _Run:
             found = [search_lookalikes(seen, q.index, q.limits, best.rotation, self.config) for q in alike]
             candidates = best_candidates(alike, found, search.num_candidates)
         return [h for h in candidates if not h.is_near(best, self.config.search.elsewhere)][: search.lookalikes]
+
+    def _around(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return candidates near the best pose, where photos that show little would be answered with it, but not beyond doubt."""
+        search = self.config.photo_search
+        if not 0 < self.method.confidence_of_answer(hypotheses) < search.beyond_doubt:
+            return []
+        best = hypotheses[0]
+        own = queries[best.map_number]
+        if not isinstance(own.picture, PreparedPhotos) or own.picture.share > search.closer_share:
+            return []
+        with self.clock.stage("search"):
+            seen = own.picture.described()
+            found = search_around(seen, own.index, own.limits, best.rotation, best.position, self.config)
+            return best_candidates([own], [found], search.closer_candidates)

@@ -153,12 +153,17 @@ def search_rotations(
 def _searched_rotations(limits: PoseLimits, config: PhotoSearchConfig, device: torch.device) -> tuple[Tensor, bool]:
     """Return the rotations (R, 3, 3) that the limits leave, and whether they are of a denser set: where they leave few of it."""
     margin = math.radians(config.limit_margin_deg)
-    dense = _rotations(config.limited_rotations, str(device))
+    dense = dense_rotations(config, device)
     kept = limits.allows_rotation(dense, margin)
     if int(kept.sum()) <= config.most_rotations:
         return dense[kept], True
     usual = _rotations(config.num_rotations, str(device))
     return usual[limits.allows_rotation(usual, margin)], False
+
+
+def dense_rotations(config: PhotoSearchConfig, device: torch.device) -> Tensor:
+    """Return the rotations (R, 3, 3) that are searched where few are left of them."""
+    return _rotations(config.limited_rotations, str(device))
 
 
 @lru_cache(maxsize=4)

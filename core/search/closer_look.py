@@ -1,0 +1,38 @@
+"""A closer look around a place that was found: the photo searched once more there, with more candidates than the whole map gets.
+
+What a photo shows may fit nearly as well half a metre or fifteen degrees from where it was taken, above all where much has changed. Of the
+poses there the search of the whole map proposes a few, and may miss the right one: then the wrong one seems to have no rival.
+"""
+
+import math
+from dataclasses import replace
+
+from torch import Tensor
+
+from core.config import LocalizerConfig
+from core.geometry.rotations import rotation_angle
+from core.index.map_index import MapIndex
+from core.search.map_search import MapCandidates
+from core.search.photo_search import DescribedPhotos, dense_rotations, search_rotations
+from core.search.pose_limits import PoseLimits
+
+
+def search_around(
+    photos: DescribedPhotos,
+    index: MapIndex,
+    limits: PoseLimits,
+    rotation: Tensor,
+    position: Tensor,
+    config: LocalizerConfig,
+) -> MapCandidates:
+    """Search for photos in a map near a pose of their rig, (3, 3) map_from_rig and (3,), in axes of the index.
+
+    Where hints bound the place, their bounds are replaced by the place itself: what is refined from there has to keep to them anyhow.
+    """
+    search = config.photo_search
+    rotations = dense_rotations(search, rotation.device)
+    rotations = rotations[rotation_angle(rotations, rotation) < math.radians(search.closer_deg)]
+    rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
+    near = replace(limits, center=position, radius_m=search.closer_m)
+    apart = replace(search, distinct=search.closer_distinct, num_candidates=search.closer_candidates)
+    return search_rotations(photos, index, near, rotations, search.closer_poses, apart, config.fine_views)

@@ -1,0 +1,87 @@
+"""The closer look around a place, in a painted box."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from core.config import LocalizerConfig
+from core.geometry.pose import Pose, pose_error
+from core.geometry.rotations import rotation_angle
+from core.index.map_index import MapIndex
+from core.panorama.session import Session
+from core.prepared_photos import PreparedPhotos
+from core.search.closer_look import search_around
+from core.search.map_search import MapCandidates
+from core.search.photo_search import DescribedPhotos
+from core.search.pose_limits import PoseLimits
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.panorama.painted_photos import UPRIGHT, photo_of
+
+pytestmark = pytest.mark.slow
+CONFIG = LocalizerConfig()
+SEARCH = CONFIG.photo_search
+POSE = Pose(rotation_of(130.0, 4.0, -3.0), np.array([1.7, 2.4, 1.5]))
+# Where somebody might think that it is.
+NEAR = Pose(rotation_of(112.0, 0.0, 0.0), np.array([2.2, 2.1, 1.5]))
+
+
+@pytest.fixture(scope="module")
+def photos(box: PaintedBox) -> DescribedPhotos:
+    session = Session.of_photo(photo_of(box, UPRIGHT, POSE))
+    return PreparedPhotos(session, 256, None, torch.device("cpu"), CONFIG).described()
+
+
+def found_near(photos: DescribedPhotos, index: MapIndex, pose: Pose, limits: PoseLimits) -> MapCandidates:
+    position = torch.from_numpy(pose.position - index.origin_offset).float()
+    return search_around(photos, index, limits, torch.from_numpy(pose.rotation).float(), position, CONFIG)
+
+
+def poses_of(found: MapCandidates, index: MapIndex) -> tuple[Tensor, Tensor]:
+    """Return rotations (K, 3, 3) and positions (K, 3), in the axes of the index."""
+    return found.rotations[found.candidates.rotations], index.starts[found.candidates.starts]
+
+
+def test_the_right_pose_is_among_the_best_candidates(photos: DescribedPhotos, box_index: MapIndex) -> None:
+    rotations, positions = poses_of(found_near(photos, box_index, NEAR, PoseLimits()), box_index)
+    poses = [
+        Pose(r.double().numpy(), p.double().numpy() + box_index.origin_offset)
+        for r, p in zip(rotations, positions, strict=True)
+    ]
+    assert any(pose_error(pose, POSE).within(0.6, 12.0) for pose in poses[:3])
+
+
+def test_nothing_else_is_proposed_than_what_is_near(photos: DescribedPhotos, box_index: MapIndex) -> None:
+    found = found_near(photos, box_index, NEAR, PoseLimits())
+    rotations, positions = poses_of(found, box_index)
+    away = (positions.double().numpy() + box_index.origin_offset) - NEAR.position
+    assert 4 < len(found.candidates) <= SEARCH.closer_candidates
+    assert np.linalg.norm(away, axis=1).max() <= SEARCH.closer_m + SEARCH.limit_margin_m + 1e-5
+    assert float(rotation_angle(rotations, torch.from_numpy(NEAR.rotation).float()).max()) <= math.radians(
+        SEARCH.closer_deg
+    )
+
+
+def test_candidates_are_closer_to_each_other_than_those_of_a_whole_map(
+    photos: DescribedPhotos, box_index: MapIndex
+) -> None:
+    rotations, positions = poses_of(found_near(photos, box_index, NEAR, PoseLimits()), box_index)
+    apart = [
+        float((positions[a] - positions[b]).norm()) > SEARCH.distinct.distance_m
+        or float(rotation_angle(rotations[a], rotations[b])) > math.radians(SEARCH.distinct.angle_deg)
+        for a in range(len(rotations))
+        for b in range(a)
+    ]
+    assert not all(apart)
+
+
+def test_limits_of_the_caller_are_kept(photos: DescribedPhotos, box_index: MapIndex) -> None:
+    limits = replace(PoseLimits(), max_tilt=math.radians(5.0))
+    kept = found_near(photos, box_index, NEAR, limits).rotations
+    every = found_near(photos, box_index, NEAR, PoseLimits()).rotations
+    most = math.cos(math.radians(5.0 + SEARCH.limit_margin_deg)) - 1e-6
+    assert 0 < len(kept) < len(every)
+    assert bool((kept[:, 2, 2] >= most).all())
