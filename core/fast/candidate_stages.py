@@ -66,7 +66,13 @@ class CandidateStages:
         # The rest was judged on smaller renderings, where scores are larger: none of it is better than what came before it.
         least = min((h.score for h in elsewhere), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]
-        return [with_distinctness(best, elsewhere), *beside, *others], finals[0][1]
+        return [with_distinctness(best, self._telling(best, elsewhere)), *beside, *others], finals[0][1]
+
+    def _telling(self, best: Hypothesis, elsewhere: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return the places whose likeness to the best says something: what is near it looks like it, which says nothing until it does so
+        more than what was photographed."""
+        near = self.config.search.elsewhere
+        return [h for h in elsewhere if not h.is_near(best, near) or (h.likeness or 0.0) >= best.score]
 
     def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Comparison]]:
         """Return settled ones refined at full resolution and judged, with the comparison; each only once in a query, for the best of

@@ -94,3 +94,19 @@ def test_where_all_came_to_one_place_the_best_judged_before_elsewhere_is_the_riv
     stages.settle(ranked)
     found, _ = stages.finals(stages.settled[:1], [*ranked, placed(3.0, 0.6), placed(6.0, 0.5)])
     assert [(round(float(h.position[0]), 1), h.score) for h in found] == [(0.0, 0.5), (3.0, 0.3), (0.3, 0.3)]
+
+
+@pytest.mark.parametrize(
+    ("x", "likeness", "distinctness"),
+    [(3.0, 0.3, 0.4), (0.9, 0.3, None), (0.9, 0.6, 0.0)],
+    ids=["far", "near", "near, and more alike than the photo"],
+)
+def test_how_alike_a_place_near_the_best_looks_says_nothing_until_it_fits_better_than_the_photo(
+    x: float, likeness: float, distinctness: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stages, _ = stages_of(rivals=1)
+    monkeypatch.setattr(stages, "_beside", lambda best, hypothesis, _: replace(hypothesis, likeness=likeness))
+    ranked = [placed(0.0, 1.0), placed(x, 0.8)]
+    stages.settle(ranked)
+    found, _ = stages.finals(stages.settled[:1], ranked)
+    assert found[0].measures.get("distinctness") == (None if distinctness is None else pytest.approx(distinctness))
