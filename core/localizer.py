@@ -166,20 +166,32 @@ class Localizer:
         Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
         """
         judge, threshold = self.config.judge, self._confidence.threshold
+        known = [each for each in agreements if each is not None]
         doubtful = [k for k, each in enumerate(agreements) if each is not None and each < judge.contradiction]
         best = found.best
-        if best is None or not doubtful or len(agreements) == 1 or found.status == "not_localized":
+        if best is None or not doubtful or len(agreements) == 1:
             return found
+        if found.status == "not_localized" and max(known) < judge.agreement:
+            return found  # of another place, all of them: nothing that some of them contradict
         share = len(doubtful) / len(agreements)
-        names = ", ".join(str(k + 1) for k in doubtful)
-        warning = (
-            f"of the images {names} do not agree with the pose that fits the others; check their session_from_camera"
-        )
-        found = replace(found, warnings=(*found.warnings, warning))
-        if share <= judge.contradicting_share and doubtful[0] > 0:
+        found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
+        if found.status == "not_localized" or (share <= judge.contradicting_share and doubtful[0] > 0):
             return found
         less = min(best.confidence * (1 - share), threshold / 2)
         return replace(found, status="not_localized", best=replace(best, confidence=less))
+
+
+def _contradiction(doubtful: Sequence[int], count: int) -> str:
+    """Say of which images, counted from 0, the poses or cameras must be wrong."""
+    numbers = [str(k + 1) for k in doubtful]
+    if len(numbers) == 1:
+        said, whose = f"image {numbers[0]} of {count} does", "its session_from_camera and camera"
+    else:
+        said, whose = (
+            f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
+            "their session_from_camera and cameras",
+        )
+    return f"{said} not agree with the pose that fits the others; check {whose}, and frame"
 
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:

@@ -25,6 +25,7 @@ class JudgeConfig:
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
     # Of several images: correlation below which one contradicts the pose of the others, and the share that may.
     contradiction: float = 0.2
+    agreement: float = 0.5  # and from which on one surely shows what is there, also where nothing is localized
     contradicting_share: float = 0.25
     rivals: int = 1  # places elsewhere that are judged as the best one is
     photo_rivals: int = 3  # likewise, of photos

@@ -47,6 +47,8 @@ def make(
 ) -> int:
     """Make a key and show it, once: only its digest is kept. From the first key on, the service asks all callers for one."""
     session: Session = ctx.obj
+    # Keys are files; what a service keeps is in folders.
+    is_used = data_dir.is_dir() and any(each.is_dir() for each in data_dir.iterdir())
     made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
     AuditLog(data_dir).note(_user(), "key made", made.id)
     if json:
@@ -56,6 +58,13 @@ def make(
     else:
         session.results.print(text, markup=False, highlight=False)
         session.messages.print(f"{made.id}: keep it now, it is not shown again.", markup=False)
+        session.messages.print(f"kept in {data_dir.resolve()}", markup=False)
+    if not is_used:
+        session.messages.print(
+            "No service has used that folder yet: until one does, the key opens nothing and no service asks for it; "
+            "name the data folder of yours with --data-dir or PANOLOC_DATA_DIR.",
+            markup=False,
+        )
     return ExitCode.OK
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import typer
 
 from core.camera.camera import CameraDescription
-from core.errors import OptionsError
+from core.errors import CoreError, OptionsError
 from service.client import JsonObject
 
 
@@ -31,6 +31,30 @@ def camera_object(hfov: str | None, file: Path | None) -> JsonObject | None:
             param_hint="--camera",
         )
     return found
+
+
+def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> JsonObject:
+    """Return the options of one photo of a folder.
+
+    camera: what the folder says took it. asked: for all photos, which goes before that; but a field of view is not meant for the
+    panoramas among them.
+    """
+    options = {**({"cameras": [camera]} if camera else {}), **asked}
+    if camera is None and "cameras" in asked and _is_panorama(photo):
+        del options["cameras"]
+    return options
+
+
+def _is_panorama(photo: Path) -> bool:
+    # Of all commands `place` alone looks into images, and only where it has to.
+    from core.panorama.image_header import read_image_header
+    from core.panorama.known_camera import is_full_sphere
+
+    try:
+        header = read_image_header(photo.read_bytes())
+    except (CoreError, OSError):
+        return False  # the service says what is wrong with it
+    return is_full_sphere((header.width, header.height))
 
 
 def _photo_of(hfov: str) -> JsonObject:

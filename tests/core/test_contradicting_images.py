@@ -5,6 +5,7 @@ import pytest
 
 from core.geometry.pose import Pose
 from core.localizer import Localizer
+from core.options import Status
 from core.results import Candidate, Localization, SearchSummary
 
 
@@ -31,3 +32,31 @@ def test_more_than_a_few_images_that_disagree_or_the_first_make_a_session_unsure
     assert (answer.best.confidence < 0.5) == (status == "not_localized")
     disagree = any(each is not None and each < 0.2 for each in agreements) and len(agreements) > 1
     assert bool(answer.warnings) == disagree
+
+
+def unsure(agreements: list[float | None], status: Status) -> Localization:
+    """Return the answer to images that agree so much with the pose found."""
+    best = Candidate(
+        Pose(np.eye(3), np.zeros(3)), 0, 0.3 if status == "not_localized" else 0.95, 1.0, 0.1, "equalized", 40
+    )
+    found = Localization(status, SearchSummary("fast", 1, 10, 100, 1000), {}, best=best)
+    return Localizer(device="cpu")._unless_contradicted(found, agreements)
+
+
+def test_where_nothing_is_localized_images_that_contradict_one_that_fits_are_named_too() -> None:
+    answer = unsure([0.4, 0.9, 0.1, -0.1], "not_localized")
+    assert answer.status == "not_localized"
+    assert answer.best is not None
+    assert answer.best.confidence == 0.3
+    (warning,) = answer.warnings
+    assert warning.startswith("images 3 and 4 of 4 do not agree with the pose that fits the others")
+
+
+def test_images_of_another_place_contradict_nothing() -> None:
+    assert unsure([0.4, 0.1, 0.0, -0.1], "not_localized").warnings == ()
+    assert unsure([None, None, 0.1], "not_localized").warnings == ()
+
+
+def test_one_image_that_disagrees_is_named_by_its_number() -> None:
+    (warning,) = unsure([0.9, 0.9, 0.9, 0.9, 0.9, 0.1], "localized").warnings
+    assert warning.startswith("image 6 of 6 does not agree with the pose that fits the others; check its")

@@ -22,7 +22,7 @@ from service.cli.placing.overview_files import draw_overviews
 from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError, Question, are_options_refused
 from service.cli.placing.survey_images import SurveyError, folder_of_photos
 from service.cli.progress import show_counts
-from service.cli.query_options import camera_object
+from service.cli.query_options import camera_object, photo_options
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.client import ApiProblemError, JsonObject, PanolocClient
 from service.jobs import MAX_SAMPLE_POINTS, QueryOptions
@@ -54,7 +54,10 @@ def place(
         bool, typer.Option("--include-ambiguous", help="Export photos that fit several places, too, at the likeliest.")
     ] = False,
     upright: Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")] = False,
-    hfov: Annotated[str | None, typer.Option(help="Photos so many degrees wide.", metavar="DEG")] = None,
+    hfov: Annotated[
+        str | None,
+        typer.Option(help="Photos so many degrees wide; 2:1 panoramas among them stay what they are.", metavar="DEG"),
+    ] = None,
     method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = QueryOptions.method,
     parallel: Annotated[int, typer.Option(min=1, max=32, help="Photos sent at the same time.")] = 2,
     url: UrlOption = DEFAULT_URL,
@@ -166,9 +169,7 @@ class _Placing:
                 if unreadable is not None:
                     result = {"status": "failed", "error": {"title": "The file cannot be read", "detail": unreadable}}
                     break
-                camera = self.placed.camera(name)
-                # What was asked for all photos goes before what the folder says of one.
-                options = {**({"cameras": [camera]} if camera else {}), **question.options}
+                options = photo_options(photo, self.placed.camera(name), question.options)
                 answer = self.client.localize([photo], question.map_ids, question.tag, None, options)
                 result = {"status": answer["status"], "answer": answer}
                 break

@@ -30,3 +30,17 @@ def test_a_scope_that_there_is_not_is_wrong_usage(panoloc: Panoloc, tmp_path: Pa
     refused = panoloc("keys", "make", "phones", "--scope", "everything", "--data-dir", tmp_path)
     assert refused.code == 2
     assert not (tmp_path / "keys.json").exists()
+
+
+def test_a_folder_that_no_service_has_used_is_named_as_such(panoloc: Panoloc, tmp_path: Path) -> None:
+    new, used = tmp_path / "new", tmp_path / "used"
+    (used / "maps").mkdir(parents=True)
+    make = ("keys", "make", "phones", "--scope", "localize", "--data-dir")
+    for _ in range(2):  # a key that is there does not make it one
+        made = panoloc(*make, new)
+        assert made.code == 0
+        assert str(new) in made.err.replace("\n", "")
+        assert "No service has used that folder yet" in made.err
+    made = panoloc(*make, used)
+    assert str(used) in made.err.replace("\n", "")
+    assert "No service" not in made.err

@@ -586,6 +586,19 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
     assert told["error"].startswith("machine b: no Redis")
 
 
+def test_the_log_says_once_that_queries_are_answered(caplog: pytest.LogCaptureFixture) -> None:
+    async def scenario() -> None:
+        serving = ScriptedServing(reply(), num_workers=2)
+        async with running(serving) as pool:
+            await asyncio.sleep(1.2)  # another look
+            assert await pool.localize(job()) == OUTCOME
+
+    with caplog.at_level(logging.INFO, "service.ray.upkeep"):
+        run(scenario())
+    (told,) = (vars(each) for each in caplog.records if "ready" in each.getMessage())
+    assert told["workers"] == 2
+
+
 @pytest.mark.parametrize(("error", "is_traced"), [(RayStartError("no room"), False), (ValueError("a fault"), True)])
 def test_the_log_traces_faults_but_not_a_ray_that_does_not_start(
     error: Exception, is_traced: bool, caplog: pytest.LogCaptureFixture

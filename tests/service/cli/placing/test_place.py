@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.exports.tour import PlacedPhoto, Tour
 from core.geometry.pose import Pose
 from service.cli.placing.place_folder import PlaceFolder, Question
+from service.cli.query_options import photo_options
 from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
@@ -134,6 +136,19 @@ def test_options_that_are_refused_end_the_run_and_another_try_may_correct_them(
     assert not list(out.rglob("results/*"))
     fake.fail_with = None
     assert panoloc("place", photos, "--map", "map_1", "--out", out, "--hfov", "90").code == 0
+
+
+def test_a_field_of_view_is_that_of_the_photos_and_not_of_the_panoramas_among_them(tmp_path: Path) -> None:
+    panorama, photo, broken = (tmp_path / name for name in ("a.png", "b.png", "c.png"))
+    Image.new("RGB", (64, 32)).save(panorama)
+    Image.new("RGB", (64, 48)).save(photo)
+    broken.write_bytes(b"nothing")
+    asked = {"method": "fast", "cameras": [{"model": "pinhole", "hfov_deg": 69.0}]}
+    own = {"model": "fisheye", "hfov_deg": 180.0}
+    assert photo_options(photo, None, asked) == photo_options(broken, None, asked) == asked
+    assert photo_options(panorama, None, asked) == {"method": "fast"}
+    assert photo_options(panorama, own, asked) == asked
+    assert photo_options(panorama, own, {"method": "fast"}) == {"method": "fast", "cameras": [own]}
 
 
 def test_a_failure_that_is_not_of_the_photo_is_tried_again_by_the_next_run(
