@@ -7,6 +7,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import redis
+
 from lab.process_memory import family_bytes
 from service.host.process_tree import process_name
 from service.maps.changes import MOST_ANSWERS
@@ -54,10 +56,11 @@ def kills(process: str, times: int, num_clients: int = 4) -> Outcome:
 
 
 def soak(seconds: float) -> Outcome:
-    """Ask without a pause; compare memory, descriptors and files at the end with those after a sixth of the time."""
+    """Ask without a pause; compare memory, descriptors, files and keys of Redis at the end with those after a sixth of the time."""
     outcome, began = Outcome("soak with 2 clients"), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        service, map_id = ready_service(Path(folder))
+        # Answers are kept for a while: as many go as come by then.
+        service, map_id = ready_service(Path(folder), result_ttl_s=str(max(1, int(seconds / 6))))
         try:
             clients = Clients(str(service.http.base_url), map_id, 2)
             time.sleep(seconds / 6)
@@ -127,4 +130,10 @@ def _held(service: RunningService, folder: Path) -> dict[str, int]:
         ),
         "files": sum(len(names) for _, _, names in os.walk(folder)),  # what goes while they are counted does not matter
         "processes": len(pids),
+        "Redis keys": _num_keys(folder / "data" / "run" / "redis.sock"),
     }
+
+
+def _num_keys(socket: Path) -> int:
+    with redis.Redis(unix_socket_path=str(socket)) as client:
+        return int(client.dbsize())
