@@ -1,4 +1,7 @@
-"""Two HTTP processes over one data folder, or one bucket, and one Redis: each knows what the other did, and takes over when it dies."""
+"""Two services on machines of their own over one bucket and one Redis: each knows what the other did, and takes over when it dies.
+
+Those that share a folder are in `test_shared_cluster`.
+"""
 
 import contextlib
 import os
@@ -22,18 +25,13 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module", params=["folder", "bucket"])
-def doors(request: pytest.FixtureRequest) -> Iterator[tuple[RunningService, RunningService]]:
+@pytest.fixture(scope="module")
+def doors() -> Iterator[tuple[RunningService, RunningService]]:
     server = RealRedis()
-    bucket = BucketServer() if request.param == "bucket" else None
+    bucket = BucketServer()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        settings = {"shared": "true", "redis_url": server.url}
-        if bucket is not None:
-            settings["storage"] = f"s3://{BUCKET}/panoloc"
-        # On machines of their own, which share nothing but the bucket.
-        places = [Path(folder) / name for name in (("one", "two") if bucket else ("data", "data"))]
-        variables = bucket.variables if bucket else {}
-        first, second = (RunningService(place, variables, **settings) for place in places)
+        settings = {"shared": "true", "redis_url": server.url, "storage": f"s3://{BUCKET}/panoloc"}
+        first, second = (RunningService(Path(folder) / name, bucket.variables, **settings) for name in ("one", "two"))
         try:
             for door in (first, second):
                 door.wait_until_ready()
@@ -42,8 +40,7 @@ def doors(request: pytest.FixtureRequest) -> Iterator[tuple[RunningService, Runn
             for door in (first, second):
                 door.stop()
             server.kill()
-            if bucket is not None:
-                bucket.stop()
+            bucket.stop()
 
 
 Doors = tuple[RunningService, RunningService]

@@ -139,13 +139,19 @@ def test_a_front_door_that_is_killed_takes_nothing_from_the_other_and_comes_back
     clients = Clients(str(second.http.base_url), site.map_id, 2)
     try:
         assert eventually(lambda: clients.answered_since(0.0), PATIENCE_S)
+        map_id = site.post(first)
+        assert eventually(lambda: second.map(map_id)["status"] in ("reading", "indexing"), PATIENCE_S)
         os.kill(first.process.pid, signal.SIGKILL)  # it has brought the workers up
         first.process.wait()
         killed = time.monotonic()
         assert eventually(lambda: clients.answered_since(killed + 0.5), PATIENCE_S)
+        assert eventually(lambda: second.map(map_id)["status"] in ("ready", "failed"), PATIENCE_S)
     finally:
         answers = clients.stop()
     assert set(answers.status) == {200}
+    # What the killed one was registering, the other has taken over.
+    assert second.map(map_id)["status"] == "ready", second.map(map_id)
+    assert site.num_attempts(map_id) == 2
     first.kill()
     site.doors = [second]
     third = site.open_door()
