@@ -147,7 +147,7 @@ class Localizations:
             body = await self._kept_if_possible(body, outcome, chosen)
         else:
             await self._keep_answer(body, outcome, chosen)
-        await self._note_changes(body, outcome)
+        await self._note_changes(body, outcome, query.images)
         if self._settings.keep_images:
             await self._keep(localization_id, query.images)
         self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
@@ -194,10 +194,10 @@ class Localizations:
                 if chosen.refs == former.refs:
                     raise
 
-    async def _note_changes(self, body: Document, outcome: LocalizeOutcome) -> None:
+    async def _note_changes(self, body: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
         """Keep what an answer saw changed; one that cannot be kept is an answer all the same."""
         try:
-            await self._changes.note(body, outcome.change_cells)
+            await self._changes.note(body, outcome.change_cells, [image.data for image in images])
         except (ServiceError, OSError) as error:
             _log.warning("what changed cannot be kept", error=str(error))
 

@@ -1,17 +1,19 @@
 """What answers saw changed since a map's scan, kept for a time of its own, so that it shows where several of them agree.
 
-In storage: `changes/{map}/{time}-{answer}/changes.json`, beside the maps, not in them: an answer that comes in while its map is being
-deleted leaves nothing in the folder of a map that is no more.
+In storage: `changes/{map}/{time}-{answer}-{images}/changes.json`, beside the maps, not in them: an answer that comes in while its map is
+being deleted leaves nothing in the folder of a map that is no more. {images} is a digest: who sends the same ones again is no second
+witness.
 """
 
 import array
 import asyncio
 import base64
+import hashlib
 import json
 import sys
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -42,10 +44,11 @@ class ChangeLog:
         """Return whether answers are kept at all."""
         return self._lifetime_s > 0
 
-    async def note(self, answer: Document, cells: dict[str, Any] | None) -> None:
-        """Keep what an answer saw; cells: see `service.worker.change_cells`, None: nothing."""
+    async def note(self, answer: Document, cells: dict[str, Any] | None, images: Sequence[bytes]) -> None:
+        """Keep what an answer to images saw, instead of what was seen in the same ones before; cells: see `service.worker.change_cells`,
+        None: nothing."""
         if self.is_kept and cells is not None and answer["map_id"] is not None:
-            await asyncio.to_thread(self._note, answer, cells)
+            await asyncio.to_thread(self._note, answer, cells, images)
 
     async def document(self, ref: MapRef, origin_offset: list[float]) -> Document:
         """Return what `GET /maps/{id}/changes` shows of the revision that answers queries."""
@@ -55,7 +58,7 @@ class ChangeLog:
         """Delete all of a map."""
         await asyncio.to_thread(self._storage.delete_all, _folder_of(map_id))
 
-    def _note(self, answer: Document, cells: dict[str, Any]) -> None:
+    def _note(self, answer: Document, cells: dict[str, Any], images: Sequence[bytes]) -> None:
         now = datetime.now(UTC)
         kept = {
             "format": _FORMAT,
@@ -69,12 +72,16 @@ class ChangeLog:
                 **answer["change"],
             },
         }
-        folder = _folder_of(answer["map_id"])
-        self._storage.replace(f"{folder}/{_stamp(now)}-{answer['id']}/changes.json", json.dumps(kept).encode())
-        self._drop_old(folder)
-
-    def _drop_old(self, folder: str) -> None:
+        folder, digest = _folder_of(answer["map_id"]), _digest_of(images)
+        name = f"{_stamp(now)}-{answer['id']}-{digest}"
+        self._storage.replace(f"{folder}/{name}/changes.json", json.dumps(kept).encode())
         names = self._storage.names(folder)
+        again = {each for each in names if each.endswith(f"-{digest}") and each != name}
+        for each in again:
+            self._storage.delete_all(f"{folder}/{each}")
+        self._drop_old(folder, [each for each in names if each not in again])
+
+    def _drop_old(self, folder: str, names: list[str]) -> None:
         oldest = _stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
         for name in names[:-MOST_ANSWERS] + [name for name in names[-MOST_ANSWERS:] if name < oldest]:
             self._storage.delete_all(f"{folder}/{name}")
@@ -136,6 +143,14 @@ def _position_of(pose: Document) -> list[float]:
 
 def _folder_of(map_id: str) -> str:
     return f"changes/{map_id}"
+
+
+def _digest_of(images: Sequence[bytes]) -> str:
+    """Return what tells whether images are the same, in the same order."""
+    whole = hashlib.sha256()
+    for image in images:
+        whole.update(hashlib.sha256(image).digest())
+    return whole.hexdigest()[:16]
 
 
 def _stamp(time: datetime) -> str:

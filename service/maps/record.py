@@ -171,7 +171,7 @@ def _state(status: str, progress: dict[str, Any] | None) -> dict[str, Any]:
     if status != "queued":
         return {"status": status, "stage": None, "progress": 1.0 if status == "ready" else 0.0}
     if progress is None:
-        return {"status": "queued", "stage": "waiting for a worker", "progress": 0.0}
+        return {"status": "queued", "stage": "waiting for other registrations, or for workers", "progress": 0.0}
     return {"status": progress["status"], "stage": progress["stage"], "progress": progress["progress"]}
 
 

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.anyio
 
 REF = MapRef("map_a", 1)
 NO_OFFSET = [0.0, 0.0, 0.0]
+PHOTO, OTHER_PHOTO = [b"one"], [b"two"]
 
 
 @pytest.fixture
@@ -51,43 +52,53 @@ def answer(number: int = 1, revision: int = 1, frame: str = "ros") -> dict[str, 
 
 
 async def test_cells_are_counted_over_answers_and_placed_in_the_maps_own_frame(log: ChangeLog) -> None:
-    await log.note(answer(1), seen((0, 0, 0), (1, -1, 0), changed=((1, -1, 0),)))
-    await log.note(answer(2), seen((1, -1, 0), (4, 4, 4), changed=((1, -1, 0), (4, 4, 4))))
+    await log.note(answer(1), seen((0, 0, 0), (1, -1, 0), changed=((1, -1, 0),)), PHOTO)
+    await log.note(answer(2), seen((1, -1, 0), (4, 4, 4), changed=((1, -1, 0), (4, 4, 4))), OTHER_PHOTO)
     found = await log.document(REF, [100.0, 0.0, 0.0])
     assert [each["id"] for each in found["answers"]] == ["loc_2", "loc_1"]
     counted = [(cell["center_m"], cell["num_changed"], cell["num_seen"]) for cell in found["cells"]]
     assert counted == [([100.75, -0.25, 0.25], 2, 2), ([102.25, 2.25, 2.25], 1, 1)]
 
 
+async def test_the_same_photo_sent_again_is_no_second_witness(log: ChangeLog) -> None:
+    await log.note(answer(1), seen((0, 0, 0), changed=((0, 0, 0),)), PHOTO)
+    await log.note(answer(2), seen((0, 0, 0), changed=((0, 0, 0),)), OTHER_PHOTO)
+    await log.note(answer(3), seen((0, 0, 0), (1, 1, 1), changed=((1, 1, 1),)), PHOTO)
+    await log.note(answer(4), seen((0, 0, 0)), [*PHOTO, *OTHER_PHOTO])
+    found = await log.document(REF, NO_OFFSET)
+    assert [each["id"] for each in found["answers"]] == ["loc_4", "loc_3", "loc_2"]
+    assert sorted((each["num_changed"], each["num_seen"]) for each in found["cells"]) == [(1, 1), (1, 3)]
+
+
 async def test_where_a_photo_was_taken_is_said_in_the_maps_axes_whatever_axes_were_asked_for(log: ChangeLog) -> None:
-    await log.note(answer(frame="webxr"), seen())
+    await log.note(answer(frame="webxr"), seen(), PHOTO)
     assert (await log.document(REF, NO_OFFSET))["answers"][0]["position_m"] == [1.0, -3.0, 2.0]
 
 
 async def test_answers_to_a_former_scan_do_not_count(log: ChangeLog) -> None:
-    await log.note(answer(revision=1), seen((0, 0, 0), changed=((0, 0, 0),)))
+    await log.note(answer(revision=1), seen((0, 0, 0), changed=((0, 0, 0),)), PHOTO)
     assert (await log.document(MapRef("map_a", 2), NO_OFFSET))["cells"] == []
 
 
 async def test_an_answer_counts_for_its_lifetime(tmp_path: Path, log: ChangeLog) -> None:
-    await log.note(answer(), seen((0, 0, 0)))
+    await log.note(answer(), seen((0, 0, 0)), PHOTO)
     (kept,) = (tmp_path / "changes" / "map_a").iterdir()
     kept.rename(kept.with_name("20200101T000000000000-loc_1"))
     assert (await log.document(REF, NO_OFFSET))["answers"] == []
-    await log.note(answer(2), seen((0, 0, 0)))
+    await log.note(answer(2), seen((0, 0, 0)), OTHER_PHOTO)
     assert len(list((tmp_path / "changes" / "map_a").iterdir())) == 1
 
 
 async def test_the_oldest_answers_make_room(log: ChangeLog, tmp_path: Path) -> None:
     for number in range(MOST_ANSWERS + 2):
         (tmp_path / "changes" / "map_a" / f"29990101T{number:012}-loc_{number}").mkdir(parents=True)
-    await log.note(answer(), seen((0, 0, 0)))
+    await log.note(answer(), seen((0, 0, 0)), PHOTO)
     assert len(list((tmp_path / "changes" / "map_a").iterdir())) == MOST_ANSWERS
 
 
 async def test_what_cannot_be_read_leaves_the_others(log: ChangeLog, tmp_path: Path) -> None:
-    await log.note(answer(1), seen((0, 0, 0)))
-    await log.note(answer(2), seen((0, 0, 0)))
+    await log.note(answer(1), seen((0, 0, 0)), PHOTO)
+    await log.note(answer(2), seen((0, 0, 0)), OTHER_PHOTO)
     first, _ = sorted((tmp_path / "changes" / "map_a").iterdir())
     (first / "changes.json").write_text("{")
     assert [each["id"] for each in (await log.document(REF, NO_OFFSET))["answers"]] == ["loc_2"]
@@ -95,11 +106,11 @@ async def test_what_cannot_be_read_leaves_the_others(log: ChangeLog, tmp_path: P
 
 async def test_without_a_lifetime_nothing_is_kept(tmp_path: Path) -> None:
     log = ChangeLog(FolderStorage(tmp_path), lifetime_s=0)
-    await log.note(answer(), seen((0, 0, 0)))
+    await log.note(answer(), seen((0, 0, 0)), PHOTO)
     assert list(tmp_path.iterdir()) == []
 
 
 async def test_nothing_is_left_of_a_map_that_is_forgotten(log: ChangeLog, tmp_path: Path) -> None:
-    await log.note(answer(), seen((0, 0, 0)))
+    await log.note(answer(), seen((0, 0, 0)), PHOTO)
     await log.forget("map_a")
     assert not (tmp_path / "changes" / "map_a").exists()
