@@ -113,10 +113,12 @@ def _coordinate_system(root: Any) -> str | None:
 
 def _colored_by_images(context: ReadingContext, scans: list[E57Scan], image_file: Any) -> Iterator[RawChunk]:
     """Yield the points that the file's own images see, in the colours that those show; reads the points twice."""
-    images, _ = images_of(image_file.root())
+    images, num_others = images_of(image_file.root())
     posed = with_poses(images)
     if not posed:
-        raise no_color_error(", ".join(scans[0].field_names)[:200])
+        fields, count = ", ".join(scans[0].field_names)[:200], len(images) + num_others
+        beside = f", and {count} images, but none that is read and has a pose to colour points by" if count else ""
+        raise no_color_error(fields + beside)
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
     colors = ImageColors(posed)
