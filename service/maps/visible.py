@@ -19,8 +19,9 @@ class VisibleMaps:
     def get(self, map_id: str) -> MapRecord:
         """Return a map. Raises MapNotFoundError, in the same words for one of others."""
         if not self.has(map_id):
+            others = "" if self.tenant is None else ", or of others who have not shared it with this key (shared_with)"
             raise MapNotFoundError(
-                f"expected the id of a map, got {map_id[:80]!r}, which is unknown or deleted; GET /maps lists the maps"
+                f"expected the id of a map, got {map_id[:80]!r}, which is unknown or deleted{others}; GET /maps lists the maps"
             )
         return self._registry.get(map_id)
 

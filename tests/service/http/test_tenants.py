@@ -72,6 +72,12 @@ async def test_a_map_is_not_there_for_keys_of_other_tenants(house: House) -> Non
     ]  # fmt: skip
     assert [(await house.ask("school", method, path)).status_code for method, path in asked] == [404] * len(asked)
     assert (await house.ask("school", "PATCH", f"/maps/{map_id}", json={"name": "mine"})).status_code == 404
+    # In the same words as one that there never was.
+    hidden, unknown = [
+        (await house.ask("school", "GET", f"/maps/{each}")).json()["detail"] for each in (map_id, "map_never")
+    ]
+    assert "not shared it with this key" in hidden
+    assert hidden.replace(map_id, "map_never") == unknown
     assert (
         await house.ask("school", "PUT", f"/maps/{map_id}/scan", files={"file": ("a.ply", SCAN)})
     ).status_code == 404
