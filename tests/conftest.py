@@ -1,9 +1,7 @@
-"""In which order and where the files run where several processes share the tests, and which tests count towards coverage."""
+"""In which order the files begin where several processes share the tests, and which of them stay together."""
 
-from collections.abc import Generator
 from typing import Any
 
-import coverage
 import pytest
 from xdist.scheduler import LoadFileScheduling
 
@@ -33,19 +31,6 @@ class FilesOfOneService(LoadFileScheduling):  # type: ignore[misc]  # xdist has 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesOfOneService | None:
     """Share the tests out by files, where that is asked for."""
     return FilesOfOneService(config, log) if config.getvalue("dist") == "loadfile" else None
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Measure the coverage of quick tests alone: measured, a test takes up to half as long again, and the others cover hardly more."""
-    measure = coverage.Coverage.current()
-    if measure is None or not (item.get_closest_marker("integration") or item.get_closest_marker("slow")):
-        return (yield)
-    measure.stop()
-    try:
-        return (yield)
-    finally:
-        measure.start()
 
 
 def _file_of(item: pytest.Item) -> str:
