@@ -65,8 +65,8 @@ class PhotoSearchConfig:
     # place found: what fits nearly as well there must not have been overlooked.
     closer_share: float = 0.2
     beyond_doubt: float = 0.97
-    closer_m: float = 1.0
-    closer_deg: float = 30.0
+    closer_m: float = 0.7
+    closer_deg: float = 20.0
     closer_poses: int = 800
     closer_candidates: int = 24
     closer_distinct: PoseDistance = PoseDistance(0.4, 12.0)

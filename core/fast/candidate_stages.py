@@ -66,13 +66,7 @@ class CandidateStages:
         # The rest was judged on smaller renderings, where scores are larger: none of it is better than what came before it.
         least = min((h.score for h in elsewhere), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]
-        return [with_distinctness(best, self._telling(best, elsewhere)), *beside, *others], finals[0][1]
-
-    def _telling(self, best: Hypothesis, elsewhere: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return the places whose likeness to the best says something: what is near it looks like it, which says nothing until it does so
-        more than what was photographed."""
-        near = self.config.search.elsewhere
-        return [h for h in elsewhere if not h.is_near(best, near) or (h.likeness or 0.0) >= best.score]
+        return [with_distinctness(best, elsewhere), *beside, *others], finals[0][1]
 
     def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Comparison]]:
         """Return settled ones refined at full resolution and judged, with the comparison; each only once in a query, for the best of
@@ -117,8 +111,11 @@ class CandidateStages:
     def _beside(
         self, best: tuple[Hypothesis, Comparison], hypothesis: Hypothesis, comparison: Comparison
     ) -> Hypothesis:
-        """Return a hypothesis with how much what photos would show there is like what they would show at the best."""
+        """Return a hypothesis with how much what photos would show there is like what they would show at the best; what is near the best
+        looks like it in any case, which says nothing."""
         picture = self.queries[hypothesis.map_number].picture
         if not isinstance(picture, PreparedPhotos) or picture is not self.queries[best[0].map_number].picture:
+            return hypothesis
+        if hypothesis.is_near(best[0], self.config.search.elsewhere):
             return hypothesis
         return replace(hypothesis, likeness=likeness(comparison, best[1], self.config.judge, picture.share))

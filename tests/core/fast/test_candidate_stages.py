@@ -96,17 +96,21 @@ def test_where_all_came_to_one_place_the_best_judged_before_elsewhere_is_the_riv
     assert [(round(float(h.position[0]), 1), h.score) for h in found] == [(0.0, 0.5), (3.0, 0.3), (0.3, 0.3)]
 
 
-@pytest.mark.parametrize(
-    ("x", "likeness", "distinctness"),
-    [(3.0, 0.3, 0.4), (0.9, 0.3, None), (0.9, 0.6, 0.0)],
-    ids=["far", "near", "near, and more alike than the photo"],
-)
-def test_how_alike_a_place_near_the_best_looks_says_nothing_until_it_fits_better_than_the_photo(
-    x: float, likeness: float, distinctness: float | None, monkeypatch: pytest.MonkeyPatch
+class Compared:
+    """Stands for photos, of which every place looks 0.3 like any other."""
+
+
+@pytest.mark.parametrize(("x", "likeness"), [(3.0, 0.3), (0.9, None)], ids=["far", "near"])
+def test_how_alike_places_look_is_asked_of_those_that_are_not_near_each_other(
+    x: float, likeness: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("core.fast.candidate_stages.PreparedPhotos", Compared)
+    monkeypatch.setattr("core.fast.candidate_stages.likeness", lambda *_: 0.3)
     stages, _ = stages_of(rivals=1)
-    monkeypatch.setattr(stages, "_beside", lambda best, hypothesis, _: replace(hypothesis, likeness=likeness))
+    cast(Any, stages.queries[0]).picture = picture = Compared()
+    cast(Any, picture).share = 0.07
     ranked = [placed(0.0, 1.0), placed(x, 0.8)]
     stages.settle(ranked)
-    found, _ = stages.finals(stages.settled[:1], ranked)
-    assert found[0].measures.get("distinctness") == (None if distinctness is None else pytest.approx(distinctness))
+    best, rival = stages.finals(stages.settled[:1], ranked)[0]
+    assert rival.likeness == likeness
+    assert best.measures.get("distinctness") == (None if likeness is None else pytest.approx(0.4))
