@@ -28,6 +28,9 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "service/ray/queue/turns.py": ("tests/service/ray/queue/test_turns.py",),
     "service/ray/map_builds.py": ("tests/service/ray/test_map_builds.py", "tests/service/ray/test_pool.py"),
     "service/ray/pool.py": _POOL,
+    "core/fast/candidate_stages.py": ("tests/core/fast/test_candidate_stages.py",),
+    "core/search/lookalikes.py": ("tests/core/search/test_lookalikes.py",),
+    "core/search/closer_look.py": ("tests/core/search/test_closer_look.py",),
     "core/search/pose_limits.py": ("tests/core/search/test_pose_limits.py", "tests/properties/test_hints.py"),
     "core/search/pose_scores.py": ("tests/core/search/test_pose_scores.py", "tests/reference/test_search_twin.py"),
     "core/search/map_search.py": (
