@@ -27,7 +27,8 @@ def search_around(
 ) -> MapCandidates:
     """Search for photos in a map near a pose of their rig, (3, 3) map_from_rig and (3,), in axes of the index.
 
-    Where hints bound the place, their bounds are replaced by the place itself: what is refined from there has to keep to them anyhow.
+    Of the caller's limits those of a distance from a point give way to the place itself: what is refined from there has to keep to them
+    anyhow. The others hold.
     """
     search = config.photo_search
     rotations = dense_rotations(search, rotation.device)

@@ -99,8 +99,8 @@ def cube_survey(folder: Path, offset: np.ndarray, size: int = 256) -> Path:
     return path
 
 
-def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray) -> None:
-    """Add a pinhole image of 90 degrees with the axes of ASTM E2807: x right, y up, z backward."""
+def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray, has_pose: bool = True) -> None:
+    """Add a pinhole image of 90 degrees with the axes of ASTM E2807: x right, y up, z backward; its pose may be left unsaid."""
     libe57, image_file = pye57.libe57, file.image_file
     data = np.frombuffer(png(colors), np.uint8).copy()
 
@@ -129,8 +129,8 @@ def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray) -> None:
         structure(
             guid=libe57.StringNode(image_file, f"{len(images)}"),
             name=libe57.StringNode(image_file, name),
-            pose=structure(rotation=rotation, translation=position),
             pinholeRepresentation=picture,
+            **({"pose": structure(rotation=rotation, translation=position)} if has_pose else {}),
         )
     )
     images[len(images) - 1]["pinholeRepresentation"]["pngImage"].write(data, 0, len(data))
@@ -213,6 +213,17 @@ def test_without_colours_and_without_panoramas_with_poses_a_scan_is_refused_as_b
     tour = Tour("map_1", (photo,), survey=without_colors(tmp_path / "points.e57", positions))
     with pytest.raises(ScanContentError, match=r"'pano.png' cannot be read"):
         read_scan(written("e57", tour, tmp_path / "out") / "tour.e57")
+
+
+def test_images_without_poses_are_named_where_a_scan_has_no_colours(tmp_path: Path) -> None:
+    path = tmp_path / "unposed.e57"
+    file = pye57.E57(str(path), mode="w")
+    add_points(file, BOX.scan(1000).positions.astype(np.float64))
+    for number in range(2):
+        _add_pinhole(file, f"{number}.png", STATIONS[0], np.zeros((8, 8, 3), np.uint8), has_pose=False)
+    file.close()
+    with pytest.raises(ScanContentError, match="no colour .* and 2 images, but none that is read and has a pose"):
+        read_scan(path)
 
 
 def test_images_come_out_as_they_went_in_and_stay_as_they_are(
