@@ -20,7 +20,10 @@ def settings_table() -> str:
     """Return one Markdown row per setting: environment variable, default, meaning."""
     prefix = str(Settings.model_config.get("env_prefix", "")).upper()
     rows = ["| variable | default | meaning |", "|---|---|---|"]
-    for name, field in Settings.model_fields.items():
+    # Those of its bases come first otherwise.
+    own = [name for name in Settings.model_fields if name in Settings.__annotations__]
+    for name in dict.fromkeys([*own, *Settings.model_fields]):
+        field = Settings.model_fields[name]
         variables = " or ".join(f"`{variable}`" for variable in _variables(prefix, name, field))
         rows.append(f"| {variables} | {_default(field)} | {_meaning(field)} |")
     return "\n".join(rows) + "\n"

@@ -9,7 +9,6 @@ from collections.abc import MutableMapping
 from service.app import create_app
 from service.cache import Cache
 from service.errors import TryAgainError
-from service.host.address import is_loopback
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
@@ -19,6 +18,7 @@ from service.host.secret_variables import remove_variables
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
+from service.loopback import is_loopback
 from service.ray.cluster import RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.pool import RayPool

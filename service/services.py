@@ -65,6 +65,7 @@ class Services:
     began: float = field(default_factory=time.monotonic)
     export_turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_MOST_EXPORTS))
     _watch: asyncio.Task[None] | None = None
+    _signing_keys: asyncio.Task[None] | None = None
 
     @classmethod
     def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
@@ -118,13 +119,16 @@ class Services:
             self.shared_folder.start()
         if self.settings.redis_url is not None:
             self._watch = asyncio.create_task(watch_redis(self.cache, self.settings.redis_url))
+        if (tokens := self.settings.keys.tokens) is not None:
+            self._signing_keys = asyncio.create_task(tokens.keys.follow())
         self.started = True
 
     async def stop(self) -> None:
         """Let queries end within the drain time, then stop everything."""
         deadline = time.monotonic() + self.settings.drain_s
-        if self._watch is not None:
-            self._watch.cancel()
+        for task in (self._watch, self._signing_keys):
+            if task is not None:
+                task.cancel()
         if self.shared_folder is not None:
             await self.shared_folder.stop()
         await self.registrations.stop()

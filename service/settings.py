@@ -6,18 +6,19 @@ from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import AliasChoices, Field, field_validator, model_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import SettingsConfigDict
 
 from core.options import MAX_PIXELS, Method, ScanOptions
 from service.jobs import PAPER_TIMEOUT_S
 from service.keys.key_ring import KeyRing
 from service.keys.setting import callers_of_setting
+from service.keys.token_settings import TokenSettings
 from service.limits.connection_limits import ConnectionLimits
 from service.limits.registration_limits import RegistrationLimits
 from service.storage.opening import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
 
-class Settings(BaseSettings):
+class Settings(TokenSettings):
     """Settings of one service. Arguments win over the environment; raises pydantic.ValidationError."""
 
     model_config = SettingsConfigDict(env_prefix="PANOLOC_", populate_by_name=True, frozen=True, extra="ignore")
@@ -176,8 +177,8 @@ class Settings(BaseSettings):
 
     @cached_property
     def keys(self) -> KeyRing:
-        """Return what decides which key counts: those of `api_keys`, and those that `panoloc keys` has made."""
-        return KeyRing(self.api_keys, self.data_dir)
+        """Return what decides which key counts: those of `api_keys`, those that `panoloc keys` has made, and tokens."""
+        return KeyRing(self.api_keys, self.data_dir, self.tokens())
 
     def timeout_s_of(self, method: Method, is_searching_field_of_view: bool = False) -> float:
         """Return the seconds for a query of this method that names none itself; more where a field of view is searched as well."""

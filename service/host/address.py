@@ -1,7 +1,6 @@
 """Whether the service can listen on an address, found out before anything is started for it."""
 
 import errno
-import ipaddress
 import socket
 
 
@@ -26,14 +25,6 @@ def why_not_free(host: str, port: int) -> str | None:
     if None not in faults:
         return f"nobody can listen on {place} ({faults[0]})"
     return None
-
-
-def is_loopback(host: str) -> bool:
-    """Tell whether only this machine reaches who listens on `host`."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost" or host.endswith(".localhost")
 
 
 def _fault_of(family: int, address: tuple[object, ...]) -> OSError | None:

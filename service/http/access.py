@@ -1,4 +1,4 @@
-"""Asks callers for an API key, when there are any, and says which maps and batches a caller sees."""
+"""Asks callers for an API key or a token, when there are any, and says which maps and batches a caller sees."""
 
 from collections.abc import Awaitable, Callable
 
@@ -9,6 +9,7 @@ from service.batches.record import BatchRecord
 from service.errors import KeyMissingError, ScopeMissingError
 from service.keys.audit_log import Change
 from service.keys.caller import ALL_SCOPES, Caller, Scope
+from service.keys.tokens import TokenRefusedError
 from service.maps.record import MapRecord
 from service.maps.visible import VisibleMaps
 from service.services import services_of
@@ -20,7 +21,7 @@ _header = APIKeyHeader(
 
 
 def caller_of(request: Request) -> Caller:
-    """Return who a request comes from: its API key where keys are asked for and it has one, else its address."""
+    """Return who a request comes from: its API key or token where keys are asked for and it has one, else its address."""
     keys = services_of(request).settings.keys
     key = _presented(request)
     caller = keys.find(key) if key is not None and keys.required else None
@@ -37,15 +38,15 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
         bearer: HTTPAuthorizationCredentials | None = Security(_bearer),  # noqa: B008
         header: str | None = Security(_header),
     ) -> None:
-        caller = caller_of(request)
-        if scope in caller.scopes:
+        if scope not in caller_of(request).scopes:
+            await _learn_new_signing_keys(request)
+        if scope in caller_of(request).scopes:
             await _find_what_is_named(request)
             return
-        if _presented(request) is None:
+        key = _presented(request)
+        if key is None:
             raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
-        if not caller.id.startswith("key "):
-            await services_of(request).wrong_keys.wait(request.client.host if request.client else "")
-            raise KeyMissingError("expected a known API key, got an unknown one; ask the operator for a key")
+        await _refuse_unknown(request, key)
         raise ScopeMissingError(f"expected a key with the scope {scope!r}, got one without it; use another key")
 
     return check
@@ -98,6 +99,27 @@ async def _find_what_is_named(request: Request) -> None:
         await services.registry.find([named["map_id"]])
     if "batch_id" in named:
         await services.batches.find(named["batch_id"])
+
+
+async def _learn_new_signing_keys(request: Request) -> None:
+    """Ask the issuer of tokens for its keys where this token names one that is not known yet."""
+    keys, key = services_of(request).settings.keys, _presented(request)
+    try:
+        if key is not None:
+            keys.caller_of(key)
+    except TokenRefusedError as error:
+        if error.may_be_new and keys.tokens is not None:
+            await keys.tokens.keys.fetch()
+
+
+async def _refuse_unknown(request: Request, key: str) -> None:
+    """Raise KeyMissingError for a key that opens nothing. Who has been given a token, and comes too late with it, guesses no keys."""
+    try:
+        services_of(request).settings.keys.caller_of(key)
+    except TokenRefusedError as error:
+        if not error.is_genuine:
+            await services_of(request).wrong_keys.wait(request.client.host if request.client else "")
+        raise KeyMissingError(str(error)) from error
 
 
 def _presented(request: Request) -> str | None:

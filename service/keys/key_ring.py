@@ -1,4 +1,4 @@
-"""The one place that decides which key counts: those of the setting, and those of the keys file as it is now."""
+"""The one place that decides which key counts: those of the setting, those of the keys file as it is now, and tokens."""
 
 import logging
 import os
@@ -9,6 +9,7 @@ from pathlib import Path
 from service.keys.caller import Caller
 from service.keys.key_file import KeyFile, KeyFileError
 from service.keys.setting import callers_of_setting, digest_of
+from service.keys.tokens import TokenRefusedError, Tokens
 
 _log = logging.getLogger(__name__)
 
@@ -19,9 +20,10 @@ _LOOK_S = 1.0
 class KeyRing:
     """Used from one event loop."""
 
-    def __init__(self, setting: str, data_dir: Path, look_s: float = _LOOK_S) -> None:
-        """setting: PANOLOC_API_KEYS. Raises ValueError where that cannot be read."""
+    def __init__(self, setting: str, data_dir: Path, tokens: Tokens | None = None, look_s: float = _LOOK_S) -> None:
+        """setting: PANOLOC_API_KEYS. tokens: None where those of no issuer count. Raises ValueError where the setting cannot be read."""
         self._of_setting = callers_of_setting(setting)
+        self.tokens = tokens
         self._file = KeyFile(data_dir)
         self._look_s = look_s
         self._looked_s = -look_s
@@ -32,13 +34,24 @@ class KeyRing:
     def required(self) -> bool:
         """Tell whether callers have to present a key: also where all keys of the file are revoked, or it cannot be read."""
         self._look()
-        return bool(self._of_setting) or self._seen is not None
+        return bool(self._of_setting) or self._seen is not None or self.tokens is not None
 
     def find(self, key: str) -> Caller | None:
-        """Return who brings this key, None for an unknown or revoked one."""
+        """Return who brings this key or token, None for an unknown, revoked or expired one."""
+        try:
+            return self.caller_of(key)
+        except TokenRefusedError:
+            return None
+
+    def caller_of(self, key: str) -> Caller:
+        """Return who brings this key or token. Raises TokenRefusedError, which says why it opens nothing."""
         self._look()
         digest = digest_of(key)
-        return self._of_setting.get(digest) or self._of_file.get(digest)
+        if found := self._of_setting.get(digest) or self._of_file.get(digest):
+            return found
+        if self.tokens is None or key.count(".") != 2:  # as of a JSON Web Token, which has three parts
+            raise TokenRefusedError("expected a known API key, got an unknown one; ask the operator for a key")
+        return self.tokens.caller_of(key)
 
     def _look(self) -> None:
         if time.monotonic() - self._looked_s < self._look_s:

@@ -1,0 +1,125 @@
+"""Tokens of an OpenID Connect issuer: verified here, with its public keys, so that nobody is asked about a single one."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import jwt
+
+from service.keys.caller import ALL_SCOPES, Caller, Scope
+from service.keys.signing_keys import SigningKeys
+
+# Of clocks that do not agree.
+_LEEWAY_S = 30.0
+# Other scopes of the same token are for other services: `read` alone may mean anything.
+_SCOPE = re.compile(rf"panoloc[:.]({'|'.join(get_args(Scope))})")
+_MOST_CHARACTERS = 255
+
+
+class TokenRefusedError(ValueError):
+    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: with a key that may only just have been published."""
+
+    def __init__(self, message: str, *, is_genuine: bool = False, may_be_new: bool = False) -> None:
+        super().__init__(message)
+        self.is_genuine = is_genuine
+        self.may_be_new = may_be_new
+
+
+@dataclass(frozen=True)
+class TokenRules:
+    """What tokens have to say. scopes_claim, tenant_claim: names of claims, with dots for claims inside of others."""
+
+    issuer: str
+    audience: str
+    scopes_claim: str
+    tenant_claim: str
+
+
+class Tokens:
+    """Used from one event loop."""
+
+    def __init__(self, rules: TokenRules, keys: SigningKeys) -> None:
+        self._rules = rules
+        self.keys = keys
+
+    def caller_of(self, token: str) -> Caller:
+        """Return who brings a token. Raises TokenRefusedError, which says what to correct."""
+        claims = self._verified(token)
+        subject, tenant = _text(claims, "sub"), _text(claims, self._rules.tenant_claim)
+        scopes = _scopes(_claim(claims, self._rules.scopes_claim))
+        if "admin" in scopes:
+            return Caller(f"token {subject}", ALL_SCOPES)
+        return Caller(f"token {subject}", scopes, tenant)
+
+    def _verified(self, token: str) -> dict[str, Any]:
+        try:
+            header = jwt.get_unverified_header(token)
+        except jwt.PyJWTError as error:
+            raise TokenRefusedError("expected a known API key or a token, got neither") from error
+        key_id, algorithm = header.get("kid"), str(header.get("alg"))
+        candidates = self.keys.that_may_have_signed(key_id, algorithm)
+        if not candidates:
+            raise TokenRefusedError(
+                f"expected a token that is signed with a key of {self._rules.issuer}, got one of an unknown key",
+                may_be_new=True,
+            )
+        for candidate in candidates:
+            try:
+                return self._decoded(token, candidate.key, algorithm)
+            except jwt.InvalidSignatureError:
+                continue
+        raise TokenRefusedError(
+            f"expected a token that {self._rules.issuer} has signed, got one whose signature is wrong"
+        )
+
+    def _decoded(self, token: str, key: jwt.PyJWK, algorithm: str) -> dict[str, Any]:
+        try:
+            return jwt.decode(
+                token,
+                key.key,
+                algorithms=[algorithm],  # one of this key's own, see SigningKeys
+                issuer=self._rules.issuer,
+                audience=self._rules.audience,
+                leeway=_LEEWAY_S,
+                options={"require": ["exp", "iss", "aud", "sub"]},
+            )
+        except jwt.InvalidSignatureError:
+            raise
+        except jwt.ExpiredSignatureError as error:
+            raise TokenRefusedError("expected a token that is still valid, got one that has expired; ask for a new one",
+                                    is_genuine=True) from error  # fmt: skip
+        except jwt.InvalidAudienceError as error:
+            raise TokenRefusedError(f"expected a token for the audience {self._rules.audience!r}, got one for others",
+                                    is_genuine=True) from error  # fmt: skip
+        except jwt.InvalidIssuerError as error:
+            raise TokenRefusedError(f"expected a token of the issuer {self._rules.issuer!r}, got one of another",
+                                    is_genuine=True) from error  # fmt: skip
+        except jwt.PyJWTError as error:
+            raise TokenRefusedError(f"expected a token that is valid now, but {error}", is_genuine=True) from error
+
+
+def _claim(claims: Mapping[str, Any], name: str) -> Any:
+    if name in claims:  # names may be URLs, which have dots
+        return claims[name]
+    found: Any = claims
+    for part in name.split("."):
+        found = found.get(part) if isinstance(found, Mapping) else None
+    return found
+
+
+def _text(claims: Mapping[str, Any], name: str) -> str:
+    """Return a claim that names somebody: it goes into logs, and into records of maps, where `*` means all."""
+    value = _claim(claims, name)
+    if not isinstance(value, str) or not value.isprintable() or not 0 < len(value) <= _MOST_CHARACTERS or value == "*":
+        raise TokenRefusedError(
+            f"expected a token whose claim {name!r} is a name of at most {_MOST_CHARACTERS} characters, got {type(value).__name__}",
+            is_genuine=True,
+        )
+    return value
+
+
+def _scopes(value: Any) -> frozenset[Scope]:
+    named = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
+    found = [_SCOPE.fullmatch(each) for each in named if isinstance(each, str)]
+    return frozenset(scope for scope in get_args(Scope) for match in found if match and match[1] == scope)
