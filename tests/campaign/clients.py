@@ -38,7 +38,7 @@ class Clients:
         context: ssl.SSLContext | None = None,
     ) -> None:
         """url: of one service, or of several that share the clients evenly."""
-        self.answers = Answers()
+        self.answers, self.number = Answers(), number
         self._context = context or True
         self._map_id, self._timeout_s = map_id, timeout_s
         urls = [url] if isinstance(url, str) else url
@@ -69,8 +69,12 @@ class Clients:
 
     def answered_since(self, when: float) -> bool:
         """Tell whether there was a right answer to a request that ended after a moment."""
+        return self.num_answered_since(when) > 0
+
+    def num_answered_since(self, when: float) -> int:
+        """Return how many right answers ended after a moment."""
         with self._lock:
-            return any(
+            return sum(
                 at > when and status == 200 for at, status in zip(self.answers.at, self.answers.status, strict=True)
             )
 

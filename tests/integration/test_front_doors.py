@@ -9,13 +9,12 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from tests.integration.real_redis import RealRedis
-from tests.integration.running_service import RunningService, eventually
+from tests.integration.running_service import RunningService, eventually, statuses_of_changes_at_once
 from tests.integration.small_room import OPTIONS, small_room
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
@@ -66,14 +65,7 @@ def test_no_process_shows_the_key_of_the_bucket(doors: Doors) -> None:
 
 def test_of_two_changes_at_once_one_wins_and_the_other_is_told(doors: Doors) -> None:
     (map_id,) = [each["id"] for each in doors[0].http.get("/maps").json()["items"]]
-    version = doors[0].map(map_id)["version"]
-
-    def rename(door: RunningService) -> int:
-        headers = {"If-Match": f'"{version}"'}
-        return door.http.patch(f"/maps/{map_id}", json={"name": f"of {door.process.pid}"}, headers=headers).status_code
-
-    with ThreadPoolExecutor(2) as callers:
-        assert sorted(callers.map(rename, doors)) == [200, 412]
+    assert statuses_of_changes_at_once(list(doors), map_id) == [200, 412]
     assert doors[0].map(map_id) == doors[1].map(map_id)
 
 

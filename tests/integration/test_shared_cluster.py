@@ -17,7 +17,7 @@ from service.storage import open_storage
 from tests.campaign.clients import Clients
 from tests.integration.ray_cluster import RayClusterOfOthers
 from tests.integration.real_redis import RealRedis
-from tests.integration.running_service import RunningService, eventually
+from tests.integration.running_service import RunningService, eventually, statuses_of_changes_at_once
 from tests.integration.small_room import OPTIONS, small_room
 
 pytestmark = [
@@ -98,6 +98,12 @@ def test_both_use_the_same_workers_and_see_the_same_maps(site: Site) -> None:
     assert answer.status_code == 200, answer.text
     assert small_room().error_of(answer.json()).within(0.05, 5)
     site.wait_for_workers(2)  # one on each node, for both together
+
+
+def test_of_two_changes_at_once_one_wins_and_both_show_it(site: Site) -> None:
+    first, second = site.doors
+    assert statuses_of_changes_at_once(site.doors, site.map_id) == [200, 412]
+    assert eventually(lambda: first.map(site.map_id) == second.map(site.map_id), 5)
 
 
 def test_a_node_killed_under_queries_and_a_registration_costs_neither(site: Site) -> None:
