@@ -65,6 +65,12 @@ def make(
             "name the data folder of yours with --data-dir or PANOLOC_DATA_DIR.",
             markup=False,
         )
+    elif ScopeName.admin not in scope and next(data_dir.glob("maps/map_*"), None):
+        session.messages.print(
+            "It sees the maps of its tenant alone. Those that were made without a key belong to nobody: an admin key shows them, and "
+            "`panoloc maps share ID --with TENANT` shares them.",
+            markup=False,
+        )
     return ExitCode.OK
 
 

@@ -1,4 +1,4 @@
-"""`panoloc maps`: list the registered maps, or delete some."""
+"""`panoloc maps`: list the registered maps, share or delete some."""
 
 from typing import Annotated
 
@@ -7,7 +7,7 @@ import typer
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_table
 
-app = typer.Typer(help="List the registered maps, or delete some.")
+app = typer.Typer(help="List the registered maps, share or delete some.")
 
 
 @app.callback(invoke_without_command=True)
@@ -17,7 +17,7 @@ def list_maps(
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> None:
-    """List the registered maps, or delete some."""
+    """List the registered maps, share or delete some."""
     if ctx.invoked_subcommand is not None:
         return
     session: Session = ctx.obj
@@ -54,3 +54,29 @@ def delete(
                 session.print_json({"id": map_id, "deleted": True})
             else:
                 session.results.print(f"deleted {map_id}")
+
+
+@app.command()
+def share(
+    ctx: typer.Context,
+    map_ids: Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps to share.")],
+    tenants: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with", metavar="TENANT", help="Whose keys see them; repeat the option, `*` for all. None: nobody's."
+        ),
+    ] = None,
+    url: UrlOption = DEFAULT_URL,
+    json: JsonOption = False,
+) -> None:
+    """Let keys of these tenants see maps and localize in them, and no others than these. To change maps stays with their owner."""
+    session: Session = ctx.obj
+    session.json_output = json
+    with session.client(url) as client:
+        for map_id in dict.fromkeys(map_ids):
+            changed = client.change_map(map_id, {"shared_with": tenants or []})
+            if json:
+                session.print_json(changed)
+            else:
+                told = ", ".join(changed["shared_with"]) or "nobody"
+                session.results.print(f"{map_id} is shared with {told}", markup=False)

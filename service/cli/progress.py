@@ -1,5 +1,6 @@
-"""Progress bars of uploads and registrations, on standard error and only where a person can see them."""
+"""Progress on standard error: bars where a person can see them, and of what takes long a line now and then where not."""
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
@@ -17,6 +18,8 @@ from rich.progress import (
 )
 
 from service.client import JsonObject, UploadProgress
+
+LINE_S = 30.0
 
 
 @contextmanager
@@ -64,12 +67,19 @@ def show_counts(console: Console, text: str, total: int) -> Iterator[Callable[[M
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
+    told_s = time.monotonic()
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(text, total=total, counts="")
 
         def update(counts: Mapping[str, int]) -> None:
+            nonlocal told_s
+            ended = sum(counts.values())
             told = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in sorted(counts.items()))
-            bar.update(task, completed=sum(counts.values()), counts=told)
+            bar.update(task, completed=ended, counts=told)
+            # A log gets a line now and then: hours without a word look like a hang.
+            if not console.is_terminal and time.monotonic() - told_s >= LINE_S:
+                told_s = time.monotonic()
+                console.print(f"{text}: {ended} of {total}: {told}", markup=False, highlight=False)
 
         yield update
 

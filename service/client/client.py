@@ -108,6 +108,10 @@ class PanolocClient:
                 return
             query = {**query, "cursor": page["next_cursor"]}
 
+    def change_map(self, map_id: str, changes: JsonObject) -> JsonObject:
+        """Change what a map says of itself (`name`, `tags`, `shared_with`, …) and return it."""
+        return _json_object(_checked(self._send("PATCH", f"/maps/{map_id}", json=changes)))
+
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""
         _checked(self._send("DELETE", f"/maps/{map_id}"))

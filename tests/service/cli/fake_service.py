@@ -1,6 +1,7 @@
 """A fake service behind httpx.MockTransport: it keeps what was sent and answers as the HTTP contract says."""
 
 import io
+import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -112,6 +113,7 @@ class FakeService:
             ("POST", "/maps"): lambda _: httpx.Response(202, json={**READY_MAP, "status": "queued", "stats": None}),
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
+            ("PATCH", "/maps"): lambda request: httpx.Response(200, json={**READY_MAP, **json.loads(request.content)}),
             ("POST", "/localize"): self._localize,
             ("GET", "/batches/batch_1/export"): self._export,
             ("GET", "/localizations/loc_1/score-map-2d.png"): lambda _: httpx.Response(200, content=b"a picture"),

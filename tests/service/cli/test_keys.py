@@ -44,3 +44,11 @@ def test_a_folder_that_no_service_has_used_is_named_as_such(panoloc: Panoloc, tm
     made = panoloc(*make, used)
     assert str(used) in made.err.replace("\n", "")
     assert "No service" not in made.err
+    assert "panoloc maps share" not in made.err
+
+
+def test_who_has_maps_already_is_told_that_a_new_key_does_not_see_them(panoloc: Panoloc, tmp_path: Path) -> None:
+    (tmp_path / "maps" / "map_1a2b").mkdir(parents=True)
+    make = ("keys", "make", "phones", "--data-dir", tmp_path, "--scope")
+    assert "panoloc maps share" in panoloc(*make, "read").err.replace("\n", " ")
+    assert "panoloc maps share" not in panoloc(*make, "admin").err.replace("\n", " ")

@@ -55,6 +55,16 @@ def test_a_map_named_twice_is_deleted_once(panoloc: Panoloc, fake: FakeService) 
     assert fake.requests == [("DELETE", "/maps/map_1")]
 
 
+def test_maps_are_shared_with_those_that_are_named_and_no_others(panoloc: Panoloc, fake: FakeService) -> None:
+    done = panoloc("maps", "share", "map_1", "map_2", "map_1", "--with", "museum", "--with", "*")
+    assert done.code == 0, done.err
+    assert fake.requests == [("PATCH", "/maps/map_1"), ("PATCH", "/maps/map_2")]
+    assert done.out.splitlines() == [f"map_{number} is shared with museum, *" for number in (1, 2)]
+    assert "map_1 is shared with nobody" in panoloc("maps", "share", "map_1").out
+    (shown,) = panoloc("maps", "share", "map_1", "--with", "school", "--json").documents
+    assert shown["shared_with"] == ["school"]
+
+
 def test_the_reason_of_a_failed_map_stands_below_the_table(panoloc: Panoloc, fake: FakeService) -> None:
     failed = {**READY_MAP, "status": "failed", "error": {"detail": "scan: expected 100 vertices, got 40"}}
     fake.places = [failed]

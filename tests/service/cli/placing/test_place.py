@@ -9,6 +9,7 @@ from PIL import Image
 
 from core.exports.tour import PlacedPhoto, Tour
 from core.geometry.pose import Pose
+from service.cli import progress
 from service.cli.placing.place_folder import PlaceFolder, Question
 from service.cli.query_options import photo_options
 from tests.core.exports.tours import written
@@ -42,6 +43,15 @@ def test_every_photo_is_placed_and_written_in_the_formats_asked_for(
     model = tmp_path / "out" / "colmap"
     assert "1 EQUIRECTANGULAR 64 32 64 32" in (model / "cameras.txt").read_text()
     assert len((model / "points3D.txt").read_text().splitlines()) == 3
+
+
+def test_a_log_is_told_now_and_then_how_far_it_is(
+    panoloc: Panoloc, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "of 3" not in panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "quick").err
+    monkeypatch.setattr(progress, "LINE_S", 0.0)
+    told = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "slow").err
+    assert "placing: 2 of 3: 2 localized" in told.splitlines()
 
 
 def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
