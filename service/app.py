@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from service.cache import Cache
 from service.host.service_version import service_version
 from service.http.error_handlers import install_error_handlers
+from service.http.guards.caller_rates import CountedCallers
 from service.http.guards.foreign_pages import ForeignPages
 from service.http.guards.full_queue import FullQueue
 from service.http.guards.slow_bodies import SlowBodies
@@ -64,6 +65,7 @@ def create_app(
         note_refusal=services.metrics.note_refusal,
     )
     app.add_middleware(FullQueue, services=services, routes=QUERY_ROUTES)
+    app.add_middleware(CountedCallers, rates=services.rates)
     app.add_middleware(LingeringClose)
     app.add_middleware(ForeignPages, allowed=settings.allowed_host_names, is_needed=lambda: not settings.keys.required)
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)

@@ -4,6 +4,7 @@
     progress:{map}:{revision}           what a registration is at       written by workers
     localization:{id}                   state, then answer              written by the HTTP process
     picture:{id}:{name}                 PNG                             written by the HTTP process
+    rate/{limit}/{caller}/…             what callers asked for          written by the HTTP process, see service.limits.caller_rates
     of_map:{map}                        ids of answers about a map, so that deleting the map deletes them too
 
 `Cache` is the asynchronous side, for the HTTP process; `WorkerCache` the blocking side, for workers. Both connect when

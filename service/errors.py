@@ -25,6 +25,7 @@
     │   ├── QueueFullError            as many requests wait as may
     │   ├── BytesInFlightError        as many bytes of uploads lie in memory as may
     │   ├── UploadsError              as many uploads come as may
+    │   ├── RateError                 one caller asks too often, or sends too much
     │   ├── WrongKeysError            many unknown API keys from one address
     │   ├── NoWorkerError             no worker is up
     │   ├── CacheDownError            Redis does not answer
@@ -166,6 +167,10 @@ class BytesInFlightError(TryAgainError):
 
 class UploadsError(TryAgainError):
     """As many scans and batches are uploaded as may be at the same time."""
+
+
+class RateError(TryAgainError):
+    """One caller asks more often than callers may, or sends more."""
 
 
 class WrongKeysError(TryAgainError):

@@ -126,6 +126,9 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.UploadsError: Problem(
         "too-many-uploads", "Too many uploads at the same time", 503, "Send it again after Retry-After seconds."
     ),
+    service.RateError: Problem(
+        "too-often", "This caller asks for too much", 429, "Ask less often; wait for Retry-After seconds."
+    ),
     service.WrongKeysError: Problem(
         "wrong-keys", "Too many unknown API keys", 429, "Ask the operator for a key; wait for Retry-After seconds."
     ),

@@ -14,6 +14,7 @@ from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
 from service.keys.audit_log import AuditLog
 from service.limits.bytes_in_flight import BytesInFlight
+from service.limits.caller_rates import CallerRates, RateLimits
 from service.limits.connection_limits import ConnectionCount
 from service.limits.uploads import UploadPlaces
 from service.limits.wrong_keys import WrongKeys
@@ -56,6 +57,7 @@ class Services:
     batch_runs: BatchRuns
     bytes_in_flight: BytesInFlight
     connections: ConnectionCount
+    rates: CallerRates
     uploads: UploadPlaces
     wrong_keys: WrongKeys
     audit: AuditLog
@@ -99,6 +101,11 @@ class Services:
             batch_runs,
             BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
             ConnectionCount(settings.connection_limits, metrics.note_refusal),
+            CallerRates(
+                settings.redis_url,
+                RateLimits(settings.max_requests_per_minute, settings.max_bytes_per_hour),
+                metrics.note_refusal,
+            ),
             UploadPlaces(
                 settings.max_uploads, settings.max_uploads_per_caller, metrics.note_refusal, metrics.note_num_uploads
             ),
@@ -136,6 +143,7 @@ class Services:
         await self.localizations.stop(self.settings.drain_s)
         await self.pool.stop(max(0.0, deadline - time.monotonic()))
         await self.cache.close()
+        await self.rates.close()
         if self.shared_folder is not None:
             await self.shared_folder.close()
         await self.locks.close()

@@ -104,6 +104,14 @@ class Settings(TokenSettings):
     max_bytes_in_flight_per_caller: int = Field(
         384 * 2**20, ge=1, description="Of these, bytes of one caller: an API key where keys are set, else an address."
     )
+    max_requests_per_minute: int | None = Field(
+        None,
+        ge=1,
+        description="Requests of one caller in a minute, through all front doors together; beyond that 429. Health is not counted.",
+    )
+    max_bytes_per_hour: int | None = Field(
+        None, ge=1, description="Bytes that one caller may send in an hour; the next request after them gets 429."
+    )
     max_uploads: int = Field(16, ge=1, description="Uploads of scans and batches at the same time; beyond that 503.")
     max_uploads_per_caller: int = Field(8, ge=1, description="Of these, uploads of one caller.")
     export_time_s: float = Field(600.0, gt=0, description="Seconds that an export or a plan of a batch may take.")
@@ -149,7 +157,9 @@ class Settings(TokenSettings):
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
 
-    @field_validator("redis_url", "ray_address", "storage", mode="before")
+    @field_validator(
+        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", mode="before"
+    )
     @classmethod
     def _empty_means_unset(cls, value: object) -> object:
         return None if value == "" else value

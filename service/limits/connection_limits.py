@@ -7,7 +7,7 @@ from typing import Literal
 
 Refusal = Literal[
     "connections", "connections-of-address", "header-bytes", "slow-header", "slow-body", "slow-reader", "bytes-in-flight",
-    "uploads", "queue", "deadline", "registration",
+    "uploads", "queue", "deadline", "registration", "request-rate", "byte-rate",
 ]  # fmt: skip
 
 

@@ -13,8 +13,8 @@ import pytest
 
 from service.errors import QueueFullError
 from service.host.embedded_redis import EmbeddedRedis
-from service.http.guards.full_queue import RefusalPace
 from service.http.guards.guarded_protocol import guarded_config
+from service.http.guards.refusals import RefusalPace
 from service.keys.caller import Scope
 from service.keys.key_file import KeyFile
 from tests.service.http import running_service as running_service_module

@@ -1,0 +1,127 @@
+"""How much callers may ask for over time: counted together and, while Redis is away, alone; and what they are told."""
+
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+import pytest
+
+from service.errors import RateError
+from service.host.embedded_redis import EmbeddedRedis
+from service.limits import caller_rates
+from service.limits.caller_rates import CallerRates, RateLimits
+from tests.service.http.running_service import SCAN, running_service
+
+pytestmark = pytest.mark.anyio
+
+
+RatesOf = Callable[..., CallerRates]
+
+
+class Refusals(list[str]):
+    def note(self, limit: str) -> None:
+        self.append(limit)
+
+
+async def num_let_through(rates: CallerRates, times: int, caller: str = "key one") -> int:
+    through = 0
+    for _ in range(times):
+        try:
+            await rates.take(caller)
+        except RateError:
+            continue
+        through += 1
+    return through
+
+
+@pytest.fixture
+async def rates_of(redis_server: EmbeddedRedis) -> AsyncIterator[RatesOf]:
+    """Return what makes rates that are closed after the test; url: of another Redis, or None for no one's."""
+    made, unheard = list[CallerRates](), Refusals().note
+
+    def make(
+        limits: RateLimits, note: Callable[[str], None] = unheard, url: str | None = redis_server.url
+    ) -> CallerRates:
+        made.append(CallerRates(url, limits, note))
+        return made[-1]
+
+    yield make
+    for rates in made:
+        await rates.close()
+
+
+@pytest.mark.parametrize("where", ["together", "alone"])
+async def test_of_each_caller_so_many_requests_are_let_through(rates_of: RatesOf, where: str) -> None:
+    refusals = Refusals()
+    rates = rates_of(RateLimits(5, None), refusals.note, **({} if where == "together" else {"url": None}))
+    assert await num_let_through(rates, 8, f"key {where}") == 5
+    assert await num_let_through(rates, 3, f"key {where} too") == 3
+    assert refusals == ["request-rate"] * 3
+    with pytest.raises(RateError, match=r"at most 5 requests of one caller in a minute \(PANOLOC_MAX_REQUESTS") as told:
+        await rates.take(f"key {where}")
+    assert 1 <= told.value.retry_after_s <= 60
+
+
+async def test_front_doors_count_together(rates_of: RatesOf) -> None:
+    first, second = (rates_of(RateLimits(6, None)) for _ in range(2))
+    assert await num_let_through(first, 4, "key shared") == 4
+    assert await num_let_through(second, 4, "key shared") == 2
+
+
+async def test_who_has_sent_too_many_bytes_waits(rates_of: RatesOf) -> None:
+    rates = rates_of(RateLimits(None, 1000))
+    for num_bytes in (600, 600):  # the second goes beyond it, and is answered
+        await rates.take("key sender")
+        await rates.spend("key sender", num_bytes)
+    with pytest.raises(RateError, match=r"at most 1,000 bytes of one caller in an hour") as told:
+        await rates.take("key sender")
+    assert 1 <= told.value.retry_after_s <= 3600
+    await rates.take("key other")
+
+
+async def test_without_redis_each_process_counts_for_itself(
+    rates_of: RatesOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    rates = rates_of(RateLimits(2, None), url=f"unix://{tmp_path}/nobody.sock")
+    assert await num_let_through(rates, 4) == 2
+    assert caplog.text.count("by this process alone") == 1, "each request asked how Redis is"
+    monkeypatch.setattr(caller_rates, "_PAUSE_S", 0.0)
+    rates._alone_until_s = 0.0
+    assert await num_let_through(rates, 1, "key late") == 1
+    assert caplog.text.count("by this process alone") == 2
+
+
+async def test_who_asks_too_often_is_told_when_to_ask_again_and_others_are_answered(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    settings = {"api_keys": "the-first-key,the-second-key", "max_requests_per_minute": 3}
+    async with running_service(tmp_path, redis_server.url, **settings) as running:
+
+        async def status(key: str, path: str = "/maps") -> int:
+            return (await running.client.get(path, headers={"Authorization": f"Bearer {key}"})).status_code
+
+        assert [await status("the-first-key") for _ in range(5)] == [200, 200, 200, 429, 429]
+        assert await status("the-second-key") == 200
+        assert await status("the-first-key", "/health/live") == 200
+        refused = await running.client.get("/maps", headers={"X-API-Key": "the-first-key"})
+        assert refused.json()["type"] == "/problems/too-often"
+        assert 1 <= int(refused.headers["retry-after"]) <= 60
+        assert "PANOLOC_MAX_REQUESTS_PER_MINUTE" in refused.json()["detail"]
+        assert 'panoloc_refusals_total{limit="request-rate"} 3.0' in running.app.state.services.metrics.text().decode()
+
+
+async def test_a_scan_beyond_the_bytes_is_taken_and_the_next_request_refused_unread(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    async with running_service(tmp_path, redis_server.url, max_bytes_per_hour=100) as running:
+        assert (await running.upload()).status_code == 202
+        refused = await running.upload(SCAN * 100_000)
+        assert (refused.status_code, refused.json()["type"]) == (429, "/problems/too-often")
+        assert refused.headers["connection"] == "close"
+        assert (await running.client.get("/maps")).status_code == 429
+
+
+async def test_without_limits_nothing_is_counted(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+    rates = CallerRates("unix:///nowhere.sock", RateLimits(None, None), Refusals().note)
+    assert await num_let_through(rates, 100) == 100
+    async with running_service(tmp_path, redis_server.url) as running:
+        assert not running.app.state.services.rates.are_limited
