@@ -33,14 +33,19 @@ class CandidateStages:
         with self.clock.stage("judge"):
             return self._judged(merged(refined, judge.merged), judge.first_height)
 
-    def settle(self, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Refine those of the chosen that were not yet on what they see, and return these, judged, by score."""
+    def settle(self, chosen: Sequence[Hypothesis], apart_from: Hypothesis | None = None) -> list[Hypothesis]:
+        """Refine those of the chosen that were not yet on what they see, and return these, judged, by score.
+
+        apart_from: those that end at the place of this one are left out.
+        """
         judge = self.config.judge
         new = [h for h in chosen if all(h is not other for other in self._rough)]
         with self.clock.stage("refine"):
             refined = self.refined.on_poses(self.queries, new)
         with self.clock.stage("judge"):
             allowed = [h for h in self._judged(refined, judge.height) if self.queries[h.map_number].allows(h)]
+        if apart_from is not None:
+            allowed = [h for h in allowed if not h.is_near(apart_from, self.config.search.elsewhere)]
         self._rough += new
         self.settled = by_score([*self.settled, *allowed], judge.distinct)
         return allowed

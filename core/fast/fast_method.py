@@ -157,7 +157,10 @@ class _Run:
         close = with_close_rival(stages.settled, sizes.fine_candidates, sizes.fine_margin, place)
         if alike:
             fitting = [h for h in alike if h.score >= search.lookalike_least * judged[0].score]
-            rivals = stages.settle(within_margin(fitting, search.lookalikes_settled, sizes.middle_margin))
+            # One that comes back to where the best is was no other place; how near misses there do is not asked here.
+            rivals = stages.settle(
+                within_margin(fitting, search.lookalikes_settled, sizes.middle_margin), stages.settled[0]
+            )
             fitting = [h for h in rivals if h.score >= search.lookalike_least * stages.settled[0].score]
             close += [h for h in fitting if all(h is not other and not h.is_near(other, place) for other in close)][:1]
         return stages.finals(close, judged)

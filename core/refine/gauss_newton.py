@@ -18,6 +18,7 @@ from core.config import StepConfig
 from core.geometry.rotations import rotation_from_vector
 from core.light.light_fit import fit_planes, weighted_sums
 from core.panorama.image_level import ImageLevel
+from core.refine.patch_sums import PatchSums
 from core.refine.point_sampling import SampledPoints, sample_points
 from core.refine.rig_level import RigLevel
 
@@ -49,8 +50,7 @@ def initial_history(count: int, config: StepConfig, device: torch.device) -> Ste
 class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
-    photos: (K, N) and patches: (N,), as in `CandidatePoints`. members: (N, P), 1 where a point is of a patch: sums over patches are
-    products with it, on every device alike.
+    photos: (K, N), as in `CandidatePoints`. sums: over the patches, where there are any.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
@@ -59,14 +59,13 @@ class PointPlanes:
     colors: Tensor
     weights: Tensor
     photos: Tensor | None = None
-    patches: Tensor | None = None
-    members: Tensor | None = None
+    sums: PatchSums | None = None
 
     def take(self, chosen: Tensor) -> "PointPlanes":
         """Return the points of some of the candidates."""
         photos = None if self.photos is None else self.photos[chosen]
         positions, colors, weights = self.positions[chosen], self.colors[chosen], self.weights[chosen]
-        return PointPlanes(positions, colors, weights, photos, self.patches, self.members)
+        return PointPlanes(positions, colors, weights, photos, self.sums)
 
 
 @dataclass(frozen=True)

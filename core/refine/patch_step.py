@@ -96,11 +96,10 @@ class _Patches:
     """The points of K candidates by patch."""
 
     def __init__(self, points: PointPlanes, weights: Tensor) -> None:
-        assert points.patches is not None
-        assert points.members is not None
+        assert points.sums is not None
         self.weights = weights  # (K, N)
-        self._patches, self._members = points.patches, points.members
-        self.mass = (weights @ self._members).clamp_min(1e-6)  # (K, P)
+        self._sums = points.sums
+        self.mass = self._sums(weights).clamp_min(1e-6)  # (K, P)
 
     def covariances(self, shown: Tensor, scanned: Tensor, floor: float) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         """Return the covariance (K, P) of centred planes (K, 3, N) over all channels, and the variances of both plus `floor`."""
@@ -109,15 +108,15 @@ class _Patches:
 
     def spread(self, values: Tensor) -> Tensor:
         """Return values of patches (..., P) as those of their points (..., N)."""
-        return values[..., self._patches]
+        return self._sums.spread(values)
 
     def means(self, values: Tensor) -> Tensor:
         """Return the weighted means (K, P) of values (K, N)."""
-        return ((values * self.weights) @ self._members) / self.mass
+        return self._sums(values * self.weights) / self.mass
 
     def centered(self, planes: Tensor) -> Tensor:
         """Return planes (K, C, N) less their weighted means in each patch."""
-        means = ((planes * self.weights[:, None]) @ self._members) / self.mass[:, None]
+        means = self._sums(planes * self.weights[:, None]) / self.mass[:, None]
         return planes - self.spread(means)
 
     def normal_equations(
@@ -136,10 +135,10 @@ class _Patches:
         rows[:, count] = residual
         weighted = rows * weights[:, None, None]
         products = weighted.flatten(2) @ rows.flatten(2).transpose(1, 2)
-        by_offsets = weighted @ self._members  # (K, U + 1, 3, P)
-        by_gain = _over_channels(weighted, shown[:, None]) @ self._members  # (K, U + 1, P)
-        total = (weights @ self._members).clamp_min(1e-9)
-        power = ((_over_channels(shown, shown) * weights) @ self._members).clamp_min(1e-9)
+        by_offsets = self._sums(weighted)  # (K, U + 1, 3, P)
+        by_gain = self._sums(_over_channels(weighted, shown[:, None]))  # (K, U + 1, P)
+        total = self._sums(weights).clamp_min(1e-9)
+        power = self._sums(_over_channels(shown, shown) * weights).clamp_min(1e-9)
         undone = torch.cat(
             (by_offsets * total.rsqrt()[:, None, None], (by_gain * power.rsqrt()[:, None])[:, :, None]), 2
         )

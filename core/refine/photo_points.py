@@ -54,6 +54,14 @@ def patch_numbers(directions: Tensor, side_deg: float) -> Tensor:
     return numbers
 
 
+def _by_patch(look: LookDirections, side_deg: float | None) -> tuple[LookDirections, Tensor | None]:
+    """Return the directions patch after patch, and the number of each one's patch; as they are without a size of patches."""
+    if side_deg is None:
+        return look, None
+    patches, order = patch_numbers(look.directions, side_deg).sort(stable=True)
+    return LookDirections(look.directions[order], look.inside[order]), patches
+
+
 @dataclass(frozen=True)
 class StartViews:
     """What starts see: point (T, P) int64, −1 for none; colors and contrast (T, P, 3) of views, and of their halves."""
@@ -98,6 +106,7 @@ def points_seen_in_starts(
     rotations (K, 3, 3) and positions (K, 3): of the rig. coarse: colours of half the views' rows. contrast_share: of contrast in the
     colours, which are equalized over what the photos show; None: label codes, as they are. patch_deg: to be aligned by patches so large.
     """
+    look, patches = _by_patch(look, patch_deg)
     which, height = (0, views.height // 2) if coarse else (1, views.height)
     towards = torch.einsum("kab,nb->kna", rotations, look.directions)
     number = views.point[rows[:, None], _pixels(towards, views.height)]
@@ -107,7 +116,6 @@ def points_seen_in_starts(
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
         colors = torch.lerp(colors, views.contrast[which][rows[:, None], pixel], contrast_share)
     points = cloud.positions[number.clamp_min(0)]
-    patches = None if patch_deg is None else patch_numbers(look.directions, patch_deg)
     return CandidatePoints(points, colors, weights, photos_showing(atlas, points, rotations, positions), patches)
 
 
@@ -126,6 +134,7 @@ def points_seen_by_photos(
 
     pixel_weights: (K, S), further weights of the rendered pixels. patch_deg: to be aligned by patches so large; None: point by point.
     """
+    look, patches = _by_patch(look, patch_deg)
     window = comparison.views.window
     pixel, inside = window.pixels_towards(look.directions @ view.rig_from_view)
     number = comparison.views.point.flatten(1)[:, pixel]
@@ -144,7 +153,6 @@ def points_seen_by_photos(
         colors = torch.lerp(colors, contrast, contrast_share)
     colors = colors[:, pixel]
     points = cloud.positions[number.clamp_min(0)]
-    patches = None if patch_deg is None else patch_numbers(look.directions, patch_deg)
     return CandidatePoints(points, colors, weights, photos_showing(view.atlas, points, rotations, positions), patches)
 
 

@@ -17,6 +17,7 @@ from core.geometry.distinct_poses import first_distinct
 from core.panorama.image_level import ImageLevel
 from core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
 from core.refine.patch_step import PatchStep, patch_step
+from core.refine.patch_sums import PatchSums
 from core.refine.rig_level import RigLevel
 
 
@@ -25,7 +26,7 @@ class CandidatePoints:
     """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
 
     photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo. patches: (N,) int64,
-    which patch of the sphere each point lies in, where points are aligned patch by patch (see `core.refine.patch_step`).
+    which patch of the sphere each point lies in, where points are aligned patch by patch (see `core.refine.patch_step`); ascending.
     """
 
     positions: Tensor
@@ -42,8 +43,8 @@ class CandidatePoints:
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
-        members = None if self.patches is None else torch.nn.functional.one_hot(self.patches).to(self.weights.dtype)
-        return PointPlanes(positions, colors, self.weights, self.photos, self.patches, members)
+        sums = None if self.patches is None else PatchSums(self.patches)
+        return PointPlanes(positions, colors, self.weights, self.photos, sums)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
@@ -163,7 +164,7 @@ def _step(
     config: StepConfig,
     relaxed: bool,
 ) -> PoseStep | PatchStep:
-    if points.patches is None or not isinstance(level, RigLevel):
+    if points.sums is None or not isinstance(level, RigLevel):
         return gauss_newton_step(level, points, rotations, positions, weights, history, config, relaxed)
     return patch_step(level, points, rotations, positions, history, config, relaxed)
 

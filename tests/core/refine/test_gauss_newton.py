@@ -194,9 +194,9 @@ def test_the_last_step_of_a_refinement_is_not_lengthened_and_those_before_are() 
 
 def test_each_of_several_candidates_is_held_to_the_limits_alone() -> None:
     level, points = scene()
-    both = PointPlanes(
-        *(each.expand(2, *each.shape[1:]).contiguous() for each in (points.positions, points.colors, points.weights))
-    )
+    planes = (points.positions, points.colors, points.weights)
+    places, colors, weights = (each.expand(2, *each.shape[1:]).contiguous() for each in planes)
+    both = PointPlanes(places, colors, weights)
     turns = torch.tensor([[0.002, 0.0, -0.001], [0.1, -0.2, 0.1]])
     moves = torch.tensor([[0.001, -0.002, 0.001], [0.3, 0.2, -0.2]])
     rotations, positions = ROTATION @ rotation_from_vector(turns), POSITION + moves

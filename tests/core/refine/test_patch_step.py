@@ -38,10 +38,12 @@ def scene() -> tuple[RigLevel, CandidatePoints]:
     windows = atlas.windows(128)
     level = RigLevel(windows.level(equalized_windows(windows)), atlas.rotations, atlas.centers)
     look = look_directions(atlas, 2000, 0.0).directions
+    patches, order = patch_numbers(look, 15.0).sort(stable=True)
+    look = look[order]
     place = torch.tensor(box.points_along(POSE.position, look.double().numpy() @ POSE.rotation.T), dtype=torch.float32)
     seen, inside = level.sample_points(place.T[None], None, ROTATION, POSITION)
     colors = seen.color.transpose(1, 2).clone()
-    return level, CandidatePoints(place[None], colors, inside.float(), None, patch_numbers(look, 15.0))
+    return level, CandidatePoints(place[None], colors, inside.float(), None, patches)
 
 
 def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) -> tuple[Tensor, Tensor]:
