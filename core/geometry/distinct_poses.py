@@ -1,12 +1,18 @@
 """Which of many poses are different ones."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from core.config import PoseDistance
+
+Flags = NDArray[np.bool_]
+
+_FEW = 256
 
 
 def first_distinct(
@@ -20,16 +26,40 @@ def first_distinct(
 
     rotations: (K, 3, 3); positions: (K, 3) metres. Only poses of the same group (K,) are near each other, where there are groups.
     """
-    # All pairs at once: one by one they cost more than the rendering they save.
-    alike = torch.cdist(positions, positions) < near.distance_m
-    alike &= rotations.flatten(1) @ rotations.flatten(1).T > 1 + 2 * math.cos(math.radians(near.angle_deg))
-    if groups is not None:
-        alike &= groups[:, None] == groups
-    rows = alike.cpu().numpy()
-    taken = np.zeros(len(rows), dtype=bool)
+    near_row = (
+        _rows_of_pairs(rotations, positions, near) if len(rotations) <= _FEW else _rows(rotations, positions, near)
+    )
+    of = None if groups is None else groups.cpu().numpy()
+    taken = np.zeros(len(rotations), dtype=bool)
     kept: list[int] = []
     while not taken.all() and len(kept) != count:
-        kept.append(int(taken.argmin()))
-        taken |= rows[kept[-1]]
-        taken[: kept[-1] + 1] = True
+        first = int(taken.argmin())
+        alike = near_row(first)
+        taken |= alike if of is None else alike & (of == of[first])
+        taken[: first + 1] = True
+        kept.append(first)
     return kept
+
+
+def _rows_of_pairs(rotations: Tensor, positions: Tensor, near: PoseDistance) -> Callable[[int], Flags]:
+    """Return what tells which poses are near one of them, all pairs being worked out at once: of few poses that costs less."""
+    alike = torch.cdist(positions, positions) < near.distance_m
+    alike &= rotations.flatten(1) @ rotations.flatten(1).T > _least_trace(near)
+    rows: Flags = alike.cpu().numpy()
+    return lambda first: rows[first]
+
+
+def _rows(rotations: Tensor, positions: Tensor, near: PoseDistance) -> Callable[[int], Flags]:
+    """Return the same for many poses of which few are asked for."""
+    turns, places, least = rotations.flatten(1).cpu().numpy(), positions.cpu().numpy(), _least_trace(near)
+
+    def row(first: int) -> Flags:
+        alike: Flags = turns @ turns[first] > least
+        alike &= np.square(places - places[first]).sum(1) < near.distance_m**2
+        return alike
+
+    return row
+
+
+def _least_trace(near: PoseDistance) -> float:
+    return 1 + 2 * math.cos(math.radians(near.angle_deg))
