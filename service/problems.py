@@ -63,9 +63,11 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.SlowBodyError: Problem(
         "slow-body", "The request comes too slowly", 408, "Send it again over a better connection."
     ),
-    service.KeyMissingError: Problem("key-missing", "An API key is needed", 401, "Send `Authorization: Bearer KEY`."),
+    service.KeyMissingError: Problem(
+        "key-missing", "An API key or a token is needed", 401, "Send `Authorization: Bearer KEY`."
+    ),
     service.ScopeMissingError: Problem(
-        "scope-missing", "The API key may not do this", 403, "Use a key with the scope named."
+        "scope-missing", "The API key or token may not do this", 403, "Use one with the scope named."
     ),
     service.ForeignPageError: Problem(
         "foreign-page", "The request comes by way of somebody else's page", 403, "Use an address or an allowed name."

@@ -107,10 +107,10 @@ class Settings(TokenSettings):
     max_requests_per_minute: int | None = Field(
         None,
         ge=1,
-        description="Requests of one caller in a minute, through all front doors together; beyond that 429. Health is not counted.",
+        description="Requests of one caller in a minute, through all front doors; then 429. Health and the console's files are free.",
     )
     max_bytes_per_hour: int | None = Field(
-        None, ge=1, description="Bytes that one caller may send in an hour; the next request after them gets 429."
+        None, ge=1, description="Bytes that one caller may send in an hour; the next upload after them gets 429."
     )
     max_uploads: int = Field(16, ge=1, description="Uploads of scans and batches at the same time; beyond that 503.")
     max_uploads_per_caller: int = Field(8, ge=1, description="Of these, uploads of one caller.")

@@ -14,6 +14,7 @@ from core.exports.robots import ros, tum
 from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from core.exports.viewers import gltf, navvis, pannellum, photo_sphere_viewer, potree
 from core.options import FORMATS_ON_EARTH, ExportFormat
+from core.shown_name import shown_name
 
 North = Literal["map", "grid", "true"]
 UNPLACED = "unplaced.txt"
@@ -67,7 +68,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
         )
     held = _held(exporter, tour)
     yield from exporter.write(held)
-    lines = "".join(f"{each.name}\t{each.reason}\n" for each in held.left_out)
+    lines = "".join(f"{shown_name(each.name)}\t{each.reason}\n" for each in held.left_out)
     yield ExportedFile(UNPLACED, lines.encode(errors="surrogateescape"))
     yield ExportedFile("export.json", (json.dumps(_summary(format_name, held), indent=1) + "\n").encode())
 

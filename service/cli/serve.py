@@ -112,6 +112,10 @@ def unknown_settings(environment: Mapping[str, str]) -> list[str]:
 
 
 def _explain(location: tuple[int | str, ...], message: str, given: object) -> str:
+    if (
+        not location
+    ):  # several settings that do not go together: what was given are all of them, keys and passwords among them
+        return f"Settings: {message.removeprefix('Value error, ')}"
     variable = "PANOLOC_" + ".".join(map(str, location)).removeprefix("panoloc_").upper()
     # Keys must not end up in the log of whatever started the service.
     shown = "" if "KEY" in variable else f", got {given!r}"

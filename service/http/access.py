@@ -47,7 +47,7 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
         if key is None:
             raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
         await _refuse_unknown(request, key)
-        raise ScopeMissingError(f"expected a key with the scope {scope!r}, got one without it; use another key")
+        raise ScopeMissingError(_scope_missing(request, scope))
 
     return check
 
@@ -120,6 +120,13 @@ async def _refuse_unknown(request: Request, key: str) -> None:
         if not error.is_genuine:
             await services_of(request).wrong_keys.wait(request.client.host if request.client else "")
         raise KeyMissingError(str(error)) from error
+
+
+def _scope_missing(request: Request, scope: Scope) -> str:
+    tokens = services_of(request).settings.keys.tokens
+    if tokens is not None and caller_of(request).id.startswith("token "):
+        return f"expected a token with 'panoloc:{scope}' in its claim {tokens.rules.scopes_claim!r}, got one without it"
+    return f"expected a key with the scope {scope!r}, got one without it; use another key"
 
 
 def _presented(request: Request) -> str | None:

@@ -33,6 +33,7 @@ _ALGORITHMS: Mapping[str, tuple[str, ...]] = {
 }
 
 
+SIGNING_ALGORITHMS = tuple(each for group in _ALGORITHMS.values() for each in group)
 _PUBLIC = ("kty", "crv", "n", "e", "x", "y")
 
 

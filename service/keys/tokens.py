@@ -8,13 +8,14 @@ from typing import Any, get_args
 import jwt
 
 from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.signing_keys import SigningKeys
+from service.keys.signing_keys import SIGNING_ALGORITHMS, SigningKeys
 
 # Of clocks that do not agree.
 _LEEWAY_S = 30.0
 # Other scopes of the same token are for other services: `read` alone may mean anything.
 _SCOPE = re.compile(rf"panoloc[:.]({'|'.join(get_args(Scope))})")
 _MOST_CHARACTERS = 255
+_CLAIMS = ["exp", "iss", "aud", "sub"]
 
 
 class TokenRefusedError(ValueError):
@@ -40,14 +41,14 @@ class Tokens:
     """Used from one event loop."""
 
     def __init__(self, rules: TokenRules, keys: SigningKeys) -> None:
-        self._rules = rules
+        self.rules = rules
         self.keys = keys
 
     def caller_of(self, token: str) -> Caller:
         """Return who brings a token. Raises TokenRefusedError, which says what to correct."""
         claims = self._verified(token)
-        subject, tenant = _text(claims, "sub"), _text(claims, self._rules.tenant_claim)
-        scopes = _scopes(_claim(claims, self._rules.scopes_claim))
+        subject, tenant = _text(claims, "sub"), _text(claims, self.rules.tenant_claim)
+        scopes = _scopes(_claim(claims, self.rules.scopes_claim))
         if "admin" in scopes:
             return Caller(f"token {subject}", ALL_SCOPES)
         return Caller(f"token {subject}", scopes, tenant)
@@ -58,10 +59,15 @@ class Tokens:
         except jwt.PyJWTError as error:
             raise TokenRefusedError("expected a known API key or a token, got neither") from error
         key_id, algorithm = header.get("kid"), str(header.get("alg"))
+        if algorithm not in SIGNING_ALGORITHMS:
+            raise TokenRefusedError(
+                f"expected a token signed by {', '.join(SIGNING_ALGORITHMS)}, got one with the algorithm {algorithm[:20]!r}"
+            )
         candidates = self.keys.that_may_have_signed(key_id, algorithm)
         if not candidates:
             raise TokenRefusedError(
-                f"expected a token that is signed with a key of {self._rules.issuer}, got one of an unknown key",
+                f"expected a token that is signed with a key of {self.rules.issuer}, got one of an unknown key, or one that "
+                f"does not sign with {algorithm}",
                 may_be_new=True,
             )
         for candidate in candidates:
@@ -70,7 +76,7 @@ class Tokens:
             except jwt.InvalidSignatureError:
                 continue
         raise TokenRefusedError(
-            f"expected a token that {self._rules.issuer} has signed, got one whose signature is wrong"
+            f"expected a token that {self.rules.issuer} has signed, got one whose signature is wrong"
         )
 
     def _decoded(self, token: str, key: jwt.PyJWK, algorithm: str) -> dict[str, Any]:
@@ -79,10 +85,10 @@ class Tokens:
                 token,
                 key.key,
                 algorithms=[algorithm],  # one of this key's own, see SigningKeys
-                issuer=self._rules.issuer,
-                audience=self._rules.audience,
+                issuer=self.rules.issuer,
+                audience=self.rules.audience,
                 leeway=_LEEWAY_S,
-                options={"require": ["exp", "iss", "aud", "sub"]},
+                options={"require": _CLAIMS},
             )
         except jwt.InvalidSignatureError:
             raise
@@ -90,13 +96,17 @@ class Tokens:
             raise TokenRefusedError("expected a token that is still valid, got one that has expired; ask for a new one",
                                     is_genuine=True) from error  # fmt: skip
         except jwt.InvalidAudienceError as error:
-            raise TokenRefusedError(f"expected a token for the audience {self._rules.audience!r}, got one for others",
+            raise TokenRefusedError(f"expected a token for the audience {self.rules.audience!r}, got one for others",
                                     is_genuine=True) from error  # fmt: skip
         except jwt.InvalidIssuerError as error:
-            raise TokenRefusedError(f"expected a token of the issuer {self._rules.issuer!r}, got one of another",
+            raise TokenRefusedError(f"expected a token of the issuer {self.rules.issuer!r}, got one of another",
                                     is_genuine=True) from error  # fmt: skip
-        except jwt.PyJWTError as error:
+        except jwt.ImmatureSignatureError as error:
             raise TokenRefusedError(f"expected a token that is valid now, but {error}", is_genuine=True) from error
+        except jwt.PyJWTError as error:
+            raise TokenRefusedError(
+                f"expected a token with the claims {_CLAIMS}, but {error}", is_genuine=True
+            ) from error
 
 
 def _claim(claims: Mapping[str, Any], name: str) -> Any:
@@ -113,7 +123,8 @@ def _text(claims: Mapping[str, Any], name: str) -> str:
     value = _claim(claims, name)
     if not isinstance(value, str) or not value.isprintable() or not 0 < len(value) <= _MOST_CHARACTERS or value == "*":
         raise TokenRefusedError(
-            f"expected a token whose claim {name!r} is a name of at most {_MOST_CHARACTERS} characters, got {type(value).__name__}",
+            f"expected a token whose claim {name!r} is a name of 1 to {_MOST_CHARACTERS} printable characters other than '*', got "
+            f"{ascii(value)[:40]}",
             is_genuine=True,
         )
     return value

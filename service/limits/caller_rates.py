@@ -55,23 +55,22 @@ class CallerRates:
         """Tell whether there is any limit."""
         return self.limits != RateLimits(None, None)
 
-    async def take(self, caller: str) -> None:
-        """Count a request. Raises RateError where there were too many of them, or too many bytes came with them."""
-        refused = await self._counted(lambda counts: counts.refusal(caller))
+    async def take(self, caller: str, brings_bytes: bool) -> None:
+        """Count a request. Raises RateError where there were too many of them, or one that brings bytes comes after too many."""
+        refused = await self._counted(lambda counts: counts.refusal(caller, brings_bytes))
         if refused is None:
             return
         limit, wait_s = refused
         retry_after_s = max(1, math.ceil(wait_s))
         self._note_refusal(limit)
-        most, of = (
-            (f"{self.limits.bytes_per_hour:,} bytes", "an hour (PANOLOC_MAX_BYTES_PER_HOUR)")
+        told = (
+            f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour (PANOLOC_MAX_BYTES_PER_HOUR), got more; send "
+            f"smaller images or fewer, and the next upload in {retry_after_s} s; what brings no bytes is answered"
             if limit == "byte-rate"
-            else (f"{self.limits.requests_per_minute:,} requests", "a minute (PANOLOC_MAX_REQUESTS_PER_MINUTE)")
+            else f"expected at most {self.limits.requests_per_minute:,} requests of one caller in a minute "
+            f"(PANOLOC_MAX_REQUESTS_PER_MINUTE), got more; ask less often, the next time in {retry_after_s} s"
         )
-        raise RateError(
-            f"expected at most {most} of one caller in {of}, got more; ask less often, the next time in {retry_after_s} s",
-            retry_after_s,
-        )
+        raise RateError(told, retry_after_s)
 
     async def spend(self, caller: str, num_bytes: int) -> None:
         """Count the bytes that a request brought."""
@@ -102,9 +101,9 @@ class _Counts:
         # more than the limit, which only whole windows can count.
         self._of_requests, self._of_bytes = SlidingWindowCounterRateLimiter(storage), FixedWindowRateLimiter(storage)
 
-    async def refusal(self, caller: str) -> tuple[Refusal, float] | None:
+    async def refusal(self, caller: str, brings_bytes: bool) -> tuple[Refusal, float] | None:
         """Count a request, or return which limit is against it, and for how many seconds."""
-        if self._bytes is not None:
+        if self._bytes is not None and brings_bytes:
             bytes_item = RateLimitItemPerHour(self._bytes)
             if not await self._of_bytes.test(bytes_item, caller):
                 return "byte-rate", (await self._of_bytes.get_window_stats(bytes_item, caller)).reset_time - time.time()

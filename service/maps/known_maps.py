@@ -86,9 +86,9 @@ class KnownMaps:
         more = len(found) > limit
         return found[:limit], encode_cursor(*_order(found[limit - 1])) if more else None
 
-    def num_by_status(self) -> Counter[str]:
-        """Count the maps by what became of their newest revision."""
-        return Counter(record.newest.status for record in self._records.values())
+    def num_by_status(self, tenant: str | None = None) -> Counter[str]:
+        """Count the maps that a tenant sees, None for all, by what became of their newest revision."""
+        return Counter(record.newest.status for record in self._records.values() if record.is_seen_by(tenant))
 
     def holds(self, ref: MapRef) -> bool:
         """Tell whether the record of a map names this revision, so that its files are kept."""

@@ -8,6 +8,7 @@ FOR_COMMANDS = frozenset(
         "core.distinct_names",
         "core.errors",
         "core.options",
+        "core.shown_name",
         "core.panorama",
         "core.panorama.image_header",
         "core.zip_opening",

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from core.options import CAMERAS_FILE
+from core.shown_name import shown_name
 from service.batches.record import Result
 from service.batches.tour import TourDocument, maps_of
 from service.cli.placing.photo_files import PhotoFiles, photo_files
@@ -186,7 +187,7 @@ class PlaceFolder:
             map_id = ((result or {}).get("answer") or {}).get("map_id") or ""
             reason = TourDocument(map_id, include_ambiguous=False).why_not(result)
             if reason is not None:
-                lines.append(f"{name}\t{' '.join(reason.split())}\n")
+                lines.append(f"{shown_name(name)}\t{' '.join(reason.split())}\n")
         target = self.folder / "unplaced.txt"
         # A name that is no UTF-8 stands there as it is.
         _replace(target, os.fsencode("".join(lines)))

@@ -1,5 +1,7 @@
 """Counts what each caller asks for, and refuses more than he may, before anything is read of it."""
 
+import re
+
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -8,8 +10,9 @@ from service.http.access import caller_of
 from service.http.guards.refusals import RefusalPace, refuse_by_head
 from service.limits.caller_rates import CallerRates
 
-# Probes ask without a key, all of them from a few addresses.
-_UNCOUNTED = "/health"
+# Probes ask without a key, all of them from a few addresses; and so do browsers for the page that asks for a key.
+_UNCOUNTED = re.compile(r"/(health(/.*)?|console/.*|favicon\.ico)?")
+_WITHOUT_BODY = ("GET", "HEAD", "OPTIONS", "DELETE")
 
 
 class CountedCallers:
@@ -22,12 +25,12 @@ class CountedCallers:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
-        if scope["type"] != "http" or scope["path"].startswith(_UNCOUNTED) or not self._rates.are_limited:
+        if scope["type"] != "http" or _UNCOUNTED.fullmatch(scope["path"]) or not self._rates.are_limited:
             await self._app(scope, receive, send)
             return
         caller, num_bytes = caller_of(Request(scope)).id, 0
         try:
-            await self._rates.take(caller)
+            await self._rates.take(caller, scope["method"] not in _WITHOUT_BODY)
         except RateError as error:
             await refuse_by_head(error, scope, receive, send, self._pace)
             return

@@ -48,7 +48,7 @@ async def ready(request: Request) -> Response:
 
     With keys set, a caller without one learns no more than that.
     """
-    details = await _details(services_of(request))
+    details = await _details(services_of(request), caller_of(request).tenant)
     is_ready = details["status"] == "ready"
     if not await sees_details(request):
         details = {"status": details["status"]}
@@ -66,13 +66,14 @@ async def ready(request: Request) -> Response:
 )
 async def health(request: Request) -> Response:
     """Return the same details as readiness, always with 200, and the last requests that ended in a problem."""
-    details = await _details(services_of(request))
+    details = await _details(services_of(request), caller_of(request).tenant)
     # Problems name maps and batches: who does not see those of all tenants does not see their problems either.
     errors = request.app.state.recent_errors.newest() if caller_of(request).tenant is None else []
     return JSONResponse({**details, "recent_errors": errors})
 
 
-async def _details(services: Services) -> dict[str, object]:
+async def _details(services: Services, tenant: str | None = None) -> dict[str, object]:
+    """Return what is told of health. tenant: whose maps are counted, None for all."""
     pool = services.pool.state()
     redis_is_up = await _redis_is_up(services)
     waiting_for = [] if services.started else ["the end of the start-up"]
@@ -94,7 +95,7 @@ async def _details(services: Services) -> dict[str, object]:
             "queue_depth": pool.queue_depth,
             "resident_bytes": pool.resident_bytes,
         },
-        "maps": dict(services.registry.num_by_status()),
+        "maps": dict(services.registry.num_by_status(tenant)),
     }
 
 

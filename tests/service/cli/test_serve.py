@@ -67,6 +67,17 @@ def test_a_wrong_key_is_never_printed(
     assert "secret-key-1" not in done.err + done.out
 
 
+def test_settings_that_do_not_go_together_are_explained_without_the_values_of_others(
+    panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PANOLOC_API_KEYS", "secret-key-1")
+    monkeypatch.setenv("PANOLOC_OIDC_ISSUER", "https://login.example.org")
+    done = panoloc("serve")
+    assert done.code == 2
+    assert "Settings: expected PANOLOC_OIDC_AUDIENCE and PANOLOC_OIDC_KEYS as well" in " ".join(done.err.split())
+    assert "secret-key-1" not in done.err + done.out
+
+
 def test_a_wrong_key_is_explained_without_the_jargon_of_the_validator(
     panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch
 ) -> None:

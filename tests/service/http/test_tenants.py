@@ -59,6 +59,13 @@ async def house(tmp_path: Path, redis_server: EmbeddedRedis) -> AsyncIterator[Ho
         yield House(running, keys)
 
 
+async def test_health_counts_the_maps_that_a_key_sees(house: House) -> None:
+    await house.ready_map("museum")
+    seen = {who: (await house.ask(who, "GET", "/health")).json()["maps"] for who in ("museum", "school", "admin")}
+    assert seen == {"museum": {"ready": 1}, "school": {}, "admin": {"ready": 1}}
+    assert (await house.ask("school", "GET", "/health/ready")).json()["maps"] == {}
+
+
 async def test_a_map_is_not_there_for_keys_of_other_tenants(house: House) -> None:
     map_id = await house.ready_map("museum")
     assert [(await house.ask(who, "GET", f"/maps/{map_id}")).status_code for who in ("museum", "school", "admin")] == [

@@ -61,6 +61,7 @@ async def test_a_token_may_do_what_its_scopes_say(running: RunningService) -> No
     assert (await ask(running, visitor, "POST", "/localize", **query)).status_code == 200
     refused = await ask(running, visitor, "DELETE", f"/maps/{map_id}")
     assert (refused.status_code, refused.json()["type"]) == (403, "/problems/scope-missing")
+    assert "'panoloc:write' in its claim 'scope'" in refused.json()["detail"]
 
 
 @pytest.mark.parametrize(

@@ -104,8 +104,8 @@ BAD: dict[str, tuple[Callable[[], str], str, bool]] = {
     "of a stranger": (of_a_stranger, "signature", False),
     "of an unknown key": (lambda: ISSUED.token(headers={"kid": "next"}), "unknown key", False),
     "of another algorithm than its key": (lambda: ISSUED.token("ec", headers={"kid": "rsa"}), "unknown key", False),
-    "unsigned": (lambda: jwt.encode({"sub": "a"}, "", "none", headers={"kid": "rsa"}), "unknown key", False),
-    "signed with what is public": (signed_with_what_is_public, "unknown key", False),
+    "unsigned": (lambda: jwt.encode({"sub": "a"}, "", "none", headers={"kid": "rsa"}), "algorithm 'none'", False),
+    "signed with what is public": (signed_with_what_is_public, "algorithm 'HS256'", False),
     "no token": (lambda: "a.b.c", "neither", False),
 }
 
