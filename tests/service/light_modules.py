@@ -8,9 +8,9 @@ FOR_COMMANDS = frozenset(
         "core.distinct_names",
         "core.errors",
         "core.options",
-        "core.shown_name",
         "core.panorama",
         "core.panorama.image_header",
+        "core.shown_name",
         "core.zip_opening",
     }
 )
