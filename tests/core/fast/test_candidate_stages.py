@@ -65,6 +65,18 @@ def test_what_was_settled_or_refined_fully_is_not_again() -> None:
     assert [h.score for h in stages.settled] == [1.0, 0.8]
 
 
+def test_what_comes_back_to_a_place_that_it_was_sought_apart_from_is_no_rival() -> None:
+    stages, refinement = stages_of(rivals=1)
+    best, back, other = placed(0.0, 1.0), placed(0.6, 0.9), placed(2.0, 0.5)
+    stages.settle([best])
+    assert stages.settle([back, other], best) == [other]
+    assert stages.settled == [best, other]
+    assert stages.settle([back, other]) == []  # it is not looked at again either
+    assert refinement.settled == [best, back, other]
+    found, _ = stages.finals(stages.settled[:1], stages.settled)
+    assert [h.score for h in found] == [0.5, 0.25]
+
+
 @pytest.mark.parametrize("rivals", [1, 2])
 def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_they(rivals: int) -> None:
     stages, _ = stages_of(rivals)
