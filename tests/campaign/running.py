@@ -58,14 +58,15 @@ def soak(seconds: float) -> Outcome:
     """Ask without a pause; compare memory, descriptors, files and keys of Redis at the end with those after a sixth of the time."""
     outcome, began = Outcome("soak with 2 clients"), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        # Answers are kept for a while: as many go as come by then.
-        service, map_id = ready_service(Path(folder), result_ttl_s=str(max(1, int(seconds / 6))))
+        # Answers are kept for a while: as many go as come by then, at the rate of each time.
+        kept_s = max(1, int(seconds / 6))
+        service, map_id = ready_service(Path(folder), result_ttl_s=str(kept_s))
         try:
             clients = Clients(str(service.http.base_url), map_id, 2)
             time.sleep(seconds / 6)
-            first = _held(service, Path(folder))
+            first = _held(service, Path(folder), clients.num_answered_since(time.monotonic() - kept_s))
             time.sleep(seconds * 5 / 6)
-            last = _held(service, Path(folder))
+            last = _held(service, Path(folder), clients.num_answered_since(time.monotonic() - kept_s))
             answers = clients.stop()
         finally:
             service.stop()
@@ -118,7 +119,8 @@ def tell(outcome: Outcome, answers: Answers, allowed: tuple[int, ...] = ()) -> N
         outcome.faults.append(f"{answers.wrong} wrong poses")
 
 
-def _held(service: RunningService, folder: Path) -> dict[str, int]:
+def _held(service: RunningService, folder: Path, num_kept: int) -> dict[str, int]:
+    """Count what a service holds. num_kept: answers that have not expired."""
     pids = service.family()
     return {
         "MB": sum(family_bytes(service.process.pid).values()) // 10**6,
@@ -127,7 +129,7 @@ def _held(service: RunningService, folder: Path) -> dict[str, int]:
         ),
         "files": sum(len(names) for _, _, names in os.walk(folder)),  # what goes while they are counted does not matter
         "processes": len(pids),
-        "Redis keys": _num_keys(folder / "data" / "run" / "redis.sock"),
+        "Redis keys of 100 answers": round(100 * _num_keys(folder / "data" / "run" / "redis.sock") / max(1, num_kept)),
     }
 
 
