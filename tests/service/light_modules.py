@@ -14,7 +14,7 @@ FOR_COMMANDS = frozenset(
         "core.zip_opening",
     }
 )
-FOR_THE_APPLICATION = FOR_COMMANDS | {
+FOR_THE_APPLICATION = FOR_COMMANDS - {"core.shown_name"} | {
     "core.geodesy",
     "core.geopose",
     "core.georeference",
