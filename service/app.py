@@ -7,6 +7,7 @@ from fastapi import FastAPI
 
 from service.cache import Cache
 from service.host.service_version import service_version
+from service.host_names import host_names
 from service.http.error_handlers import install_error_handlers
 from service.http.guards.caller_rates import CountedCallers
 from service.http.guards.foreign_pages import ForeignPages
@@ -67,7 +68,9 @@ def create_app(
     app.add_middleware(FullQueue, services=services, routes=QUERY_ROUTES)
     app.add_middleware(CountedCallers, rates=services.rates)
     app.add_middleware(LingeringClose)
-    app.add_middleware(ForeignPages, allowed=settings.allowed_host_names, is_needed=lambda: not settings.keys.required)
+    app.add_middleware(
+        ForeignPages, allowed=host_names(settings.allowed_hosts), is_needed=lambda: not settings.keys.required
+    )
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)
     install_error_handlers(app)
     for router in ROUTERS:

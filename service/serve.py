@@ -15,10 +15,10 @@ from service.host.logging import configure_logging
 from service.host.process_resources import can_filter_system_calls
 from service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
 from service.host.secret_variables import remove_variables
+from service.host_names import is_loopback
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
-from service.loopback import is_loopback
 from service.ray.cluster import RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.pool import RayPool

@@ -9,6 +9,7 @@ from pydantic import AliasChoices, Field, field_validator, model_validator
 from pydantic_settings import SettingsConfigDict
 
 from core.options import MAX_PIXELS, Method, ScanOptions
+from service.host_names import host_names
 from service.jobs import PAPER_TIMEOUT_S
 from service.keys.key_ring import KeyRing
 from service.keys.setting import callers_of_setting
@@ -177,12 +178,15 @@ class Settings(TokenSettings):
         callers_of_setting(value)
         return value
 
+    @field_validator("allowed_hosts")
+    @classmethod
+    def _hosts_are_names(cls, value: str) -> str:
+        return ",".join(host_names(value))
+
     @model_validator(mode="after")
     def _sharing_is_possible(self) -> Self:
         if self.shared and self.redis_url is None:
-            raise ValueError(
-                "expected PANOLOC_REDIS_URL with PANOLOC_SHARED, got none: all front doors need the same Redis"
-            )
+            raise ValueError("expected PANOLOC_REDIS_URL with PANOLOC_SHARED: all front doors need the same Redis")
         return self
 
     @cached_property
@@ -195,11 +199,6 @@ class Settings(TokenSettings):
         is_long = method == "paper" or is_searching_field_of_view
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if is_long else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
-
-    @property
-    def allowed_host_names(self) -> list[str]:
-        """Return the names of `allowed_hosts`."""
-        return [name.strip() for name in self.allowed_hosts.split(",") if name.strip()]
 
     @property
     def connection_limits(self) -> ConnectionLimits:

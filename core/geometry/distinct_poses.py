@@ -12,7 +12,7 @@ from core.config import PoseDistance
 
 Flags = NDArray[np.bool_]
 
-_FEW = 256
+_FEW = 256  # poses; of more, all pairs would be millions, of which hardly any is asked for
 
 
 def first_distinct(

@@ -117,6 +117,7 @@ def _explain(location: tuple[int | str, ...], message: str, given: object) -> st
     ):  # several settings that do not go together: what was given are all of them, keys and passwords among them
         return f"Settings: {message.removeprefix('Value error, ')}"
     variable = "PANOLOC_" + ".".join(map(str, location)).removeprefix("panoloc_").upper()
-    # Keys must not end up in the log of whatever started the service.
-    shown = "" if "KEY" in variable else f", got {given!r}"
+    # Keys must not end up in the log of whatever started the service, nor passwords in a URL.
+    is_secret = "KEY" in variable or "@" in str(given)
+    shown = "" if is_secret or ", got " in message else f", got {given!r}"
     return f"Setting {variable}: {message.removeprefix('Value error, ')}{shown}"

@@ -18,6 +18,10 @@ class DataFolderInUseError(RuntimeError):
     """Another service runs on the same data folder."""
 
 
+class DataFolderUnusableError(OSError):
+    """Nothing can be written to the data folder."""
+
+
 class RunFolder:
     """`<data_dir>/run`, or a short stand-in under /tmp when that path is too long for sockets, or others use the data as well.
 
@@ -26,12 +30,18 @@ class RunFolder:
     """
 
     def __init__(self, data_dir: Path, is_shared: bool = False) -> None:
-        """Raise DataFolderInUseError when another service holds the folder, OSError when it cannot be written.
+        """Raise DataFolderInUseError when another service holds the folder, DataFolderUnusableError when it cannot be made, OSError when
+        it cannot be written.
 
         is_shared: other services that say so too may use the data.
         """
         data_dir = data_dir.resolve()
-        (data_dir / "run").mkdir(parents=True, exist_ok=True)
+        try:
+            (data_dir / "run").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DataFolderUnusableError(
+                f"expected a data folder that can be made and written, got {data_dir} ({error.strerror}); correct PANOLOC_DATA_DIR"
+            ) from error
         self._own = data_dir / "run"
         # What Ray makes in it is open to everybody; its sockets run code.
         self._own.chmod(0o700)

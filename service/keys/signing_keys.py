@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import httpx
 import jwt
 
-from service.loopback import is_loopback
+from service.host_names import is_loopback
 
 _log = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Refusal = Literal[
-    "connections", "connections-of-address", "header-bytes", "slow-header", "slow-body", "slow-reader", "bytes-in-flight",
+    "connections", "connections-of-address", "header-bytes", "no-http", "slow-header", "slow-body", "slow-reader", "bytes-in-flight",
     "uploads", "queue", "deadline", "registration", "request-rate", "byte-rate",
 ]  # fmt: skip
 

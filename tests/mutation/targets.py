@@ -16,6 +16,7 @@ _POOL = (
     "tests/service/ray/test_joined_pool.py",
     "tests/service/ray/test_ray_pool_loss.py",
 )
+_TOKENS = ("tests/service/keys/test_tokens.py", "tests/service/http/test_token_callers.py")
 _STEP = ("tests/core/refine/test_gauss_newton.py", "tests/reference/test_loss_twin.py")
 _INDEX = ("tests/core/index/test_map_codec.py", "tests/core/index/test_map_index.py")
 
@@ -24,10 +25,15 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "service/storage/folder.py": ("tests/service/storage/test_folder.py", "tests/service/storage/test_contract.py"),
     "service/cache.py": ("tests/service/test_cache.py",),
     "service/maps/registry.py": _STORED_MAPS,
+    "service/keys/tokens.py": _TOKENS,
+    "service/keys/signing_keys.py": _TOKENS,
+    "service/keys/token_settings.py": ("tests/service/keys/test_token_settings.py",),
+    "service/limits/caller_rates.py": ("tests/service/http/test_caller_rates.py",),
     "service/ray/queue/admission.py": ("tests/service/ray/queue/test_admission.py",),
     "service/ray/queue/turns.py": ("tests/service/ray/queue/test_turns.py",),
     "service/ray/map_builds.py": ("tests/service/ray/test_map_builds.py", "tests/service/ray/test_pool.py"),
     "service/ray/pool.py": _POOL,
+    "core/geometry/distinct_poses.py": ("tests/core/test_distinct_poses.py",),
     "core/fast/candidate_stages.py": ("tests/core/fast/test_candidate_stages.py",),
     "core/search/lookalikes.py": ("tests/core/search/test_lookalikes.py",),
     "core/search/closer_look.py": ("tests/core/search/test_closer_look.py",),
@@ -44,6 +50,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/core/refine/test_points_seen_from_poses.py",
         "tests/core/refine/test_candidate_points.py",
     ),
+    "core/refine/patch_sums.py": ("tests/core/refine/test_patch_sums.py",),
     "core/refine/*.py": ("tests/core/refine",),
     "core/judge/agreement.py": ("tests/reference/test_judge_twin.py", "tests/core/judge/test_agreement.py"),
     "core/judge/change_maps.py": ("tests/core/judge/test_change_maps.py",),

@@ -16,7 +16,12 @@ from service.limits.connection_limits import ConnectionCount, Refusal
 from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with
 
 _RETRY_AFTER_S = 5
-_REASONS = {408: "Request Timeout", 431: "Request Header Fields Too Large", 503: "Service Unavailable"}
+_REASONS = {
+    400: "Bad Request",
+    408: "Request Timeout",
+    431: "Request Header Fields Too Large",
+    503: "Service Unavailable",
+}
 
 
 class GuardedProtocol(HttpToolsProtocol):
@@ -121,6 +126,16 @@ class GuardedProtocol(HttpToolsProtocol):
         super().on_response_complete()
         if self._in_body and self.cycle.response_complete and not self.transport.is_closing():
             self._watch_unread()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what the parser cannot read."""
+        if not self._refused:
+            self._refuse(
+                400,
+                "no-http",
+                "expected a request of HTTP/1.1, got bytes that are none; a client that speaks TLS (https://) needs a proxy before "
+                "the service",
+            )
 
     def pause_writing(self) -> None:
         """Wait for a client that does not read, but not for ever."""

@@ -67,6 +67,32 @@ def test_a_wrong_key_is_never_printed(
     assert "secret-key-1" not in done.err + done.out
 
 
+@pytest.mark.parametrize("name", ["PANOLOC_STORAGE", "PANOLOC_MAX_MAPS"])
+def test_a_password_in_a_wrong_url_is_never_printed(
+    panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv(name, "ftp://user:secret-word@host/x")
+    done = panoloc("serve")
+    assert done.code == 2
+    assert name in done.err
+    assert "secret-word" not in done.err + done.out
+
+
+def test_a_wrong_storage_is_named_once(panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PANOLOC_STORAGE", "ftp://host/x")
+    assert "".join(panoloc("serve").err.split()).count("ftp://host/x") == 1
+
+
+@pytest.mark.parametrize("hosts", ["https://maps.example", "maps.example:8000", "a b", "maps.example,/x"])
+def test_hosts_that_no_request_can_name_are_refused(
+    panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, hosts: str
+) -> None:
+    monkeypatch.setenv("PANOLOC_ALLOWED_HOSTS", hosts)
+    done = panoloc("serve")
+    assert done.code == 2
+    assert "PANOLOC_ALLOWED_HOSTS: expected names such as panoloc.example.org" in " ".join(done.err.split())
+
+
 def test_settings_that_do_not_go_together_are_explained_without_the_values_of_others(
     panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.host.run_folder import DataFolderInUseError, RunFolder
+from service.host.run_folder import DataFolderInUseError, DataFolderUnusableError, RunFolder
 
 LONG_NAME = "long" * 20
 
@@ -17,6 +17,14 @@ def test_a_second_service_on_the_same_data_is_kept_out(tmp_path: Path) -> None:
         RunFolder(tmp_path)
     first.close()
     RunFolder(tmp_path).close()
+
+
+def test_a_data_folder_that_cannot_be_made_is_named_with_its_setting(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(
+        DataFolderUnusableError, match=r"got .*/file/data \(Not a directory\); correct PANOLOC_DATA_DIR"
+    ):
+        RunFolder(tmp_path / "file" / "data")
 
 
 def test_what_a_killed_service_left_is_removed(tmp_path: Path) -> None:

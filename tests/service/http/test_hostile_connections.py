@@ -60,6 +60,27 @@ def test_a_head_of_megabytes_is_refused_after_kilobytes(
         assert refusals(url, "header-bytes") == 1
 
 
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
+        b"GET /he alth HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\nA b\r\n\r\n",
+    ],
+    ids=["tls", "path", "header"],
+)
+def test_what_is_no_http_gets_a_problem_like_every_other_mistake(
+    tmp_path: Path, redis_server: EmbeddedRedis, sent: bytes
+) -> None:
+    with listening(tmp_path, redis_server.url) as url:
+        with connected(url, sent) as connection:
+            status, problem = answer(connection)
+        assert (status, problem["type"]) == (400, "/problems/malformed-request")
+        assert "HTTP/1.1" in str(problem["detail"])
+        assert refusals(url, "no-http") == 1
+        assert httpx.get(f"{url}/health/live", timeout=60).status_code == 200
+
+
 def test_the_refusal_of_a_head_says_what_to_do(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     head = b"GET /health HTTP/1.1\r\nHost: localhost\r\nA: " + b"a" * 17_000 + b"\r\n\r\n"
     with listening(tmp_path, redis_server.url) as url, connected(url, head) as connection:

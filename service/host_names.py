@@ -1,0 +1,23 @@
+"""Names of hosts: what may be one, and which are of this machine alone."""
+
+import ipaddress
+import re
+
+_NAME = re.compile(r"[\w-]+(\.[\w-]+)*\.?")
+
+
+def host_names(text: str) -> list[str]:
+    """Return the names in a text, separated by commas; `*` stands for all. Raises ValueError for what no `Host` header names."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name != "*" and not _NAME.fullmatch(name):
+            raise ValueError(f"expected names such as panoloc.example.org, without https:// and port, got {name!r}")
+    return [name.rstrip(".") for name in names]
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether only this machine reaches who listens on `host`, a name or an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost" or host.endswith(".localhost")
