@@ -13,10 +13,10 @@ from core.fast.fast_method import FastMethod
 from core.fast.field_of_view import searched_range_deg, with_focal_uncertainty, with_found_camera
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
-from core.judge.agreement import agreement_by_photo
 from core.judge.change_maps import ChangeMaps, change_maps
 from core.judge.confidence import error_radii, formal_radii, load_confidence_model
 from core.judge.hypotheses import Hypothesis, MethodResult
+from core.judge.photo_agreement import PhotoAgreement, agreement_by_photo
 from core.judge.verdict import verdict
 from core.options import MAX_TOP_K, Hints, Method
 from core.panorama.panorama import Panorama
@@ -145,10 +145,10 @@ class Localizer:
             return replace(candidate, pose=candidate.pose.after(rig_from_session).after(first))
 
         map_from_session = found.best.pose.after(rig_from_session)
-        agreements = agreement_by_photo(comparison, len(session.images))
+        agreements = agreement_by_photo(comparison, len(session.images), self.config.judge)
         images = [
-            FoundImage(map_from_session.after(image.session_from_camera), agreement)
-            for image, agreement in zip(session.images, agreements, strict=True)
+            FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
+            for image, agrees in zip(session.images, agreements, strict=True)
         ]
         found = self._unless_contradicted(found, agreements)
         assert found.best is not None
@@ -160,14 +160,14 @@ class Localizer:
             images=tuple(images),
         )
 
-    def _unless_contradicted(self, found: Localization, agreements: Sequence[float | None]) -> Localization:
+    def _unless_contradicted(self, found: Localization, agreements: Sequence[PhotoAgreement | None]) -> Localization:
         """Return the answer, not localized where images contradict the pose that fits the others: more than a few, or the first.
 
         Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
         """
         judge, threshold = self.config.judge, self._confidence.threshold
-        known = [each for each in agreements if each is not None]
-        doubtful = [k for k, each in enumerate(agreements) if each is not None and each < judge.contradiction]
+        known = [each.correlation for each in agreements if each is not None]
+        doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
         best = found.best
         if best is None or not doubtful or len(agreements) == 1:
             return found

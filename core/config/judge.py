@@ -23,9 +23,13 @@ class JudgeConfig:
     merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
-    # Of several images: correlation below which one contradicts the pose of the others, and the share that may.
+    # Of several images one contradicts the pose of the others below this correlation, where fewer of its patches agree than that share,
+    # and it shows at least so much contrast; and the share of images that may.
     contradiction: float = 0.2
-    agreement: float = 0.5  # and from which on one surely shows what is there, also where nothing is localized
+    contradicting_patches: float = 0.2
+    telling_contrast: float = 0.15
+    agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
+    photo_patch_rows: int = 16
     contradicting_share: float = 0.25
     rivals: int = 1  # places elsewhere that are judged as the best one is
     photo_rivals: int = 3  # likewise, of photos

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from core.config import JudgeConfig
-from core.geometry.sphere_window import SphereWindow
 from core.judge.hypotheses import Hypothesis
+from core.judge.patch_correlation import correlation, correlation_in_patches, in_patches, in_shifted_patches
 from core.views.comparison import Comparison
 
 
@@ -44,13 +44,13 @@ def agreement(comparison: Comparison, config: JudgeConfig, share: float = 1.0) -
     scan, panorama = comparison.scan, comparison.panorama
     total = comparison.weights.sum(-1, keepdim=True).clamp_min(1e-9)
     pixel_share = comparison.weights / total
-    correlation = _correlation(scan, panorama, pixel_share, config.min_variance).mean(-1)
+    of_all = correlation(scan, panorama, pixel_share, config.min_variance).mean(-1)
     window = comparison.views.window
     sides = torch.cat((scan, panorama, pixel_share[..., None]), dim=-1)
-    inside, mass = _correlation_in_patches(_in_patches(sides, window.height, window.rows // config.patch_rows), config)
+    side, floor = window.rows // config.patch_rows, config.min_patch_variance
+    inside, mass = correlation_in_patches(in_patches(sides, window.height, side), floor)
     if config.shifted_patches:
-        shifted = _in_shifted_patches(sides, window, window.rows // config.patch_rows)
-        again = _correlation_in_patches(shifted, config)
+        again = correlation_in_patches(in_shifted_patches(sides, window, side), floor)
         inside, mass = torch.cat((inside, again[0]), dim=1), torch.cat((mass, again[1]), dim=1) / 2
     coverage = total[:, 0] / (4 * torch.pi)
     distance_square = (scan - panorama).square().sum(-1) / config.inlier_difference**2
@@ -59,9 +59,9 @@ def agreement(comparison: Comparison, config: JudgeConfig, share: float = 1.0) -
     # Of what a patch shows, in standard deviations. Where much has changed, averages of correlations reward poses at which everything
     # agrees a little; this rewards those at which something agrees.
     explained = ((1 - (1 - inside.clamp(0, 1).square()).sqrt()) * mass).sum(-1)
-    rank = 2 * explained if config.ranks_by_explained else correlation + patch_correlation
+    rank = 2 * explained if config.ranks_by_explained else of_all + patch_correlation
     return Agreement(
-        correlation,
+        of_all,
         patch_correlation,
         _mutual_information(scan.mean(-1), panorama.mean(-1), pixel_share, config.brightness_bins),
         (pixel_share / (1 + distance_square)).sum(-1),
@@ -79,60 +79,6 @@ def likeness(here: Comparison, there: Comparison, config: JudgeConfig, share: fl
     """
     both = here.weights * (there.weights > 0)
     return float(agreement(replace(here, panorama=there.scan, weights=both), config, share).score)
-
-
-def agreement_by_photo(comparison: Comparison | None, count: int) -> list[float | None]:
-    """Return the correlation of what each of `count` photos shows with the scan at the one pose compared; None where nothing is in view."""
-    if comparison is None or comparison.photo is None:
-        return [None] * count
-    found: list[float | None] = []
-    for number in range(count):
-        weights = comparison.weights[:1] * (comparison.photo[:1] == number)
-        total = weights.sum(-1, keepdim=True)
-        share = weights / total.clamp_min(1e-9)
-        agrees = _correlation(comparison.scan[:1], comparison.panorama[:1], share, JudgeConfig().min_variance)
-        found.append(float(agrees.mean()) if float(total) > 0 else None)
-    return found
-
-
-def _correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joint_channels: bool = False) -> Tensor:
-    """Return weighted correlations (..., C), or (..., 1) over all channels together, of (..., S, C) with shares (..., S).
-
-    `floor` is a variance below which contrast is noise.
-    """
-    weight = share[..., None]
-    first = first - (weight * first).sum(-2, keepdim=True)
-    second = second - (weight * second).sum(-2, keepdim=True)
-    covariance = (weight * first * second).sum(-2)
-    variances = (weight * first.square()).sum(-2), (weight * second.square()).sum(-2)
-    if joint_channels:
-        covariance = covariance.sum(-1, keepdim=True)
-        variances = variances[0].sum(-1, keepdim=True), variances[1].sum(-1, keepdim=True)
-    return covariance / ((variances[0] + floor) * (variances[1] + floor)).sqrt()
-
-
-def _correlation_in_patches(patches: Tensor, config: JudgeConfig) -> tuple[Tensor, Tensor]:
-    """Return the correlation (K, P) inside each of the patches (K, P, S, 7), of colours, colours and shares, and their shares (K, P)."""
-    weight = patches[..., 6]
-    mass = weight.sum(-1)
-    share = weight / mass.clamp_min(1e-12)[..., None]
-    inside = _correlation(patches[..., :3], patches[..., 3:6], share, config.min_patch_variance, joint_channels=True)
-    return inside[..., 0], mass
-
-
-def _in_shifted_patches(values: Tensor, window: SphereWindow, side: int) -> Tensor:
-    """Reorder pixels (K, H W, C) of a window as `_in_patches` does, into patches that begin in the middle of those."""
-    half = side // 2
-    image = values.view(len(values), window.height, window.width, -1)
-    padded = torch.nn.functional.pad(image, (0, 0, half, side - half, half, side - half))
-    return _in_patches(padded.flatten(1, 2), window.height + side, side)
-
-
-def _in_patches(values: Tensor, height: int, side: int) -> Tensor:
-    """Reorder (K, H W, C) to (K, patches, pixels of a patch, C); patches are `side` pixels high and wide."""
-    batch, _, channels = values.shape
-    grid = values.view(batch, height // side, side, -1, side, channels)
-    return grid.transpose(2, 3).reshape(batch, -1, side * side, channels)
 
 
 def _mutual_information(first: Tensor, second: Tensor, share: Tensor, bins: int) -> Tensor:

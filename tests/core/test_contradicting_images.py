@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from core.geometry.pose import Pose
+from core.judge.photo_agreement import PhotoAgreement
 from core.localizer import Localizer
 from core.options import Status
 from core.results import Candidate, Localization, SearchSummary
+
+
+def photos(agreements: list[float | None]) -> list[PhotoAgreement | None]:
+    """Return photos that show much, and agree so much with the pose of all of them, everywhere alike."""
+    return [None if each is None else PhotoAgreement(each, float(each >= 0.5), 0.3) for each in agreements]
 
 
 @pytest.mark.parametrize(
@@ -26,7 +32,7 @@ def test_more_than_a_few_images_that_disagree_or_the_first_make_a_session_unsure
     best = Candidate(Pose(np.eye(3), np.zeros(3)), 0, 0.95, 1.0, 0.1, "equalized", 40)
     found = Localization("localized", SearchSummary("fast", 1, 10, 100, 1000), {}, best=best)
     localizer = Localizer(device="cpu")
-    answer = localizer._unless_contradicted(found, agreements)
+    answer = localizer._unless_contradicted(found, photos(agreements))
     assert answer.status == status
     assert answer.best is not None
     assert (answer.best.confidence < 0.5) == (status == "not_localized")
@@ -40,7 +46,7 @@ def unsure(agreements: list[float | None], status: Status) -> Localization:
         Pose(np.eye(3), np.zeros(3)), 0, 0.3 if status == "not_localized" else 0.95, 1.0, 0.1, "equalized", 40
     )
     found = Localization(status, SearchSummary("fast", 1, 10, 100, 1000), {}, best=best)
-    return Localizer(device="cpu")._unless_contradicted(found, agreements)
+    return Localizer(device="cpu")._unless_contradicted(found, photos(agreements))
 
 
 def test_where_nothing_is_localized_images_that_contradict_one_that_fits_are_named_too() -> None:

@@ -53,6 +53,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "core/refine/patch_sums.py": ("tests/core/refine/test_patch_sums.py",),
     "core/refine/*.py": ("tests/core/refine",),
     "core/judge/agreement.py": ("tests/reference/test_judge_twin.py", "tests/core/judge/test_agreement.py"),
+    "core/judge/patch_correlation.py": ("tests/reference/test_judge_twin.py", "tests/core/judge/test_agreement.py"),
+    "core/judge/photo_agreement.py": ("tests/core/judge/test_photo_agreement.py",),
     "core/judge/change_maps.py": ("tests/core/judge/test_change_maps.py",),
     "core/judge/confidence.py": ("tests/core/judge/test_confidence.py",),
     "core/judge/hypotheses.py": ("tests/core/judge/test_hypotheses.py",),

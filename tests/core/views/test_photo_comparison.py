@@ -12,7 +12,7 @@ from core.geometry.pose import Pose
 from core.geometry.projection import pixel_directions
 from core.geometry.sphere_window import SphereWindow
 from core.index.map_index import MapIndex
-from core.judge.agreement import agreement, agreement_by_photo
+from core.judge.agreement import agreement
 from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.session import Session, SessionImage, session_from_rig
 from core.views.comparison import Comparison
@@ -97,23 +97,6 @@ def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest(
     for number in (0, 1):
         assert (numbers[expected == number] == number).mean() > 0.9
     assert bool((found.weights[0][found.photo[0] < 0] == 0).all())
-
-
-def test_agreement_is_told_for_each_photo(session: Session, box_index: MapIndex) -> None:
-    both = agreement_by_photo(compared(session, box_index), 2)
-    assert all(each is not None and each > 0.9 for each in both)
-    first, second = session.images
-    spoilt = Session((first, SessionImage(second.photo, Pose(rotation_of(200.0), second.session_from_camera.position))))
-    good, bad = agreement_by_photo(compared(spoilt, box_index), 2)
-    assert good is not None
-    assert bad is not None
-    assert bad < 0.5 < 0.8 < good
-
-
-def test_agreement_is_not_told_of_a_photo_that_shows_nothing_of_the_scan(session: Session, box_index: MapIndex) -> None:
-    found = compared(session, box_index)
-    assert agreement_by_photo(found, 3)[2] is None
-    assert agreement_by_photo(None, 2) == [None, None]
 
 
 def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_show(
