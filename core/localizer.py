@@ -101,7 +101,7 @@ class Localizer:
         search = SearchSummary(method, len(maps), result.num_starts, sizes.num_rotations, result.num_poses)
         if not result.hypotheses:
             warning = (
-                "no pose within the hints fits after refinement; widen them or leave them out"
+                "no pose in reach of the scan and within the hints fits after refinement; widen these or leave them out"
                 if result.num_poses
                 else "the hints leave no pose to search; widen them or leave them out"
             )

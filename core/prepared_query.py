@@ -18,7 +18,7 @@ from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.refine.candidate_points import points_seen_from_poses, points_seen_from_starts, unchanged_share
 from core.refine.refinement import CandidatePoints
-from core.search.pose_limits import PoseLimits, pose_limits
+from core.search.pose_limits import PoseLimits, pose_limits, within_reach
 from core.views.comparison import Comparison
 from core.views.render_cloud import RenderCloud
 from core.views.synthetic_view import RENDER_BATCH
@@ -121,7 +121,7 @@ def prepare_queries(
     query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None, max_height: int, config: LocalizerConfig
 ) -> list[MapQuery]:
     """Prepare a panorama or photos, of up to `max_height` rows, for each map. Raises OptionsError for hints out of range."""
-    limits = [pose_limits(hints, index) for index in maps]
+    limits = [within_reach(pose_limits(hints, index), index, config.search.reach_m) for index in maps]
     shared: PreparedPanorama | PreparedPhotos | None = None
     queries = []
     for number, (index, limit) in enumerate(zip(maps, limits, strict=True)):

@@ -32,6 +32,8 @@ class SearchConfig:
     # Hints cut off no start or rotation nearer to their limits than half the spacing of either.
     hint_margin_m: float = 0.5
     hint_margin_deg: float = 12.0
+    # Without a hint of the place, no refined pose lies farther than this beyond the free space that starts stand for, metres.
+    reach_m: float = 0.75
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,17 @@ def pose_limits(hints: Hints | None, index: MapIndex) -> PoseLimits:
     )
 
 
+def within_reach(limits: PoseLimits, index: MapIndex, reach_m: float) -> PoseLimits:
+    """Return the limits, and where they say nothing of the place, no more than `reach_m` beyond the free space of a map.
+
+    Seen from above its ceiling a room is a plain picture, to which photos of plain things are refined.
+    """
+    if limits.center is not None or limits.lower is not None:
+        return limits
+    halves = index.leaf_sizes[:, None] / 2 + reach_m
+    return replace(limits, lower=(index.starts - halves).amin(0), upper=(index.starts + halves).amax(0))
+
+
 def _check(hints: Hints) -> None:
     corners = hints.region or ()
     numbers = [*(hints.position_m or ()), *(value for corner in corners for value in corner)]

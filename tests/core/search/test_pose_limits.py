@@ -12,7 +12,7 @@ from core.config import SearchConfig
 from core.errors import OptionsError
 from core.geometry.rotations import rotation_from_vector
 from core.options import Hints
-from core.search.pose_limits import PoseLimits, pose_limits
+from core.search.pose_limits import PoseLimits, pose_limits, within_reach
 
 
 def test_limits_widen_for_the_search_and_not_for_the_answer() -> None:
@@ -158,6 +158,29 @@ def test_a_region_ends_at_its_faces_and_a_radius_at_its_sphere() -> None:
     assert limits.allows_position(places).tolist() == [True, False, False, True, False, True]
     widened = torch.tensor([[1.2, 0, 0], [1.3, 0, 0], [0, -1.2, 0], [0, 0, 2.2], [0, 0, 2.3]])
     assert limits.allows_position(widened, 0.25).tolist() == [True, False, True, True, False]
+
+
+STARTS: Any = SimpleNamespace(
+    starts=torch.tensor([[0.0, 0.0, 1.0], [3.0, 2.0, 1.5]]),
+    leaf_sizes=torch.tensor([0.4, 1.0]),
+    origin_offset=np.zeros(3),
+)
+
+
+def test_without_a_hint_of_the_place_poses_stay_in_reach_of_the_free_space() -> None:
+    limits = within_reach(PoseLimits(max_tilt=0.1), STARTS, 0.75)
+    assert limits.max_tilt == 0.1
+    inside = torch.tensor([[-0.94, -0.94, 0.06], [4.24, 3.24, 2.74], [1.5, 1.0, 1.0]])
+    assert limits.allows_position(inside).all()
+    outside = torch.tensor([[-0.96, 0, 1], [0, -0.96, 1], [0, 0, 0.04], [4.26, 2, 1], [3, 3.26, 1], [3, 2, 2.76]])
+    assert not limits.allows_position(outside).any()
+    assert limits.searched_starts(STARTS.starts, 0.0).all()
+
+
+@pytest.mark.parametrize("hints", [Hints(position_m=(90.0, 0.0, 0.0)), Hints(region=((50.0, 0, 0), (60.0, 1, 1)))])
+def test_a_hint_of_the_place_counts_however_far_beyond_the_scan(hints: Hints) -> None:
+    limits = pose_limits(hints, STARTS)
+    assert within_reach(limits, STARTS, 0.75) == limits
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])

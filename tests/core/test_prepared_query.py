@@ -1,0 +1,36 @@
+"""A query made ready for a map: where its poses may end."""
+
+import numpy as np
+import torch
+
+from core.config import LocalizerConfig
+from core.geometry.pose import Pose
+from core.index.map_index import MapIndex
+from core.judge.hypotheses import Hypothesis
+from core.options import Hints
+from core.prepared_query import MapQuery, prepare_queries
+from tests.core.painted_box import PaintedBox
+
+
+def prepared(box: PaintedBox, index: MapIndex, hints: Hints | None = None) -> MapQuery:
+    panorama = box.panorama(Pose(np.eye(3), np.array([0.3, 0.2, 1.2])), 64)
+    (query,) = prepare_queries(panorama, [index], hints, 64, LocalizerConfig())
+    return query
+
+
+def at(index: MapIndex, above_m: float) -> Hypothesis:
+    """Return a pose in the middle of the box, or so much above the highest start."""
+    middle = (index.starts.amin(0) + index.starts.amax(0)) / 2
+    if above_m:
+        middle[2] = index.starts[:, 2].max() + above_m
+    return Hypothesis(0, 0, torch.eye(3), middle)
+
+
+def test_a_pose_outside_of_the_room_is_none_unless_a_hint_names_the_place(box: PaintedBox, box_index: MapIndex) -> None:
+    query = prepared(box, box_index)
+    assert query.allows(at(box_index, 0.0))
+    assert query.allows(at(box_index, 0.7))
+    assert not query.allows(at(box_index, 2.0))
+    there = at(box_index, 2.0)
+    x, y, z = (there.position.double().numpy() + box_index.origin_offset).tolist()
+    assert prepared(box, box_index, Hints(position_m=(x, y, z), radius_m=0.5)).allows(there)
