@@ -198,6 +198,9 @@ class Localizations:
         """Keep what an answer saw changed; one that cannot be kept is an answer all the same."""
         try:
             await self._changes.note(body, outcome.change_cells, [image.data for image in images])
+            map_id = body["map_id"]
+            if map_id is not None and not self._registry.has(map_id):  # deleted meanwhile
+                await self._changes.forget(map_id)
         except (ServiceError, OSError) as error:
             _log.warning("what changed cannot be kept", error=str(error))
 
@@ -206,7 +209,6 @@ class Localizations:
         for ref in chosen.refs:
             if not self._registry.has(ref.id):
                 await self._cache.forget_map(ref.id)
-                await self._changes.forget(ref.id)
 
     async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
         try:

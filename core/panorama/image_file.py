@@ -13,6 +13,7 @@ from core.panorama.png_rows import check_png_rows
 
 # Four bytes each in Pillow, and a dozen in what is computed of them.
 _MOST_WHOLE_PIXELS = 1 << 25
+_QUARTER_TURNS = (5, 6, 7, 8)  # EXIF orientations; any other number than 1 to 8 says nothing
 _FORMATS = ("JPEG", "PNG", "WEBP")  # MPO files come through the JPEG reader
 
 
@@ -61,7 +62,7 @@ def reduced(image: Image.Image, factor: int) -> Image.Image:
 def swaps_sides(image: Image.Image) -> bool:
     """Tell whether the EXIF orientation turns the image by a quarter; reading it decodes a PNG to its end."""
     try:
-        return int(image.getexif().get(0x0112, 1)) >= 5
+        return int(image.getexif().get(0x0112, 1)) in _QUARTER_TURNS
     except (OSError, SyntaxError, ValueError, TypeError, EOFError) as error:
         raise PanoramaDamagedError(
             f"image: the file ends early or is damaged ({error}); upload it again in full"

@@ -49,7 +49,10 @@ def make(
     session: Session = ctx.obj
     # Keys are files; what a service keeps is in folders.
     is_used = data_dir.is_dir() and any(each.is_dir() for each in data_dir.iterdir())
-    made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
+    try:
+        made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
+    except KeyFileError as error:
+        return _refused(session, error)
     AuditLog(data_dir).note(_user(), "key made", made.id)
     if json:
         session.print_json(

@@ -84,6 +84,9 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
         for problem in error.errors():
             session.messages.print(_explain(problem["loc"], problem["msg"], problem["input"]), markup=False)
         return ExitCode.USAGE
+    if settings.redis_url is not None and (fault := _fault_of_redis_url(settings.redis_url)):
+        session.messages.print(f"Setting PANOLOC_REDIS_URL: {fault}", markup=False)
+        return ExitCode.USAGE
     # Before Redis and Ray start, and before the seconds that importing them takes.
     fault = why_not_free(settings.host, settings.port)
     if fault is not None:
@@ -96,6 +99,17 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     from service.serve import run_service
 
     return int(run_service(settings) or 0)
+
+
+def _fault_of_redis_url(url: str) -> str | None:
+    """Return what is wrong with a URL, without the password in it."""
+    from redis.asyncio.connection import parse_url
+
+    try:
+        parse_url(url)
+    except ValueError as error:
+        return f"expected redis://host:port/0, rediss:// or unix:///socket, got one of which the client says: {error}"
+    return None
 
 
 def unknown_settings(environment: Mapping[str, str]) -> list[str]:

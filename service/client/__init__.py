@@ -4,6 +4,7 @@ from service.client.client import JsonObject, PanolocClient
 from service.client.errors import (
     ApiProblemError,
     ClientError,
+    InvalidKeyError,
     InvalidUrlError,
     MapFailedError,
     UnexpectedReplyError,
@@ -15,6 +16,7 @@ from service.client.upload_progress import UploadProgress
 __all__ = [
     "ApiProblemError",
     "ClientError",
+    "InvalidKeyError",
     "InvalidUrlError",
     "JsonObject",
     "MapFailedError",

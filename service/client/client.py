@@ -14,13 +14,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, NoReturn, Self
-from urllib.parse import urlsplit
 
 import httpx
 
+from service.client.checks import check_key, check_url
 from service.client.errors import (
     ApiProblemError,
-    InvalidUrlError,
     MapFailedError,
     UnexpectedReplyError,
     UnreachableError,
@@ -44,15 +43,13 @@ class PanolocClient:
     """Calls one running service.
 
     url: where it listens, without a trailing path. api_key: sent as a bearer token when given.
-    transport: replaces the network, for tests. Raises InvalidUrlError.
+    transport: replaces the network, for tests. Raises InvalidUrlError, InvalidKeyError.
     """
 
     def __init__(self, url: str, api_key: str | None = None, transport: httpx.BaseTransport | None = None) -> None:
         self.url = url.rstrip("/")
-        if urlsplit(self.url).scheme not in ("http", "https") or not urlsplit(self.url).hostname:
-            raise InvalidUrlError(
-                f"Expected a URL such as http://127.0.0.1:8000, got {url!r}; set --url or PANOLOC_URL."
-            )
+        check_url(url)
+        check_key(api_key)
         headers = {"Accept": "application/json"} | ({"Authorization": f"Bearer {api_key}"} if api_key else {})
         # A proxy from the environment must never see calls to this very machine.
         direct = {f"all://{host}": None for host in ("127.0.0.1", "localhost", "[::1]")}

@@ -2,6 +2,7 @@
 
     ClientError
     ├── InvalidUrlError         the URL is none
+    ├── InvalidKeyError         the key cannot be one
     ├── UnreachableError        nobody answers at the URL
     ├── UnexpectedReplyError    something answers, but not this service
     ├── ApiProblemError         the service answered with a problem document (RFC 9457)
@@ -32,6 +33,10 @@ class UnreachableError(ClientError):
 
 class InvalidUrlError(ClientError):
     """The URL of the service cannot be one."""
+
+
+class InvalidKeyError(ClientError):
+    """The key cannot be sent: no service has given it."""
 
 
 class UnexpectedReplyError(ClientError):

@@ -12,7 +12,7 @@ from service.limits.caller_rates import CallerRates
 
 # Probes ask without a key, all of them from a few addresses; and so do browsers for the page that asks for a key.
 _UNCOUNTED = re.compile(r"/(health(/.*)?|console/.*|favicon\.ico)?")
-_WITHOUT_BODY = ("GET", "HEAD", "OPTIONS", "DELETE")
+_WITH_UPLOADS = ("POST", "PUT")  # what others bring is a few words of JSON
 
 
 class CountedCallers:
@@ -30,7 +30,7 @@ class CountedCallers:
             return
         caller, num_bytes = caller_of(Request(scope)).id, 0
         try:
-            await self._rates.take(caller, scope["method"] not in _WITHOUT_BODY)
+            await self._rates.take(caller, scope["method"] in _WITH_UPLOADS)
         except RateError as error:
             await refuse_by_head(error, scope, receive, send, self._pace)
             return

@@ -133,8 +133,8 @@ class GuardedProtocol(HttpToolsProtocol):
             self._refuse(
                 400,
                 "no-http",
-                "expected a request of HTTP/1.1, got bytes that are none; a client that speaks TLS (https://) needs a proxy before "
-                "the service",
+                "expected a request of HTTP/1.1, got one that cannot be read; look at its method, path, headers and lengths, and "
+                "put a proxy before the service where clients speak TLS (https://)",
             )
 
     def pause_writing(self) -> None:

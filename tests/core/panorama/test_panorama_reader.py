@@ -86,6 +86,12 @@ def test_exif_orientation_is_honoured(orientation: int) -> None:
     assert difference(panorama.color, upright) < 4
 
 
+@pytest.mark.parametrize("orientation", [0, 9, 77, 65535])
+def test_an_exif_orientation_that_is_none_turns_nothing(orientation: int) -> None:
+    panorama = read_panorama(jpeg_with_exif_orientation(picture(), orientation))
+    assert difference(panorama.color, picture()) < 4
+
+
 def test_alpha_marks_pixels_to_ignore() -> None:
     alpha = np.full((128, 256, 1), 255, np.uint8)
     alpha[:, :64] = 0

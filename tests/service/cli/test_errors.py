@@ -80,6 +80,18 @@ def test_a_url_that_is_none_is_explained(panoloc: Panoloc, url: str) -> None:
     assert "Traceback" not in done.err
 
 
+@pytest.mark.parametrize("key", ["sup3rsecret\r", "sup3rsecret ", "sup3r\nsecret", "schlüssel-secret"])
+def test_a_key_that_cannot_be_sent_is_explained_and_not_printed(
+    panoloc: Panoloc, fake: FakeService, monkeypatch: pytest.MonkeyPatch, key: str
+) -> None:
+    monkeypatch.setenv("PANOLOC_API_KEY", key)
+    done = panoloc("maps")
+    assert (done.code, fake.requests) == (ExitCode.ERROR, [])
+    assert "PANOLOC_API_KEY" in done.err
+    assert "secret" not in done.err + done.out
+    assert "Traceback" not in done.err
+
+
 def test_the_url_may_come_from_the_environment(
     panoloc: Panoloc, fake: FakeService, monkeypatch: pytest.MonkeyPatch
 ) -> None:

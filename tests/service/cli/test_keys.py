@@ -32,6 +32,15 @@ def test_a_scope_that_there_is_not_is_wrong_usage(panoloc: Panoloc, tmp_path: Pa
     assert not (tmp_path / "keys.json").exists()
 
 
+def test_no_key_is_added_to_a_file_that_is_damaged(panoloc: Panoloc, tmp_path: Path) -> None:
+    (tmp_path / "keys.json").write_text("{")
+    refused = panoloc("keys", "make", "phones", "--scope", "read", "--data-dir", tmp_path)
+    assert refused.code == 1
+    assert "Traceback" not in refused.err
+    assert "keys.json" in refused.err
+    assert (tmp_path / "keys.json").read_text() == "{"
+
+
 def test_a_folder_that_no_service_has_used_is_named_as_such(panoloc: Panoloc, tmp_path: Path) -> None:
     new, used = tmp_path / "new", tmp_path / "used"
     (used / "maps").mkdir(parents=True)

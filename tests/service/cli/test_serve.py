@@ -78,6 +78,17 @@ def test_a_password_in_a_wrong_url_is_never_printed(
     assert "secret-word" not in done.err + done.out
 
 
+@pytest.mark.parametrize("url", ["http://host", "redis://:secret-word@host:port/0", "host:6379"])
+def test_a_wrong_redis_is_named_before_anything_starts(
+    panoloc: Panoloc, started_with: list[Settings], monkeypatch: pytest.MonkeyPatch, url: str
+) -> None:
+    monkeypatch.setenv("PANOLOC_REDIS_URL", url)
+    done = panoloc("serve")
+    assert (done.code, started_with) == (2, [])
+    assert "PANOLOC_REDIS_URL: expected redis://host:port/0" in " ".join(done.err.split())
+    assert "secret-word" not in done.err
+
+
 def test_a_wrong_storage_is_named_once(panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PANOLOC_STORAGE", "ftp://host/x")
     assert "".join(panoloc("serve").err.split()).count("ftp://host/x") == 1

@@ -120,6 +120,8 @@ async def test_a_scan_beyond_the_bytes_is_taken_and_the_next_request_refused_unr
         assert refused.headers["connection"] == "close"
         assert "smaller images" in refused.json()["detail"]
         assert (await running.client.get("/maps")).status_code == 200
+        map_id = (await running.client.get("/maps")).json()["items"][0]["id"]
+        assert (await running.client.patch(f"/maps/{map_id}", json={"name": "hall"})).status_code == 200
 
 
 async def test_without_limits_nothing_is_counted(tmp_path: Path, redis_server: EmbeddedRedis) -> None:

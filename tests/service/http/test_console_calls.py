@@ -1,5 +1,6 @@
 """What the console asks for beside maps and answers: changes, images of batches, the demo room, the last errors."""
 
+import asyncio
 from dataclasses import replace
 from typing import Any
 
@@ -38,6 +39,26 @@ async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it
     assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
     assert running.storage.names("changes") == []
     assert (await running.client.get(f"/maps/{map_id}/changes")).status_code == 404
+
+
+async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kept(
+    running: RunningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = running.pool.localize
+
+    async def with_cells(job: LocalizeJob) -> LocalizeOutcome:
+        return replace(await found(job), change_cells=seen((0, 0, 0), changed=()))
+
+    monkeypatch.setattr(running.pool, "localize", with_cells)
+    map_id = await running.ready_map()
+    running.pool.localize_gate.clear()
+    asking = asyncio.create_task(running.localize(map_id))
+    while not running.pool.jobs:
+        await asyncio.sleep(0.01)
+    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    running.pool.localize_gate.set()
+    assert (await asking).status_code == 200
+    assert running.storage.names("changes") == []
 
 
 async def test_images_of_a_batch_come_back_as_they_were(running: RunningService) -> None:
