@@ -12,6 +12,7 @@ from service.http.error_handlers import install_error_handlers
 from service.http.guards.caller_rates import CountedCallers
 from service.http.guards.foreign_pages import ForeignPages
 from service.http.guards.full_queue import FullQueue
+from service.http.guards.head_requests import HeadRequests
 from service.http.guards.slow_bodies import SlowBodies
 from service.http.lingering import LingeringClose
 from service.http.openapi import install_openapi
@@ -59,6 +60,7 @@ def create_app(
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()
+    app.add_middleware(HeadRequests)
     app.add_middleware(
         SlowBodies,
         timeout_s=settings.transfer_timeout_s,

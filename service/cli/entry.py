@@ -102,5 +102,7 @@ def _report(session: Session, error: ClientError) -> ExitCode:
     if error.retry_after_s is not None:
         show(f"Try again in {error.retry_after_s:g} s.")
     if error.problem.get("request_id"):
-        show(f"[dim]request {escape(str(error.problem['request_id']))}: the service's log says more under this id[/]")
+        # Of other faults the log knows no more than was said.
+        more = ": the service's log says more under this id" if error.status >= 500 else ""
+        show(f"[dim]request {escape(str(error.problem['request_id']))}{more}[/]")
     return ExitCode.ERROR

@@ -60,7 +60,16 @@ class KeyFile:
             raise KeyFileError(f"{self.path}: expected keys as `panoloc keys` writes them, but {error!r}") from error
 
     def make(self, name: str, scopes: Sequence[Scope], tenant: str | None = None) -> tuple[StoredKey, str]:
-        """Add a key and return it with its text, which is shown once. tenant: None for one of its own."""
+        """Add a key and return it with its text, which is shown once. tenant: None for one of its own.
+
+        Raises KeyFileError for a name or tenant that would not say whose the key is.
+        """
+        if not name.strip():
+            raise KeyFileError("expected a name that says whose key it is, got none")
+        if tenant is not None and tenant.strip() in ("", "*"):
+            raise KeyFileError(
+                f"expected the name of a tenant, got {tenant!r}; `*` stands for all of them where maps are shared"
+            )
         key_id, text = f"key_{secrets.token_hex(4)}", f"pk_{secrets.token_urlsafe(32)}"
         made = StoredKey(key_id, name, tenant or key_id, tuple(scopes), digest_of(text), _now())
         self._change(lambda keys: [*keys, made])

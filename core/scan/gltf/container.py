@@ -85,7 +85,7 @@ class GltfFile:
                 ) from error
         if "://" in uri:
             raise ScanContentError(
-                f"The glTF file refers to the {what} {uri[:100]!r} on the network; nothing is fetched. Export it as GLB."
+                f"The glTF file refers to the {what} {uri[:100]!r} by a URL; nothing is fetched. Export it as GLB."
             )
         path = companion(self._context, unquote(uri), what)
         if path.stat().st_size > _MAX_BUFFER_BYTES:

@@ -1,1 +1,1 @@
-"""What stands before requests: connections, slow bodies, and pages of others that ask in the name of a browser."""
+"""What stands before requests: connections, slow bodies, pages of others that ask in the name of a browser, and requests for heads."""

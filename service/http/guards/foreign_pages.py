@@ -36,18 +36,21 @@ class ForeignPages:
         await self._app(scope, receive, send)
 
     def _fault_of(self, method: str, headers: Headers) -> ForeignPageError | None:
-        host = headers.get("host", "")
-        if host and not self._is_allowed(_name_of(host)):
+        hosts, origins = headers.getlist("host"), headers.getlist("origin")
+        strange = [host for host in hosts if host and not self._is_allowed(_name_of(host))]
+        if strange or len(hosts) > 1:
+            told = ", ".join(strange or hosts)[:80]
             return ForeignPageError(
-                f"expected a request to an address or to a name of this service, got one to {host[:80]!r}; let the operator add the name "
-                "to PANOLOC_ALLOWED_HOSTS, or set API keys"
+                f"expected a request to an address or to one name of this service, got one to {told!r}; let the operator add the name to "
+                "PANOLOC_ALLOWED_HOSTS, or set API keys"
             )
-        origin = headers.get("origin")
-        is_foreign = origin is not None and urlsplit(origin).netloc.lower() != host.lower()
+        host = hosts[0].lower() if hosts else ""
+        is_foreign = any(urlsplit(origin).netloc.lower() != host for origin in origins)
         if method not in _HARMLESS and (is_foreign or headers.get("sec-fetch-site") in ("cross-site", "same-site")):
+            told = (", ".join(origins) or "another page")[:80]
             return ForeignPageError(
-                f"expected a change from a program or from a page of this service, got one from {(origin or 'another page')[:80]!r}; set "
-                "API keys where pages of others may use the service"
+                f"expected a change from a program or from a page of this service, got one from {told!r}; set API keys where pages of "
+                "others may use the service"
             )
         return None
 

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from service.keys.key_ring import KeyRing
 from tests.service.cli.commands import Panoloc
 
@@ -29,6 +31,16 @@ def test_a_key_is_made_shown_once_listed_and_revoked(panoloc: Panoloc, tmp_path:
 def test_a_scope_that_there_is_not_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None:
     refused = panoloc("keys", "make", "phones", "--scope", "everything", "--data-dir", tmp_path)
     assert refused.code == 2
+    assert not (tmp_path / "keys.json").exists()
+
+
+@pytest.mark.parametrize("whose", [("",), (" ",), ("phones", "--tenant", "*"), ("phones", "--tenant", "")])
+def test_a_key_of_nobody_and_one_of_everybody_are_none(
+    panoloc: Panoloc, tmp_path: Path, whose: tuple[str, ...]
+) -> None:
+    refused = panoloc("keys", "make", *whose, "--scope", "read", "--data-dir", tmp_path)
+    assert refused.code == 1
+    assert "expected" in refused.err
     assert not (tmp_path / "keys.json").exists()
 
 

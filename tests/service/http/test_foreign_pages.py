@@ -31,6 +31,18 @@ async def test_a_name_that_was_pointed_here_reaches_nothing(running: RunningServ
     assert "PANOLOC_ALLOWED_HOSTS" in reply.json()["detail"]
 
 
+@pytest.mark.parametrize("names", [("127.0.0.1", "evil.example"), ("evil.example", "127.0.0.1"), ("localhost",) * 2])
+async def test_two_names_are_none(running: RunningService, names: tuple[str, str]) -> None:
+    reply = await running.client.get("/maps", headers=[("Host", name) for name in names])
+    assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
+
+
+async def test_of_two_origins_both_count(running: RunningService) -> None:
+    headers = [("Host", "localhost"), ("Origin", "http://localhost"), ("Origin", "http://evil.example")]
+    assert (await running.client.delete("/maps/map_none", headers=headers)).status_code == 403
+    assert (await running.client.delete("/maps/map_none", headers=headers[:2])).status_code == 404
+
+
 @pytest.mark.parametrize("host", OWN)
 async def test_addresses_and_names_of_this_machine_are_served(running: RunningService, host: str) -> None:
     assert (await running.client.get("/maps", headers={"Host": host})).status_code == 200

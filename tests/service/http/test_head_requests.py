@@ -1,0 +1,35 @@
+"""HEAD: what GET answers, without its body."""
+
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.host.embedded_redis import EmbeddedRedis
+from tests.service.http.running_service import RunningService, listening
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_what_can_be_read_has_a_head(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    for path in ("/", "/maps", f"/maps/{map_id}", f"/maps/{map_id}/preview.png", "/health/ready", "/metrics", "/docs"):
+        whole, head = await running.client.get(path), await running.client.head(path)
+        assert (head.status_code, head.content) == (whole.status_code, b"")
+        assert head.headers["content-type"] == whole.headers["content-type"]
+        assert whole.status_code == 200
+    assert (await running.client.head("/maps/map_none")).status_code == 404
+
+
+async def test_what_only_takes_uploads_has_none(running: RunningService) -> None:
+    refused = await running.client.head("/localize")
+    assert (refused.status_code, refused.headers["allow"], refused.content) == (405, "POST", b"")
+
+
+def test_over_a_socket_the_connection_goes_on_after_a_head(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+    with listening(tmp_path, redis_server.url) as url, httpx.Client(base_url=url, timeout=60) as client:
+        for _ in range(2):
+            head = client.head("/health")
+            assert head.status_code == 200
+            assert int(head.headers["content-length"]) > 10
+            assert client.get("/health/live").status_code == 200
