@@ -13,7 +13,7 @@ from service.client import ClientError, JsonObject, PanolocClient, UnreachableEr
 from service.host.address import why_not_free
 
 # Starting Ray takes 10 to 20 s on a small machine; a cold disk doubles that.
-START_LIMIT_S = 180.0
+START_LIMIT_S = 600.0  # a Ray beside others takes minutes on two processors
 _POLL_S = 0.25
 _STOP_LIMIT_S = 30.0
 _LOG_TAIL_LINES = 15
