@@ -12,8 +12,8 @@ from urllib.parse import urlsplit
 from service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
 from service.host.address import why_not_free
 
-# Starting Ray takes 10 to 20 s on a small machine; a cold disk doubles that.
-START_LIMIT_S = 600.0  # a Ray beside others takes minutes on two processors
+# Starting Ray takes 10 to 20 s on a small machine, a cold disk doubles that, and beside others that start it takes minutes.
+START_LIMIT_S = 600.0
 _POLL_S = 0.25
 _STOP_LIMIT_S = 30.0
 _LOG_TAIL_LINES = 15

@@ -23,14 +23,14 @@ class JudgeConfig:
     merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
-    # Of several images one contradicts the pose of the others below this correlation, where fewer of its patches agree than that share,
-    # and it shows at least so much contrast; and the share of images that may.
+    # One of several images contradicts the pose of the others where its correlation and the share of its patches that agree are below
+    # these, and its contrast is not (see `core.judge.photo_agreement`); and the share of images that may.
     contradiction: float = 0.2
     contradicting_patches: float = 0.2
     telling_contrast: float = 0.15
-    agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
-    photo_patch_rows: int = 16
     contradicting_share: float = 0.25
+    agreement: float = 0.5  # correlation from which on a patch agrees, or an image surely shows what is there
+    photo_patch_rows: int = 16  # from pole to pole: patches of 11 degrees, for each image alone
     rivals: int = 1  # places elsewhere that are judged as the best one is
     photo_rivals: int = 3  # likewise, of photos
     # Two places that both fit well are equals when their scores differ by less than both: of the score, and of the better one a share.
