@@ -90,7 +90,7 @@ class RunningService:
         except httpx.TransportError:
             return None
 
-    def wait_until_ready(self, within_s: float = 240) -> None:
+    def wait_until_ready(self, within_s: float = 600) -> None:
         """Return when the service takes requests; where it does not, show what it says itself and what its Ray says."""
         is_ready = eventually(lambda: self.status("/health/ready") == 200 or self.process.poll() is not None, within_s)
         assert is_ready, self._story()

@@ -34,6 +34,7 @@ class Pool:
 
     def __init__(self, busy: bool = False, fails: bool = False) -> None:
         self.jobs: list[RegisterJob] = []
+        self.num_held = 0
         self._busy, self._fails = busy, fails
 
     def state(self) -> PoolState:
@@ -45,7 +46,11 @@ class Pool:
         self.jobs.append(job)
         if self._fails:
             raise NoWorkerError("its process died", retry_after_s=0)
-        await asyncio.Event().wait()
+        self.num_held += 1
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self.num_held -= 1
         raise AssertionError
 
 
@@ -54,6 +59,7 @@ class Service:
 
     def __init__(self, folder: Path, pool: Pool) -> None:
         self.storage = FolderStorage(folder)
+        self._pool = pool
         self.registry = MapRegistry(self.storage, 10)
         metrics = Metrics(pool.state, self.registry.num_by_status)
         cache = cast(Cache, AnsweringRedis())
@@ -64,16 +70,17 @@ class Service:
         return read_record(self.storage, "m").newest
 
     async def begin(self) -> None:
+        """Return when the pool has every registration, or none is left."""
         await self.registry.load()
         if not self.registry.has("m"):
             await self.registry.add(RECORD)
         self.registrations.resume()
-        for _ in range(50):
+        while len(self.registrations._running) > self._pool.num_held:
             await asyncio.sleep(0.005)
 
 
 def run(scenario: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 20))
+    asyncio.run(asyncio.wait_for(scenario, 60))
 
 
 async def killed(service: Service) -> None:
