@@ -20,6 +20,7 @@ _WHAT = {
     "service": "what the service needs beside PyTorch, and what builds its wheel",
     "console": "what builds the console, beside service.txt",
     "dev": "what the tests need, beside service.txt and console.txt",
+    "sbom": "what scripts/sbom needs, beside all others",
 }
 
 Packages = dict[str, str]
@@ -31,18 +32,19 @@ def main(arguments: list[str]) -> str | None:
     if arguments not in ([], ["--upgrade"]):
         return f"expected --upgrade or nothing, got {arguments}"
     known = "" if arguments else "".join(path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.txt")))
-    everything = resolve(["console", "dev"], known)
+    everything = resolve(["console", "dev", "sbom"], known)
     torch = next(name for name in everything if name.startswith(f"{TORCH}=="))
     if not torch.endswith("+cpu"):
         return f"expected a CPU build of PyTorch, got {torch}; name a place that has one in UV_FIND_LINKS or UV_INDEX"
     # What two files share has one version: each choice is made among the packages of the largest.
     service = resolve([], "".join(everything.values()))
     console = resolve(["console"], "".join(everything.values()))
-    rest = [name for name in everything if name not in service and name not in console]
+    tests = resolve(["console", "dev"], "".join(everything.values()))
     write("torch", {torch: everything[torch]})
     write("service", {name: lines for name, lines in service.items() if name != torch})
     write("console", {name: lines for name, lines in console.items() if name not in service})
-    write("dev", {name: everything[name] for name in rest})
+    write("dev", {name: lines for name, lines in tests.items() if name not in service and name not in console})
+    write("sbom", {name: lines for name, lines in everything.items() if name not in tests})
     return None
 
 

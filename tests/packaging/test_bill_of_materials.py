@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("cyclonedx_py")
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -49,8 +49,9 @@ def locked_in(*names: str) -> dict[str, Version]:
         ([], ["torch", "service"]),
         (["console"], ["torch", "service", "console"]),
         (["console", "dev"], ["torch", "service", "console", "dev"]),
+        (["console", "dev", "sbom"], ["torch", "service", "console", "dev", "sbom"]),
     ],
-    ids=["image", "installation", "tests"],
+    ids=["image", "installation", "tests", "bill of materials"],
 )
 def test_every_dependency_is_locked_at_a_version_that_fits(extras: list[str], files: list[str]) -> None:
     locked = locked_in(*files)
@@ -64,7 +65,7 @@ def test_every_dependency_is_locked_at_a_version_that_fits(extras: list[str], fi
 
 
 def test_no_package_is_locked_twice() -> None:
-    assert FILES.keys() == {"torch", "service", "console", "dev"}
+    assert FILES.keys() == {"torch", "service", "console", "dev", "sbom"}
     locked = [name for file in FILES for name in locked_in(file)]
     assert len(locked) > 150
     assert len(set(locked)) == len(locked)
@@ -95,6 +96,7 @@ def test_image_and_installer_take_nothing_without_its_digest() -> None:
     named_by_the_operator = ['"${TORCH}"', '"torch>=2.6,<2.14"']
     unlocked = [each for each in installed if "--require-hashes" not in each and each not in named_by_the_operator]
     assert unlocked == ["--no-deps --no-build-isolation ."]
-    installer = (ROOT / "scripts" / "install").read_text(encoding="utf-8")
+    installer, bill = ((ROOT / "scripts" / name).read_text(encoding="utf-8") for name in ("install", "sbom"))
     assert "pip_install --require-hashes --no-deps" in installer
-    assert all(f"requirements/{name}.txt" in installer for name in FILES)
+    assert all(f"requirements/{name}.txt" in (bill if name == "sbom" else installer) for name in FILES)
+    assert re.findall(r"pip install .*--require-hashes --no-deps .*sbom\.txt", bill)
