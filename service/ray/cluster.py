@@ -8,6 +8,7 @@ import logging
 import os
 import secrets
 import signal
+import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -143,7 +144,8 @@ class RayCluster:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGTERM)  # it ends its workers first
         deadline = time.monotonic() + 5
-        for pid, name in ending.items():
+        # The raylet says goodbye to the GCS, and would wait for one that is gone.
+        for pid, name in sorted(ending.items(), key=lambda each: each[1] == "gcs_server"):
             while name != "gcs_server" and _is_alive(pid) and time.monotonic() < deadline:
                 time.sleep(0.02)
             if _is_alive(pid):
@@ -213,6 +215,8 @@ def _forget_controller() -> None:
     Serve keeps one client per controller for the life of the process, and takes the controller of a new cluster for
     the old one when both have the same number, as the first actors, and the first jobs, of two clusters do.
     """
+    if "ray.serve" not in sys.modules:
+        return
     try:
         from ray.serve._private.router import SharedRouterLongPollClient
         from ray.serve.context import _set_global_client
