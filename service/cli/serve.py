@@ -87,6 +87,9 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     if settings.redis_url is not None and (fault := _fault_of_redis_url(settings.redis_url)):
         session.messages.print(f"Setting PANOLOC_REDIS_URL: {fault}", markup=False)
         return ExitCode.USAGE
+    if settings.ray_address is not None and (fault := _fault_of_ray_address(settings.ray_address)):
+        session.messages.print(f"Setting PANOLOC_RAY_ADDRESS: {fault}", markup=False)
+        return ExitCode.USAGE
     # Before Redis and Ray start, and before the seconds that importing them takes.
     fault = why_not_free(settings.host, settings.port)
     if fault is not None:
@@ -110,6 +113,14 @@ def _fault_of_redis_url(url: str) -> str | None:
     except ValueError as error:
         return f"expected redis://host:port/0, rediss:// or unix:///socket, got one of which the client says: {error}"
     return None
+
+
+def _fault_of_ray_address(address: str) -> str | None:
+    """Return what is wrong with an address that no cluster can have; one that does not answer is tried again."""
+    host, _, port = address.rpartition(":")
+    if address == "auto" or (host and port.isdecimal() and 0 < int(port) < 2**16):
+        return None
+    return f"expected host:port of the cluster's head, such as ray.example:6379, or auto, got {address!r}"
 
 
 def unknown_settings(environment: Mapping[str, str]) -> list[str]:

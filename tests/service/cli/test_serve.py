@@ -46,6 +46,16 @@ def test_every_option_reaches_its_setting(panoloc: Panoloc, started_with: list[S
     assert (settings.ray_address, settings.log_format) == ("a:1", "json")
 
 
+@pytest.mark.parametrize("address", ["nonsense", "ray.example", ":6379", "ray.example:", "ray.example:99999"])
+def test_an_address_that_no_cluster_has_is_refused_at_once(
+    panoloc: Panoloc, started_with: list[Settings], address: str
+) -> None:
+    done = panoloc("serve", "--ray-address", address)
+    assert done.code == 2
+    assert "PANOLOC_RAY_ADDRESS: expected host:port" in " ".join(done.err.split())
+    assert started_with == []
+
+
 def test_a_wrong_setting_is_named_with_its_value(
     panoloc: Panoloc, started_with: list[Settings], monkeypatch: pytest.MonkeyPatch
 ) -> None:
