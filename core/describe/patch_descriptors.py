@@ -45,9 +45,9 @@ def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Te
 def principal_basis(roots: Tensor, size: int, sample: int) -> Tensor:
     """Return the (bins³, size) orthonormal directions along which centred roots (V, P, bins³) vary most, told from `sample` patches."""
     flat = roots.flatten(0, 1)
-    # In double precision: bins that no patch uses make the matrix singular, and single precision then returns NaN at times.
-    flat = flat[:: max(1, len(flat) // sample)].double()
-    spread = flat.T @ flat
+    flat = flat[:: max(1, len(flat) // sample)]
+    # Solved in double precision: bins that no patch uses make the matrix singular, and single precision then returns NaN at times.
+    spread = (flat.T @ flat).double()
     # Of a scan in greys nine in ten bins are empty: of so many equal eigenvalues the solver finds no order, unless each gets one.
     order = torch.linspace(
         0, _ORDER * float(spread.diagonal().max()), len(spread), dtype=spread.dtype, device=spread.device
