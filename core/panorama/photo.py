@@ -68,16 +68,21 @@ def shrunk_photo(
     factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / _LARGEST_STEP)
     if factor < 2:
         return color, valid, camera
-    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
-
     size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
+    if bool(valid.all()):
+        return _averaged(color, size), np.ones(size[::-1], np.bool_), camera.resized(*size)
     # Masked pixels must not bleed into their neighbours: their average is taken out again.
-    share = (
-        np.asarray(Image.fromarray(valid.astype(np.uint8) * 255).resize(size, Image.Resampling.BOX), np.float32) / 255
-    )
-    mean = np.asarray(Image.fromarray(color * valid[..., None]).resize(size, Image.Resampling.BOX), np.float32)
+    share = _averaged(valid.astype(np.uint8) * 255, size).astype(np.float32) / 255
+    mean = _averaged(color * valid[..., None], size).astype(np.float32)
     small = np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8)
     return small, share > 0.99, camera.resized(*size)
+
+
+def _averaged(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return an image (h, w) or (h, w, 3) of `size`, its width and height, each pixel the average of those that it covers."""
+    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
+
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
 
 
 def _directions(rows: int) -> NDArray[np.float64]:
