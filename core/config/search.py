@@ -72,7 +72,17 @@ class PhotoSearchConfig:
     closer_poses: int = 800
     closer_candidates: int = 24
     closer_distinct: PoseDistance = PoseDistance(0.4, 12.0)
-    # Where photos would be localized, the map is searched for places that look like the one found, at so many turns about the vertical.
+    # Where photos would be localized, the maps are searched for places where all of the scan looks as it does at the one found, at so many
+    # turns about the vertical: with a score of at least so much of that of the starts beside it (equal rooms have 0.9 and more, the
+    # rest of a building up to 0.7), or of so much by itself (2.0 and more, up to 1.8).
+    same_view_turns: int = 24
+    same_view_turned_deg: float = 60.0  # at the place found, less than this is the place itself
+    same_view_share: float = 0.74
+    same_view_least: float = 1.9
+    same_view_starts: int = 64  # that look most like it by patches twice as large are looked at closely,
+    same_view_kept_share: float = 0.25  # and this share of all at least
+    same_views: int = 3  # the best of them, in each map
+    # Only where there is one, also for what looks like it in the photos alone.
     lookalike_turns: int = 48
     lookalike_poses: int = 1000  # looked at pixel by pixel,
     lookalike_pixels: int = 200_000  # and fewer of many photos, so that all of them together have so many pixels

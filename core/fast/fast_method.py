@@ -37,6 +37,7 @@ from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
 from core.search.pose_limits import PoseLimits
+from core.search.same_views import search_same_views
 from core.stage_clock import StageClock
 from core.views.comparison import Comparison
 
@@ -186,10 +187,16 @@ class _Run:
             return []
         with self.clock.stage("search"):
             alike = [query for query in queries if query.picture is own.picture]
+            maps = [(query.index, query.limits) for query in alike]
+            found = search_same_views(own.index, best.rotation, best.position, maps, self.config)
+            same = best_candidates(alike, found, search.same_views)
+            if not same:
+                return []
             seen = described_as_scanned(own.picture.described(), own.index, best.rotation, best.position, self.config)
-            found = [search_lookalikes(seen, q.index, q.limits, best.rotation, self.config) for q in alike]
+            found = [search_lookalikes(seen, *each, best.rotation, self.config) for each in maps]
             candidates = best_candidates(alike, found, search.num_candidates)
-        return [h for h in candidates if not h.is_near(best, self.config.search.elsewhere)][: search.lookalikes]
+        elsewhere = [h for h in candidates if not h.is_near(best, self.config.search.elsewhere)]
+        return [*same, *elsewhere[: search.lookalikes]]
 
     def _around(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return candidates near the best pose, where photos that show little would be answered with it, but not beyond doubt."""

@@ -148,7 +148,7 @@ class _MapSearch:
             return torch.full((len(self.starts),), torch.inf, device=self.starts.device)
         query, weights = pooled(self.query[None], self.weights[None])
         self.num_coarse_poses = len(self.starts) * len(self.coarse.rotations)
-        return _scores(query[0], weights[0], self.index.coarse_views, self.starts, self.coarse.table).amax(1)
+        return scores_of_starts(query[0], weights[0], self.index.coarse_views, self.starts, self.coarse.table).amax(1)
 
     def run(self) -> MapCandidates:
         """Score the starts that are left with all rotations, and choose candidates."""
@@ -157,13 +157,13 @@ class _MapSearch:
         if len(starts) == 0:
             empty = Candidates(starts, starts, starts.float())
             return MapCandidates(empty, rotations, self.num_allowed, num_poses)
-        scores = _scores(self.query, self.weights, self.index.descriptors, starts, self.full.table)
+        scores = scores_of_starts(self.query, self.weights, self.index.descriptors, starts, self.full.table)
         chosen = select_candidates(scores, self.index.starts[starts], rotations, self.config)
         found = Candidates(starts[chosen.starts], chosen.rotations, chosen.scores)
         return MapCandidates(found, rotations, self.num_allowed, num_poses)
 
 
-def _scores(query: Tensor, weights: Tensor, views: ViewDescriptors, starts: Tensor, table: Tensor) -> Tensor:
+def scores_of_starts(query: Tensor, weights: Tensor, views: ViewDescriptors, starts: Tensor, table: Tensor) -> Tensor:
     """Return scores (T, R) of the starts (T,) of a map under the rotations of a table (R, P), by query patches (P, D)."""
     every = len(starts) == len(views.values)
     values, view_weights = (views.values, views.weights) if every else (views.values[starts], views.weights[starts])

@@ -1,0 +1,82 @@
+"""The search for places where the scan looks as it does at another, in painted boxes with and without a symmetry."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from core.config import LocalizerConfig
+from core.geometry.pose import Pose, pose_error
+from core.index.map_builder import build_map_index
+from core.index.map_index import MapIndex
+from core.search.map_search import MapCandidates
+from core.search.pose_limits import PoseLimits
+from core.search.same_views import search_same_views
+from tests.core.painted_box import PaintedBox, rotation_of
+
+pytestmark = pytest.mark.slow
+CONFIG = LocalizerConfig()
+BOX = PaintedBox(seed=3, symmetric=True)
+POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+ROTATION, POSITION = torch.from_numpy(POSE.rotation).float(), torch.from_numpy(POSE.position).float()
+
+
+@pytest.fixture(scope="module")
+def symmetric() -> MapIndex:
+    return build_map_index(BOX.scan())
+
+
+@pytest.fixture(scope="module")
+def other() -> MapIndex:
+    return build_map_index(PaintedBox(seed=8).scan())
+
+
+def twin() -> Pose:
+    """Return the pose that sees the same after half a turn of the box."""
+    half_turn, middle = rotation_of(180.0), np.array([BOX.size_m[0], BOX.size_m[1], 0.0]) / 2
+    return Pose(half_turn @ POSE.rotation, half_turn @ (POSE.position - middle) + middle)
+
+
+def search(own: MapIndex, index: MapIndex, limits: PoseLimits | None = None) -> MapCandidates:
+    (found,) = search_same_views(own, ROTATION, POSITION, [(index, limits or PoseLimits())], CONFIG)
+    return found
+
+
+def poses(found: MapCandidates, index: MapIndex) -> list[Pose]:
+    starts, turns = found.candidates.starts.tolist(), found.candidates.rotations.tolist()
+    return [
+        Pose(found.rotations[turn].double().numpy(), index.starts[start].double().numpy())
+        for start, turn in zip(starts, turns, strict=True)
+    ]
+
+
+def test_the_other_side_of_a_symmetric_room_is_found_and_the_place_itself_is_not(symmetric: MapIndex) -> None:
+    found = poses(search(symmetric, symmetric), symmetric)
+    assert pose_error(found[0], twin()).within(0.6, 15.0)
+    assert not any(pose_error(pose, POSE).within(0.6, 15.0) for pose in found)
+    assert len(found) <= CONFIG.photo_search.same_views
+
+
+def test_a_room_that_looks_like_no_other_has_none(other: MapIndex) -> None:
+    assert len(search(other, other).candidates) == 0
+
+
+def test_the_same_room_in_another_map_is_found(symmetric: MapIndex, other: MapIndex) -> None:
+    again = build_map_index(BOX.scan())
+    found = poses(search(symmetric, again), again)
+    assert any(pose_error(pose, POSE).within(0.6, 15.0) for pose in found)
+    assert any(pose_error(pose, twin()).within(0.6, 15.0) for pose in found)
+    assert len(search(symmetric, other).candidates) == 0
+
+
+def test_only_what_the_limits_allow_is_named(symmetric: MapIndex) -> None:
+    heading = math.atan2(POSE.rotation[1, 0], POSE.rotation[0, 0])
+    limits = replace(PoseLimits(), heading=heading, heading_tolerance=math.radians(40))
+    assert len(search(symmetric, symmetric, limits).candidates) == 0
+
+
+def test_they_are_as_upright_as_the_pose(symmetric: MapIndex) -> None:
+    for pose in poses(search(symmetric, symmetric), symmetric):
+        np.testing.assert_allclose(pose.rotation[2], POSE.rotation[2], atol=1e-5)
