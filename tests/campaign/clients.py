@@ -1,5 +1,6 @@
 """Clients that ask a running service without a pause, and what they got."""
 
+import itertools
 import ssl
 import threading
 import time
@@ -101,3 +102,36 @@ class Clients:
                     self.answers.status.append(status)
                     self.answers.seconds.append(time.monotonic() - began)
                     self.answers.wrong += wrong
+
+
+class Reader:
+    """A thread that reads a page without a pause until `stop`: what an answer takes that no worker computes."""
+
+    def __init__(self, url: str, path: str, context: ssl.SSLContext) -> None:
+        self.refused: list[int] = []  # statuses other than 200, 0 where there was no answer
+        self._at: list[float] = []
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._ask, args=(url, path, context), daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Wait for the last answer."""
+        self._ending.set()
+        self._thread.join(60)
+
+    def longest_without_s(self, since: float, until: float) -> float:
+        """Return the longest time between two moments, monotonic seconds, in which there was no answer."""
+        within = [since, *(at for at in list(self._at) if since < at < until), until]
+        return max(after - before for before, after in itertools.pairwise(within))
+
+    def _ask(self, url: str, path: str, context: ssl.SSLContext) -> None:
+        with httpx.Client(base_url=url, timeout=30, verify=context) as client:
+            while not self._ending.wait(0.02):
+                try:
+                    status = client.get(path).status_code
+                except httpx.TransportError:
+                    status = 0
+                if status == 200:
+                    self._at.append(time.monotonic())
+                else:
+                    self.refused.append(status)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.campaign.clients import Clients
+from tests.campaign.clients import Clients, Reader
 from tests.campaign.outcome import Outcome, quantile
 from tests.campaign.running import PATIENCE_S, ready_service, tell
 from tests.integration.proxy import proxy_before
@@ -16,6 +16,7 @@ from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
 _DOORS = 3
+_READ_S = 2.0  # after a kill, in which a map is read again and again
 
 
 def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
@@ -31,7 +32,10 @@ def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
                 doors[-1].wait_until_ready()
             map_id = doors[0].register(small_room().scan, OPTIONS)
 
+            killed_at = []
+
             def kill(number: int) -> None:
+                killed_at.append(time.monotonic())
                 os.kill(doors[number % _DOORS].process.pid, signal.SIGKILL)
 
             def start(number: int) -> None:
@@ -41,9 +45,18 @@ def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
                 doors[number % _DOORS].wait_until_ready()
 
             with proxy_before([f"127.0.0.1:{door.port}" for door in doors], Path(folder)) as proxy:
-                killed_again(
-                    outcome, Clients(proxy.url, map_id, num_clients, context=proxy.context), times, kill, start
+                reader = Reader(proxy.url, f"/maps/{map_id}", proxy.context)
+                clients = Clients(proxy.url, map_id, num_clients, context=proxy.context)
+                try:
+                    killed_again(outcome, clients, times, kill, start)
+                finally:
+                    reader.stop()
+                without_s = [reader.longest_without_s(at, at + _READ_S) for at in killed_at]
+                outcome.figures["a map is read again after (median, longest)"] = (
+                    f"{quantile(without_s, 0.5):.2f} s, {max(without_s, default=0.0):.2f} s"
                 )
+                if reader.refused:
+                    outcome.faults.append(f"a map could not be read: {reader.refused}")
         finally:
             for door in doors:
                 door.kill()
