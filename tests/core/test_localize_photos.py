@@ -118,8 +118,13 @@ def test_a_room_that_looks_the_same_is_named_also_when_the_search_overlooks_it(
     named = (found.best.pose, found.alternatives[0].pose)
     for side in (here, twin):
         assert any(pose_error(pose, side).within(0.1, 5.0) for pose in named)
-    overlooking = Localizer(replace(CONFIG, photo_search=replace(CONFIG.photo_search, same_views=0)), device="cpu")
-    assert overlooking.localize(asked, [index]).status == "localized"
+    by_views_alone, overlooking = (
+        replace(CONFIG.photo_search, lookalikes=0),
+        replace(CONFIG.photo_search, same_views=0),
+    )
+    for config, status in ((by_views_alone, "ambiguous"), (overlooking, "localized")):
+        localizer = Localizer(replace(CONFIG, photo_search=config), device="cpu")
+        assert localizer.localize(asked, [index]).status == status
 
 
 def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose) -> None:

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
@@ -17,14 +16,12 @@ from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates
 from core.search.photo_search import DescribedPhotos
 from core.search.pose_limits import PoseLimits
-from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import UPRIGHT, photo_of
+from tests.core.search.symmetric_box import BOX, POSE, POSITION, ROTATION, TWIN
 
 pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig()
-BOX = PaintedBox(seed=3, symmetric=True)
-POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-ROTATION, POSITION = torch.from_numpy(POSE.rotation).float(), torch.from_numpy(POSE.position).float()
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +60,7 @@ def test_what_is_described_is_the_scan_and_not_the_photo(as_scanned: DescribedPh
 
 def test_both_sides_of_a_symmetric_room_are_found_first(as_scanned: DescribedPhotos, index: MapIndex) -> None:
     found = search_lookalikes(as_scanned, index, PoseLimits(), ROTATION, CONFIG)
-    half_turn, middle = rotation_of(180.0), np.array([BOX.size_m[0], BOX.size_m[1], 0.0]) / 2
-    twin = Pose(half_turn @ POSE.rotation, half_turn @ (POSE.position - middle) + middle)
-    ranks = [best_near(pose, found, index) for pose in (POSE, twin)]
+    ranks = [best_near(pose, found, index) for pose in (POSE, TWIN)]
     assert None not in ranks
     assert max(rank for rank in ranks if rank is not None) < 4
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
@@ -14,13 +13,11 @@ from core.index.map_index import MapIndex
 from core.search.map_search import MapCandidates
 from core.search.pose_limits import PoseLimits
 from core.search.same_views import search_same_views
-from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.painted_box import PaintedBox
+from tests.core.search.symmetric_box import BOX, POSE, POSITION, ROTATION, TWIN
 
 pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig()
-BOX = PaintedBox(seed=3, symmetric=True)
-POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-ROTATION, POSITION = torch.from_numpy(POSE.rotation).float(), torch.from_numpy(POSE.position).float()
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +28,6 @@ def symmetric() -> MapIndex:
 @pytest.fixture(scope="module")
 def other() -> MapIndex:
     return build_map_index(PaintedBox(seed=8).scan())
-
-
-def twin() -> Pose:
-    """Return the pose that sees the same after half a turn of the box."""
-    half_turn, middle = rotation_of(180.0), np.array([BOX.size_m[0], BOX.size_m[1], 0.0]) / 2
-    return Pose(half_turn @ POSE.rotation, half_turn @ (POSE.position - middle) + middle)
 
 
 def search(own: MapIndex, index: MapIndex, limits: PoseLimits | None = None) -> MapCandidates:
@@ -54,7 +45,7 @@ def poses(found: MapCandidates, index: MapIndex) -> list[Pose]:
 
 def test_the_other_side_of_a_symmetric_room_is_found_and_the_place_itself_is_not(symmetric: MapIndex) -> None:
     found = poses(search(symmetric, symmetric), symmetric)
-    assert pose_error(found[0], twin()).within(0.6, 15.0)
+    assert pose_error(found[0], TWIN).within(0.6, 15.0)
     assert not any(pose_error(pose, POSE).within(0.6, 15.0) for pose in found)
     assert len(found) <= CONFIG.photo_search.same_views
 
@@ -67,7 +58,7 @@ def test_the_same_room_in_another_map_is_found(symmetric: MapIndex, other: MapIn
     again = build_map_index(BOX.scan())
     found = poses(search(symmetric, again), again)
     assert any(pose_error(pose, POSE).within(0.6, 15.0) for pose in found)
-    assert any(pose_error(pose, twin()).within(0.6, 15.0) for pose in found)
+    assert any(pose_error(pose, TWIN).within(0.6, 15.0) for pose in found)
     assert len(search(symmetric, other).candidates) == 0
 
 
