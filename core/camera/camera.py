@@ -94,8 +94,8 @@ class Camera:
         """Return the camera of a resized copy of the image. Raises OptionsError where the copy has another shape."""
         if not _have_one_shape((self.width_px, self.height_px), (width_px, height_px)):
             raise OptionsError(
-                f"cameras: expected an image of the shape that the intrinsics belong to, {self.width_px} x {self.height_px} px "
-                f"or a resized copy of it, got {width_px} x {height_px}; send the intrinsics of the image as it is uploaded"
+                f"cameras: expected an image of the shape that width_px and height_px say, {self.width_px} x {self.height_px} px "
+                f"or a resized copy of it, got {width_px} x {height_px}; send size and intrinsics of the image as it is uploaded"
             )
         across, down = width_px / self.width_px, height_px / self.height_px
         return replace(

@@ -47,7 +47,7 @@ def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[li
             for entry in images:
                 target = folder / uuid.uuid4().hex
                 unpacked.append(UnpackedImage(entry.filename, target, ""))
-                digest, num_bytes = _unpack(opened, entry, target, min(left, limits.max_image_bytes))
+                digest, num_bytes = _unpack(opened, entry, target, limits.max_image_bytes, left)
                 unpacked[-1] = UnpackedImage(entry.filename, target, digest)
                 left -= num_bytes
         return unpacked, ignored
@@ -95,16 +95,23 @@ def _is_image(name: str) -> bool:
     return path.suffix.lower() in IMAGE_ENDINGS and not hidden
 
 
-def _unpack(opened: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path, max_bytes: int) -> tuple[str, int]:
-    """Write one file; the bytes that come are counted, not those that are announced."""
+def _unpack(
+    opened: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path, max_bytes: int, left: int
+) -> tuple[str, int]:
+    """Write one file; the bytes that come are counted, not those that are announced. left: of all files together."""
     digest, num_bytes = hashlib.sha256(), 0
     with opened.open(entry) as source, target.open("wb") as sink:
         while block := source.read(_BLOCK_BYTES):
             num_bytes += len(block)
             if num_bytes > max_bytes:
                 raise UploadTooLargeError(
-                    f"archive: expected {entry.filename[:80]!r} to unpack to at most {max_bytes:,} bytes, got more; send smaller "
-                    "images, or fewer in one batch"
+                    f"archive: expected {entry.filename[:80]!r} to unpack to at most {max_bytes:,} bytes "
+                    "(PANOLOC_MAX_IMAGE_BYTES), got more; send smaller images"
+                )
+            if num_bytes > left:
+                raise UploadTooLargeError(
+                    f"archive: expected images of one batch to unpack to so many bytes together that {left:,} are left for "
+                    f"{entry.filename[:80]!r}, got more; send several batches"
                 )
             digest.update(block)
             sink.write(block)

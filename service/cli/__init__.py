@@ -3,6 +3,17 @@
 Nothing here imports torch, Ray or the algorithm before a command needs it, so that client commands start at once.
 """
 
-from service.cli.entry import main, run
+import sys
 
-__all__ = ["main", "run"]
+
+def main() -> None:
+    """Run the command line of this process and exit with its code; Ctrl-C ends it quietly from its first import on."""
+    try:
+        from service.cli.entry import run
+
+        sys.exit(run(sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+__all__ = ["main"]

@@ -1,7 +1,6 @@
 """Puts the commands together, and turns every expected failure into a message and an exit code."""
 
 import importlib.metadata
-import sys
 from typing import Annotated, Any
 
 import httpx
@@ -56,11 +55,6 @@ app.add_typer(keys.app, name="keys")
 # Commands of other packages, as the lab's: each entry point adds its own.
 for package in importlib.metadata.entry_points(group="panoloc.commands"):
     package.load()(app)
-
-
-def main() -> None:
-    """Run the command line of this process and exit with its code."""
-    sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: list[str], transport: httpx.BaseTransport | None = None) -> int:

@@ -1,5 +1,7 @@
 """What callers send, held against models and limits; every mistake is named by its field, every limit by its setting."""
 
+import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -19,12 +21,14 @@ _MOST_MISTAKES = 10
 def parse_json(model: type[ModelType], data: bytes | None, where: str) -> ModelType:
     """Read JSON into a model; None and nothing count as `{}`. where: what it is called in messages.
 
-    Raises MalformedRequestError for what is no JSON, InvalidOptionsError for what does not fit the model.
+    Raises MalformedRequestError for what is no JSON, InvalidOptionsError for what does not fit the model or says a thing twice.
     """
     try:
-        return model.model_validate_json(data or b"{}")
+        read = model.model_validate_json(data or b"{}")
     except ValidationError as error:
         raise mistakes_error(error.errors(include_url=False), where=where) from error
+    _refuse_doubles(data or b"{}")
+    return read
 
 
 def mistakes_error(
@@ -46,6 +50,20 @@ def limited_by(setting: str) -> Iterator[None]:
         yield
     except (ScanTooLargeError, PanoramaTooLargeError) as error:
         raise type(error)(f"{error} (the limit is {setting})") from error
+
+
+def _refuse_doubles(data: bytes) -> None:
+    """Refuse a name that stands twice in one object: every reader takes another of the two, this one the last."""
+
+    def check(members: list[tuple[str, object]]) -> None:
+        for name, times in Counter(name for name, _ in members).items():
+            if times > 1:
+                shown = name[:_LONGEST_VALUE]
+                message = f"expected once in its object, got {times} times; leave one"
+                raise InvalidOptionsError(f"{shown}: {message}", [{"field": shown, "message": message}])
+
+    # By now it is JSON, not deep, and its numbers were read; digits without end would be refused as integers.
+    json.loads(data, object_pairs_hook=check, parse_int=str)
 
 
 def _field(mistake: Any, skip: int, where: str) -> dict[str, Any]:

@@ -94,11 +94,17 @@ class KeyFile:
         with self._locked():
             keys = [dataclasses.asdict(key) for key in update(self.read())]
             part = self.path.with_suffix(".part")
-            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
-                json.dump({"format": _FORMAT, "keys": keys}, file, indent=1)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(self.path)
+            try:
+                with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+                    json.dump({"format": _FORMAT, "keys": keys}, file, indent=1)
+                    file.flush()
+                    os.fsync(file.fileno())
+                part.replace(self.path)
+            except OSError as error:
+                part.unlink(missing_ok=True)
+                # What fails while it is written, as on a full disk, names no file of its own.
+                error.filename = error.filename or str(part)
+                raise
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:

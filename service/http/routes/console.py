@@ -42,6 +42,16 @@ async def page() -> Response:
     return FileResponse(index, media_type="text/html", headers=headers)
 
 
+@router.get("/favicon.ico")
+async def icon() -> Response:
+    """Return the mark of the page where browsers look for it by themselves: beside pictures and documents, which name none."""
+    mark = next((BUILT / "console").glob("mark-*.svg"), None)
+    headers = {**_SECURITY, "Cache-Control": "public, max-age=86400"}
+    if mark is None:
+        return Response(status_code=204, headers=headers)
+    return FileResponse(mark, media_type=_MEDIA_TYPES["svg"], headers=headers)
+
+
 @router.get("/console/{name}")
 async def asset(name: str) -> Response:
     """Return a script, a style sheet or a picture of the console; their names change with what is in them."""

@@ -1,6 +1,8 @@
 """`panoloc keys`, which needs no running service."""
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -42,6 +44,24 @@ def test_a_key_of_nobody_and_one_of_everybody_are_none(
     assert refused.code == 1
     assert "expected" in refused.err
     assert not (tmp_path / "keys.json").exists()
+
+
+def test_a_full_disk_is_said_with_the_file_and_keeps_the_keys_that_were(
+    panoloc: Panoloc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = ("keys", "make", "phones", "--scope", "read", "--data-dir", tmp_path)
+    assert panoloc(*make).code == 0
+    before = (tmp_path / "keys.json").read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    refused = panoloc(*make)
+    assert refused.code == 1
+    assert str(tmp_path / "keys") in refused.err.replace("\n", "")
+    assert (tmp_path / "keys.json").read_bytes() == before
+    assert not list(tmp_path.glob("*.part"))
 
 
 def test_no_key_is_added_to_a_file_that_is_damaged(panoloc: Panoloc, tmp_path: Path) -> None:

@@ -43,6 +43,16 @@ async def test_what_bears_its_digest_in_its_name_is_kept_by_browsers(running: Ru
     assert "immutable" in reply.headers["cache-control"]
 
 
+async def test_browsers_that_look_for_an_icon_by_themselves_find_the_mark(
+    running: RunningService, built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (built / "console" / "mark-3c4d.svg").write_text("<svg/>")
+    found = await running.client.get("/favicon.ico")
+    assert (found.status_code, found.text, found.headers["content-type"]) == (200, "<svg/>", "image/svg+xml")
+    monkeypatch.setattr(console, "BUILT", built / "none")
+    assert (await running.client.get("/favicon.ico")).status_code == 204
+
+
 @pytest.mark.parametrize("name", ["none.js", "..%2Findex.html", "..%2F.sources", ".sources", "index-1a2b.js%00"])
 async def test_nothing_else_of_the_folder_is_served(running: RunningService, built: Path, name: str) -> None:
     reply = await running.client.get(f"/console/{name}")

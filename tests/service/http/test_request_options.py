@@ -53,6 +53,21 @@ def test_any_bytes_are_read_or_refused_with_a_message(data: bytes) -> None:
     assert refused is None or str(refused).startswith(("options", "name"))
 
 
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ('{"top_k": 2, "top_k": 3}', "top_k"),
+        ('{"hints": {"position_m": [0, 0, 0], "radius_m": 1, "radius_m": 2}}', "radius_m"),
+        ('{"hints": {"upright": true}, "frame": "ros", "hints": {"upright": false}}', "hints"),
+    ],
+)
+def test_a_name_that_stands_twice_is_refused_whichever_a_reader_would_take(text: str, field: str) -> None:
+    refused = refusal_of(LocalizeOptions, text.encode())
+    assert isinstance(refused, InvalidOptionsError)
+    assert refused.fields[0]["field"] == field
+    assert "2 times" in str(refused)
+
+
 @given(st.tuples(COORDINATE, COORDINATE, COORDINATE), st.tuples(COORDINATE, COORDINATE, COORDINATE))
 def test_a_region_has_min_below_max_on_every_axis(low: tuple[float, ...], high: tuple[float, ...]) -> None:
     text = json.dumps({"hints": {"region": {"min": low, "max": high}}}).encode()
