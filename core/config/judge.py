@@ -41,6 +41,9 @@ class JudgeConfig:
     unlike_share: float = 0.6
     alike_share: float = 0.85
     alike_ambiguous_share: float = 0.3
+    # Likewise where all that the scan shows looks the same from both: what a photo has of it then differs by what moved and by how both
+    # rooms were sampled.
+    same_view_ambiguous_share: float = 0.4
     # Of the score, in the features of the confidence: beyond the first the runner-up says nothing more; the second stands
     # for a runner-up that is not there. The coefficients were fitted with both.
     max_margin: float = 0.5

@@ -64,9 +64,11 @@ class PhotoSearchConfig:
     pool: int = 2500  # poses that candidates are chosen from
     distinct: PoseDistance = PoseDistance(0.6, 18.0)
     # Photos that show no more than this share of the sphere, and would be localized, but not beyond doubt, are searched once more near the
-    # place found: what fits nearly as well there must not have been overlooked.
+    # place found: what fits nearly as well there must not have been overlooked. However sure they are for want of a rival, there is
+    # doubt where the scan explains less than the third of the photo's contrast.
     closer_share: float = 0.2
     beyond_doubt: float = 0.97
+    doubtful_explained: float = 0.25
     closer_m: float = 0.7
     closer_deg: float = 20.0
     closer_poses: int = 800

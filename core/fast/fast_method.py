@@ -22,6 +22,7 @@ from core.judge.hypotheses import (
     MethodResult,
     by_score,
     with_close_rival,
+    with_same_views,
     within_margin,
 )
 from core.judge.verdict import verdict
@@ -117,12 +118,15 @@ class _Run:
                     break
             if self.method.is_sure(hypotheses, is_last=True):
                 break
-        rough = stages.roughly(alike) if (alike := self._lookalikes(queries, hypotheses)) else []
+        same, alike = self._lookalikes(queries, hypotheses)
+        rough = stages.roughly([*same, *alike]) if same else []
         if rough:
             hypotheses, comparison = self._finish(stages, judged, rough)
+            hypotheses = with_same_views(hypotheses, same, self.config.search.elsewhere)
         if around := self._around(queries, hypotheses):
             judged = by_score([*judged, *stages.roughly(around)], self.config.judge.distinct)
             hypotheses, comparison = self._finish(stages, judged, rough)
+            hypotheses = with_same_views(hypotheses, same, self.config.search.elsewhere)
         cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
         return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses)
 
@@ -176,34 +180,38 @@ class _Run:
         panoramas = [p.described(self.config.descriptors) for p in pictures if isinstance(p, PreparedPanorama)]
         return search_maps(panoramas, maps, self.method.rotations, limits, self.config.search)
 
-    def _lookalikes(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return candidates that look like the best pose and are elsewhere, where photos would be answered with it: none of a room that
-        exists twice must be sure because the search overlooked the other."""
+    def _lookalikes(
+        self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]
+    ) -> tuple[list[Hypothesis], list[Hypothesis]]:
+        """Return candidates elsewhere from which all of the scan looks as at the best pose, and others that look like it, where photos
+        would be answered with it: none of a room that exists twice must be sure because the search overlooked the other."""
         if not self.method.confidence_of_answer(hypotheses):
-            return []
+            return [], []
         best, search = hypotheses[0], self.config.photo_search
         own = queries[best.map_number]
         if not isinstance(own.picture, PreparedPhotos):
-            return []
+            return [], []
         with self.clock.stage("search"):
             alike = [query for query in queries if query.picture is own.picture]
             maps = [(query.index, query.limits) for query in alike]
             found = search_same_views(own.index, best.rotation, best.position, maps, self.config)
             same = best_candidates(alike, found, search.same_views)
             if not same:
-                return []
+                return [], []
             seen = described_as_scanned(own.picture.described(), own.index, best.rotation, best.position, self.config)
             found = [search_lookalikes(seen, *each, best.rotation, self.config) for each in maps]
             candidates = best_candidates(alike, found, search.num_candidates)
         elsewhere = [h for h in candidates if not h.is_near(best, self.config.search.elsewhere)]
-        return [*same, *elsewhere[: search.lookalikes]]
+        return same, elsewhere[: search.lookalikes]
 
     def _around(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return candidates near the best pose, where photos that show little would be answered with it, but not beyond doubt."""
-        search = self.config.photo_search
-        if not 0 < self.method.confidence_of_answer(hypotheses) < search.beyond_doubt:
+        search, confidence = self.config.photo_search, self.method.confidence_of_answer(hypotheses)
+        if not confidence:
             return []
         best = hypotheses[0]
+        if confidence >= search.beyond_doubt and best.measures["explained"] >= search.doubtful_explained:
+            return []
         own = queries[best.map_number]
         if not isinstance(own.picture, PreparedPhotos) or own.picture.share > search.closer_share:
             return []

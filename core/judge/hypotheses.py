@@ -26,6 +26,7 @@ class Hypothesis:
     color_model: how colours of scan and photo were brought together. is_held_back: whether the last refinement left what hints or
     gravity allow and was turned back, so that the pose fits them rather than the picture. likeness: to the best hypothesis, the score
     that the scan as photos would show it here has beside the scan as they would show it there; None where it was not measured.
+    is_same_view: whether all that the scan shows from here looks as it does at the best hypothesis.
     """
 
     map_number: int
@@ -41,6 +42,7 @@ class Hypothesis:
     color_model: str = "equalized"
     is_held_back: bool = False
     likeness: float | None = None
+    is_same_view: bool = False
 
     def is_near(self, other: "Hypothesis", near: PoseDistance) -> bool:
         """Tell whether both are the same place and orientation of the same map within the limits."""
@@ -124,6 +126,16 @@ def with_close_rival(
     if all(h.is_near(kept[0], place) for h in kept):
         kept += [h for h in within[count:] if not h.is_near(kept[0], place)][:1]
     return kept
+
+
+def with_same_views(
+    hypotheses: Sequence[Hypothesis], same: Sequence[Hypothesis], near: PoseDistance
+) -> list[Hypothesis]:
+    """Return hypotheses, best first, those near one of `same` as places from which the scan looks as it does at the best."""
+    return [
+        *hypotheses[:1],
+        *(replace(h, is_same_view=any(h.is_near(other, near) for other in same)) for h in hypotheses[1:]),
+    ]
 
 
 def distinct(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothesis]:

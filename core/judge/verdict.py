@@ -41,6 +41,8 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: Ju
 def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
     """Tell whether a place fits as well as the best, as far as can be told: of places that look like each other less than of others."""
     behind, alike = best.score - place.score, place.likeness
+    if place.is_same_view:
+        return behind < config.same_view_ambiguous_share * best.score
     if alike is not None and place is not best:
         if alike < config.unlike_share * best.score:
             return False

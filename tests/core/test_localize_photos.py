@@ -125,6 +125,11 @@ def test_a_room_that_looks_the_same_is_named_also_when_the_search_overlooks_it(
     for config, status in ((by_views_alone, "ambiguous"), (overlooking, "localized")):
         localizer = Localizer(replace(CONFIG, photo_search=config), device="cpu")
         assert localizer.localize(asked, [index]).status == status
+    # That all of the scan looks the same makes them equals by itself.
+    unlike = replace(CONFIG.judge, ambiguous_margin=1e-6, alike_share=9.0)
+    assert Localizer(replace(CONFIG, judge=unlike), device="cpu").localize(asked, [index]).status == "ambiguous"
+    unlike = replace(unlike, same_view_ambiguous_share=0.0)
+    assert Localizer(replace(CONFIG, judge=unlike), device="cpu").localize(asked, [index]).status != "ambiguous"
 
 
 def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose) -> None:

@@ -73,9 +73,14 @@ def test_the_less_sure_an_answer_is_the_more_is_looked_at(
 
 
 @pytest.mark.parametrize(
-    ("camera", "together", "looks"),
-    [(UPRIGHT, SEARCH.beyond_doubt - 0.01, 1), (UPRIGHT, SEARCH.beyond_doubt, 0), (VERY_WIDE, 0.95, 0)],
-    ids=["in doubt", "beyond doubt", "shows much"],
+    ("camera", "together", "explained", "looks"),
+    [
+        (UPRIGHT, SEARCH.beyond_doubt - 0.01, 0.0, 1),
+        (UPRIGHT, SEARCH.beyond_doubt, 0.0, 0),
+        (UPRIGHT, SEARCH.beyond_doubt, 1.01, 1),
+        (VERY_WIDE, 0.95, 0.0, 0),
+    ],
+    ids=["in doubt", "beyond doubt", "explains little", "shows much"],
 )
 def test_an_answer_that_is_not_beyond_doubt_gets_a_closer_look(
     box: PaintedBox,
@@ -84,6 +89,7 @@ def test_an_answer_that_is_not_beyond_doubt_gets_a_closer_look(
     monkeypatch: pytest.MonkeyPatch,
     camera: Camera,
     together: float,
+    explained: float,
     looks: int,
 ) -> None:
     looked: list[Any] = []
@@ -97,7 +103,8 @@ def test_an_answer_that_is_not_beyond_doubt_gets_a_closer_look(
         "core.fast.fast_method.verdict",
         lambda hypotheses, *_: Verdict(list(hypotheses), [together], "localized", together),
     )
-    method = FastMethod(replace(CONFIG, photo_search=SEARCH), CPU, load_confidence_model())
+    search = replace(SEARCH, doubtful_explained=explained)
+    method = FastMethod(replace(CONFIG, photo_search=search), CPU, load_confidence_model())
     photo = Session.of_photo(photo_of(box, camera, box_pose))
     found = method.run(photo, [box_index], None, StageClock(None, CPU)).hypotheses[0]
     assert len(looked) == looks

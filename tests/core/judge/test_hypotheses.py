@@ -17,6 +17,7 @@ from core.judge.hypotheses import (
     with_close_rival,
     with_distinctness,
     with_refined,
+    with_same_views,
     within_margin,
 )
 from core.refine.refinement import Refined
@@ -131,3 +132,10 @@ def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it() ->
     assert with_distinctness(best, [replace(others[0], likeness=-0.1)]).measures["distinctness"] == 1.0
     assert with_distinctness(best, others[2:]) == best
     assert with_distinctness(found, others[2:]) == best
+
+
+def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -> None:
+    hypotheses = [placed(0.0), placed(4.1), placed(9.0), placed(4.0, map_number=1)]
+    marked = with_same_views(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0))
+    assert [h.is_same_view for h in marked] == [False, True, False, False]
+    assert with_same_views([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []

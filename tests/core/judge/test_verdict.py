@@ -84,6 +84,14 @@ def test_how_alike_two_places_look_decides_by_how_much_they_must_differ(
     assert verdict([judged(0.0, 0.45, 0.9), other], MODEL, CONFIG).status == status
 
 
+@pytest.mark.parametrize(("rival", "status"), [(0.28, "ambiguous"), (0.26, "localized")])
+def test_where_all_of_the_scan_looks_the_same_a_photo_must_tell_much_more(rival: float, status: str) -> None:
+    # Though what the photo shows of both looks so little alike that it would tell them apart elsewhere.
+    other = replace(judged(3.0, rival, 0.9), likeness=0.5 * 0.45, is_same_view=True)
+    assert verdict([judged(0.0, 0.45, 0.9), other], MODEL, CONFIG).status == status
+    assert verdict([judged(0.0, 0.45, 0.9), replace(other, is_same_view=False)], MODEL, CONFIG).status == "localized"
+
+
 def test_that_equals_resemble_each_other_does_not_count_against_them() -> None:
     best = judged(0.0, 0.45, 0.5)
     best = replace(best, measures=best.measures | {"distinctness": 0.0})
