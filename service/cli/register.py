@@ -9,7 +9,7 @@ from core.options import ColorKind, ScanOptions, Unit, UpAxis
 from service.cli.progress import show_registration, show_upload
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_summary
-from service.client import JsonObject, PanolocClient, UnreachableError
+from service.client import ApiProblemError, JsonObject, PanolocClient, UnreachableError
 from service.jobs import LONGEST_NAME
 
 
@@ -83,6 +83,15 @@ def upload_and_wait(
     try:
         with show_registration(session.messages) as on_update:
             return client.wait_for_map(place["id"], on_update)
+    except ApiProblemError as problem:
+        if problem.status != 403:
+            raise
+        # A key that may upload and not read: nothing went wrong, and who uploads again would have two maps.
+        session.messages.print(
+            f"Map {place['id']}: the scan is stored and goes on registering; this key may not read how far it is.",
+            markup=False,
+        )
+        return place
     except (KeyboardInterrupt, UnreachableError) as end:
         goes_on = (
             "goes on registering" if isinstance(end, KeyboardInterrupt) else "is registered when the service runs again"

@@ -69,9 +69,9 @@ class Session:
 
 def _console(*, stderr: bool) -> Console:
     """Return a console that breaks lines for a terminal, and never in a file or a pipe, where links must stay whole."""
-    console = SafeConsole(stderr=stderr, highlight=False)
+    console = SafeConsole(stderr=stderr, highlight=False, emoji=False)
     return (
         console
         if console.is_terminal
-        else SafeConsole(stderr=stderr, highlight=False, width=_PIPE_WIDTH, soft_wrap=True)
+        else SafeConsole(stderr=stderr, highlight=False, emoji=False, width=_PIPE_WIDTH, soft_wrap=True)
     )

@@ -66,6 +66,9 @@ class KeyFile:
         """
         if not name.strip():
             raise KeyFileError("expected a name that says whose key it is, got none")
+        for text in (name, tenant or ""):
+            if not text.isprintable():
+                raise KeyFileError(f"expected a name or tenant without control characters, got {text[:80]!r}")
         if tenant is not None and tenant.strip() in ("", "*"):
             raise KeyFileError(
                 f"expected the name of a tenant, got {tenant!r}; `*` stands for all of them where maps are shared"

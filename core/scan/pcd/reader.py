@@ -114,7 +114,12 @@ def _decompress(stream: BinaryIO, header: PcdHeader) -> bytes:
         raise ScanDamagedError(f"The PCD file ends before its compressed data. {CUT_SHORT}")
     num_compressed, num_bytes = struct.unpack("<II", sizes)
     expected = header.num_points * header.record_bytes
-    if num_bytes != expected or num_bytes > max(num_compressed, 1) * MAX_RATIO:
+    if num_bytes > max(num_compressed, 1) * MAX_RATIO:
+        raise ScanDamagedError(
+            f"The compressed data of the PCD file ({num_compressed:,} bytes) announces {num_bytes:,} bytes, which so few cannot hold. "
+            "Export the scan again."
+        )
+    if num_bytes != expected:
         raise ScanDamagedError(
             f"The PCD header announces {header.num_points:,} points ({expected:,} bytes), but its compressed data "
             f"({num_compressed:,} bytes) announces {num_bytes:,}. Export the scan again."

@@ -81,6 +81,7 @@ class LocalizeOptions(Model):
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
         QueryOptions.top_k,
+        strict=True,
         ge=1,
         le=MAX_TOP_K,
         description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",

@@ -36,7 +36,18 @@ def test_a_scope_that_there_is_not_is_wrong_usage(panoloc: Panoloc, tmp_path: Pa
     assert not (tmp_path / "keys.json").exists()
 
 
-@pytest.mark.parametrize("whose", [("",), (" ",), ("phones", "--tenant", "*"), ("phones", "--tenant", "")])
+@pytest.mark.parametrize(
+    "whose",
+    [
+        ("",),
+        (" ",),
+        ("a\x1b[31m",),
+        ("a\nb",),
+        ("phones", "--tenant", "*"),
+        ("phones", "--tenant", ""),
+        ("phones", "--tenant", "a\nb"),
+    ],
+)
 def test_a_key_of_nobody_and_one_of_everybody_are_none(
     panoloc: Panoloc, tmp_path: Path, whose: tuple[str, ...]
 ) -> None:

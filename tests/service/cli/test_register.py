@@ -51,6 +51,23 @@ def test_without_waiting_nothing_is_polled(panoloc: Panoloc, fake: FakeService, 
     assert done.documents[0]["status"] == "queued"
 
 
+def test_a_key_that_may_upload_and_not_read_has_registered_its_map(
+    panoloc: Panoloc, fake: FakeService, scan: Path
+) -> None:
+    answer = fake.handle
+    refusal = problem(403, "The API key or token may not do this", "expected a key with the scope 'read'")
+    fake.handle = lambda request: refusal if request.method == "GET" else answer(request)  # type: ignore[method-assign]
+    done = panoloc("register", scan, "--json")
+    assert done.code == 0
+    assert done.documents[0]["id"] == "map_1"
+    assert "goes on registering" in done.err
+
+
+def test_names_are_shown_as_they_are(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+    fake.polls = [{**READY_MAP, "name": "hall :x: [bold]b[/bold] :smile:"}]
+    assert "hall :x: [bold]b[/bold] :smile:" in panoloc("register", scan).out
+
+
 def test_json_output_is_the_map_and_nothing_else(panoloc: Panoloc, scan: Path) -> None:
     assert panoloc("register", scan, "--json").documents == [READY_MAP]
 
