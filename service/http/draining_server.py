@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import math
 import signal
 import time
 from collections.abc import Iterator
@@ -15,6 +16,8 @@ _log = logging.getLogger(__name__)
 _POLL_S = 0.05
 # Answers that are ready leave within this time; a client that does not read does not hold up the end.
 _CLOSING_S = 5
+# `timeout` and terminals signal a process, and then the group that it is in: one wish, not two.
+_ONE_SIGNAL_S = 0.1
 
 
 class Drainable(Protocol):
@@ -37,6 +40,7 @@ class DrainingServer(uvicorn.Server):
         self._pool = pool
         self._drain_s = drain_s
         self._draining: asyncio.Task[None] | None = None
+        self._signalled_at = -math.inf
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -55,8 +59,13 @@ class DrainingServer(uvicorn.Server):
         self.should_exit = True
 
     def _on_signal(self, received: signal.Signals) -> None:
+        since, self._signalled_at = time.monotonic() - self._signalled_at, time.monotonic()
+        if since < _ONE_SIGNAL_S:
+            return
         if self._draining is not None:
             _log.warning("ending at once", extra={"signal": received.name})
+            # What uvicorn then leaves unfinished ends with the loop, which is no news.
+            logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
             self._draining.cancel()
             self.should_exit = self.force_exit = True
             return
@@ -69,3 +78,8 @@ class DrainingServer(uvicorn.Server):
         while self._pool.num_under_way and time.monotonic() < deadline:
             await asyncio.sleep(_POLL_S)
         self.should_exit = True
+
+
+def _is_no_cancellation(record: logging.LogRecord) -> bool:
+    """Tell whether a record is of something else than a task that the end cut off."""
+    return not (record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError))

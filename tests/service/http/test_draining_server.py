@@ -3,6 +3,8 @@
 import asyncio
 import os
 import signal
+import subprocess
+import sys
 import time
 from typing import Any
 
@@ -80,6 +82,35 @@ def test_a_second_signal_ends_the_drain() -> None:
     pool = CountingPool()
     pool.num_under_way = 1
     assert asyncio.run(run_until_stopped(pool, 30, send(signal.SIGINT), send(signal.SIGINT))) < 3
+
+
+def test_one_wish_that_comes_as_two_signals_is_one() -> None:
+    pool = CountingPool()
+    pool.num_under_way = 1
+
+    def twice() -> None:
+        send(signal.SIGTERM)()
+        send(signal.SIGTERM)()
+
+    def finish() -> None:
+        pool.num_under_way = 0
+
+    assert asyncio.run(run_until_stopped(pool, 30, twice, lambda: None, finish)) >= 0.4
+
+
+def test_an_end_at_once_leaves_no_traceback() -> None:
+    """In a process of its own: pytest's loops and handlers would keep what a process says at its end."""
+    program = (
+        "import asyncio, logging, signal\n"
+        "from tests.service.http.test_draining_server import CountingPool, run_until_stopped, send\n"
+        "logging.basicConfig(level=logging.INFO)\n"
+        "pool = CountingPool()\n"
+        "pool.num_under_way = 1\n"
+        "asyncio.run(run_until_stopped(pool, 30, send(signal.SIGTERM), send(signal.SIGTERM)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "ending at once" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_service_that_has_lost_its_workers_waits_for_nothing() -> None:
