@@ -34,7 +34,10 @@ def read_ptx(context: ReadingContext) -> Iterator[RawChunk]:
                 is_colored = num_columns == _COLORED
                 if is_colored:
                     table = table[np.any(table[:, :3] != 0, axis=1)]
-                    positions = table[:, :3] @ station.rotation.T + station.translation
+                    with np.errstate(
+                        invalid="ignore", over="ignore"
+                    ):  # points that are nowhere are left out later, and counted
+                        positions = table[:, :3] @ station.rotation.T + station.translation
                     yield RawChunk(positions, table[:, 4:], block.end_offset / context.size_bytes)
             num_colored += is_colored
     if num_stations and not num_colored:

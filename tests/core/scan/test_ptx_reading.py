@@ -49,6 +49,16 @@ def test_cells_without_a_return_are_no_points(cloud: PointCloud, scan_file: Scan
     assert read.num_points_read == kept.sum()
 
 
+@pytest.mark.parametrize("value", ["inf", "1e308"])
+def test_a_point_that_is_nowhere_is_left_out_and_said(cloud: PointCloud, scan_file: ScanFile, value: str) -> None:
+    lines = two_stations(cloud).splitlines()
+    _, *rest = lines[12].split()
+    lines[12] = " ".join([value, *rest])
+    read = read_scan(scan_file("scan.ptx", "\n".join(lines)))
+    assert len(read.positions) == len(cloud.positions) - 1
+    assert len(read.diagnostics) == 2
+
+
 def test_the_content_tells_ptx_from_other_text(cloud: PointCloud, scan_file: ScanFile) -> None:
     assert len(read_scan(scan_file("scan", two_stations(cloud)))) == len(cloud)
     assert codes_of(read_scan(scan_file("scan.xyz", two_stations(cloud))))[0] == "extension_mismatch"
