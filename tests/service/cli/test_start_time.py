@@ -12,6 +12,8 @@ def test_an_interrupt_while_modules_are_imported_ends_it_without_a_traceback() -
     """Half of the third of a second that the command needs to start."""
     program = (
         "import os, signal, sys\n"
+        # What a shell starts in the background ignores it.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "class Interrupted:\n"
         "    def find_spec(self, name, *_):\n"
         "        if name == 'typer':\n"
