@@ -57,6 +57,7 @@ class PhotoSearchConfig:
     rescored_pixels: int = 2_500_000
     limited_rescored_pixels: int = 600_000
     most_patches: int = 64  # that histograms are compared of; six frames show 160, and so many of them rank as well
+    histogram_weight: float = 0.04  # of a pose's score by histograms, beside that by pixels
     patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     num_candidates: int = 48
@@ -68,7 +69,7 @@ class PhotoSearchConfig:
     # doubt where the scan explains less than the third of the photo's contrast.
     closer_share: float = 0.2
     beyond_doubt: float = 0.97
-    doubtful_explained: float = 0.25
+    doubtful_explained: float = 0.2
     closer_m: float = 0.7
     closer_deg: float = 20.0
     closer_poses: int = 800

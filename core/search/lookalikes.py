@@ -59,7 +59,8 @@ def search_lookalikes(
     rotations = rotation_from_vector(about) @ rotation
     rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
     rescored = min(search.lookalike_poses, search.lookalike_pixels // max(1, len(as_scanned.directions)))
-    found = search_rotations(as_scanned, index, limits, rotations, rescored, search, config.fine_views)
+    by_pixels = replace(search, histogram_weight=0.0)
+    found = search_rotations(as_scanned, index, limits, rotations, rescored, by_pixels, config.fine_views)
     scores = found.candidates.scores
     kept = scores >= search.lookalike_least * (scores.max() if len(scores) else 0.0)
     return replace(found, candidates=found.candidates.take(kept))

@@ -2,7 +2,7 @@
 
 A photo shows few patches, and how its colours are distributed says little about how those of the whole view are. So histograms only
 propose; of the poses that they like best, the small picture of the view is held against the photo pixel by pixel, both equalized over
-what the photo shows.
+what the photo shows. What patches say counts a little there, too: it ranks some right poses first that pixels rank late.
 """
 
 import math
@@ -142,6 +142,7 @@ def search_rotations(
     best = scores.flatten().topk(min(rescored, scores.numel())).indices
     start, rotation = best // len(rotations), best % len(rotations)
     again = _pixel_scores(photos, views, rotations, start, rotation, index.labels is not None, config)
+    again = again + config.histogram_weight * scores.flatten()[best]
     order = again.argsort(descending=True)[: config.pool]
     turned, places = rotations[rotation[order]], index.starts[starts[start[order]]]
     distinct = first_distinct(turned, places, config.distinct, count=config.num_candidates)

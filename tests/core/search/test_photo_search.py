@@ -3,12 +3,13 @@
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import torch
 
-from core.config import LocalizerConfig
+from core.config import LocalizerConfig, PhotoSearchConfig
 from core.geometry.pose import Pose, pose_error
 from core.index.map_index import MapIndex
 from core.options import Hints
@@ -40,10 +41,12 @@ def rig_pose(session: Session, map_from_session: Pose) -> Pose:
     return map_from_session.after(session_from_rig(session))
 
 
-def searched(session: Session, index: MapIndex, hints: Hints | None = None) -> tuple[MapCandidates, PoseLimits]:
+def searched(
+    session: Session, index: MapIndex, hints: Hints | None = None, config: PhotoSearchConfig = CONFIG.photo_search
+) -> tuple[MapCandidates, PoseLimits]:
     photos = PreparedPhotos(session, 256, None, torch.device("cpu"), CONFIG)
     limits = photos.limits_of_rig(pose_limits(hints, index))
-    (found,) = search_photos([photos.described()], [index], [limits], CONFIG.photo_search, CONFIG.fine_views)
+    (found,) = search_photos([photos.described()], [index], [limits], config, CONFIG.fine_views)
     return found, limits
 
 
@@ -71,6 +74,21 @@ def test_the_right_pose_is_among_the_first_candidates(session: str, box_index: M
     assert 1 < len(scores) <= CONFIG.photo_search.num_candidates
     assert found.num_starts == box_index.num_starts
     assert found.num_poses == box_index.num_starts * CONFIG.photo_search.num_rotations
+
+
+def test_what_patches_say_counts_beside_what_pixels_say(box_index: MapIndex) -> None:
+    by_weight = []
+    for weight in (0.0, 0.02, 0.04):
+        config = replace(CONFIG.photo_search, histogram_weight=weight)
+        candidates = searched(one_photo(), box_index, config=config)[0].candidates
+        poses = zip(candidates.starts.tolist(), candidates.rotations.tolist(), strict=True)
+        by_weight.append(dict(zip(poses, candidates.scores.tolist(), strict=True)))
+    common = by_weight[0].keys() & by_weight[1].keys() & by_weight[2].keys()
+    assert len(common) > 3
+    first, second = ([more[pose] - less[pose] for pose in common] for less, more in pairwise(by_weight))
+    assert first == pytest.approx(second, abs=1e-5)
+    assert len(set(first)) > 1
+    assert by_weight[1][max(common, key=by_weight[0].__getitem__)] > max(by_weight[0].values())
 
 
 def test_candidates_are_distinct_poses(box_index: MapIndex) -> None:
