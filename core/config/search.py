@@ -57,7 +57,7 @@ class PhotoSearchConfig:
     rescored_pixels: int = 2_500_000
     limited_rescored_pixels: int = 600_000
     most_patches: int = 64  # that histograms are compared of; six frames show 160, and so many of them rank as well
-    histogram_weight: float = 0.04  # of a pose's score by histograms, beside that by pixels
+    histogram_weight: float = 0.04  # of a pose's score by histograms, added to that by pixels (docs/experiments.md)
     patch_pixels: int = 4  # of a picture, on each side of the squares in which correlation is measured
     min_variance: float = 4e-3  # of equalized colours in a square; below it contrast is noise
     num_candidates: int = 48

@@ -59,6 +59,7 @@ def search_lookalikes(
     rotations = rotation_from_vector(about) @ rotation
     rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
     rescored = min(search.lookalike_poses, search.lookalike_pixels // max(1, len(as_scanned.directions)))
+    # How alike places look is a share of the score by pixels alone.
     by_pixels = replace(search, histogram_weight=0.0)
     found = search_rotations(as_scanned, index, limits, rotations, rescored, by_pixels, config.fine_views)
     scores = found.candidates.scores
