@@ -66,7 +66,7 @@ class PhotoSearchConfig:
     distinct: PoseDistance = PoseDistance(0.6, 18.0)
     # Photos that show no more than this share of the sphere, and would be localized, but not beyond doubt, are searched once more near the
     # place found: what fits nearly as well there must not have been overlooked. However sure they are for want of a rival, there is
-    # doubt where the scan explains less than the third of the photo's contrast.
+    # doubt where the scan explains less than the third of the photo's contrast. Poses that were turned back are looked at in any case.
     closer_share: float = 0.2
     beyond_doubt: float = 0.97
     doubtful_explained: float = 0.2

@@ -7,6 +7,7 @@ Each judgement discards candidates, so that the costly steps see few of them.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 
@@ -205,15 +206,24 @@ class _Run:
         return same, elsewhere[: search.lookalikes]
 
     def _around(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return candidates near the best pose, where photos that show little would be answered with it, but not beyond doubt."""
-        search, confidence = self.config.photo_search, self.method.confidence_of_answer(hypotheses)
+        """Return candidates near the best pose, where photos that show little would be answered with it, but not beyond doubt.
+
+        Nor is one beyond doubt that refinement tilted so far that it had to be turned back, whatever the photos show: a level one may fit
+        better.
+        """
+        if not hypotheses:
+            return []
+        search, best = self.config.photo_search, hypotheses[0]
+        confidence = self.method.confidence_of_answer([replace(best, is_held_back=False), *hypotheses[1:]])
         if not confidence:
             return []
-        best = hypotheses[0]
-        if confidence >= search.beyond_doubt and best.measures["explained"] >= search.doubtful_explained:
+        is_explained = best.measures["explained"] >= search.doubtful_explained
+        if confidence >= search.beyond_doubt and is_explained and not best.is_held_back:
             return []
         own = queries[best.map_number]
-        if not isinstance(own.picture, PreparedPhotos) or own.picture.share > search.closer_share:
+        if not isinstance(own.picture, PreparedPhotos):
+            return []
+        if own.picture.share > search.closer_share and not best.is_held_back:
             return []
         with self.clock.stage("search"):
             seen = own.picture.described()

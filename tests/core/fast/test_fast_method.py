@@ -1,5 +1,6 @@
 """When the search for photos ends: once an answer is sure enough for what was looked at by then."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,9 +13,11 @@ from core.fast.fast_method import FastMethod
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.confidence import load_confidence_model
+from core.judge.hypotheses import Hypothesis
 from core.judge.verdict import Verdict
 from core.options import Status
 from core.panorama.session import Session
+from core.prepared_query import MapQuery
 from core.search.closer_look import search_around
 from core.search.photo_search import search_photos
 from core.stage_clock import StageClock
@@ -73,14 +76,16 @@ def test_the_less_sure_an_answer_is_the_more_is_looked_at(
 
 
 @pytest.mark.parametrize(
-    ("camera", "together", "explained", "looks"),
+    ("camera", "together", "explained", "is_held_back", "looks"),
     [
-        (UPRIGHT, SEARCH.beyond_doubt - 0.01, 0.0, 1),
-        (UPRIGHT, SEARCH.beyond_doubt, 0.0, 0),
-        (UPRIGHT, SEARCH.beyond_doubt, 1.01, 1),
-        (VERY_WIDE, 0.95, 0.0, 0),
+        (UPRIGHT, SEARCH.beyond_doubt - 0.01, 0.0, False, 1),
+        (UPRIGHT, SEARCH.beyond_doubt, 0.0, False, 0),
+        (UPRIGHT, SEARCH.beyond_doubt, 1.01, False, 1),
+        (UPRIGHT, SEARCH.beyond_doubt, 0.0, True, 1),
+        (VERY_WIDE, 0.95, 0.0, False, 0),
+        (VERY_WIDE, SEARCH.beyond_doubt, 0.0, True, 1),
     ],
-    ids=["in doubt", "beyond doubt", "explains little", "shows much"],
+    ids=["in doubt", "beyond doubt", "explains little", "turned back", "shows much", "shows much, turned back"],
 )
 def test_an_answer_that_is_not_beyond_doubt_gets_a_closer_look(
     box: PaintedBox,
@@ -90,18 +95,24 @@ def test_an_answer_that_is_not_beyond_doubt_gets_a_closer_look(
     camera: Camera,
     together: float,
     explained: float,
+    is_held_back: bool,
     looks: int,
 ) -> None:
     looked: list[Any] = []
+    within_limits = MapQuery.within_limits
 
     def looked_around(*given: Any) -> Any:
         looked.append(given)
         return search_around(*given)
 
+    def judged(hypotheses: Sequence[Hypothesis], *_: Any) -> Verdict:
+        confidence = 0.0 if hypotheses[0].is_held_back else together
+        return Verdict(list(hypotheses), [confidence], "localized" if confidence else "not_localized", confidence)
+
     monkeypatch.setattr("core.fast.fast_method.search_around", looked_around)
+    monkeypatch.setattr("core.fast.fast_method.verdict", judged)
     monkeypatch.setattr(
-        "core.fast.fast_method.verdict",
-        lambda hypotheses, *_: Verdict(list(hypotheses), [together], "localized", together),
+        MapQuery, "within_limits", lambda *given: replace(within_limits(*given), is_held_back=is_held_back)
     )
     search = replace(SEARCH, doubtful_explained=explained)
     method = FastMethod(replace(CONFIG, photo_search=search), CPU, load_confidence_model())
