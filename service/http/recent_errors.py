@@ -2,9 +2,11 @@
 
 import json
 from collections import deque
+from collections.abc import Iterable
 from typing import Any
 
 from service.jobs import now
+from service.maps.record import MapRecord
 from service.problems import MEDIA_TYPE
 
 MOST_ERRORS = 50
@@ -23,10 +25,18 @@ class RecentErrors:
         # An answer may come in pieces; the last one may be empty.
         if content_type != MEDIA_TYPE or not body or len(body) > _MOST_BYTES:
             return
-        document = json.loads(body)
-        where = {"at": now(), "method": method, "path": path[:200]}
-        self._errors.appendleft({**where, **{name: document.get(name) for name in _KEPT}})
+        self._errors.appendleft(_entry(now(), method, path, json.loads(body)))
 
-    def newest(self) -> list[dict[str, Any]]:
-        """Return them, newest first."""
-        return list(self._errors)
+    def newest(self, failed: Iterable[MapRecord] = ()) -> list[dict[str, Any]]:
+        """Return them, newest first.
+
+        failed: maps that could not be built. Their uploads were accepted, so that no response told of it; they are listed
+        among the others for as long as they are there.
+        """
+        of_maps = [_entry(each.updated_at, "POST", f"/maps/{each.id}", each.newest.error or {}) for each in failed]
+        # Times of one form and one zone: their order is that of the text.
+        return sorted([*self._errors, *of_maps], key=lambda entry: str(entry["at"]), reverse=True)[:MOST_ERRORS]
+
+
+def _entry(at: str, method: str, path: str, document: dict[str, Any]) -> dict[str, Any]:
+    return {"at": at, "method": method, "path": path[:200], **{name: document.get(name) for name in _KEPT}}

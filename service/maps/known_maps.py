@@ -90,6 +90,10 @@ class KnownMaps:
         """Count the maps that a tenant sees, None for all, by what became of their newest revision."""
         return Counter(record.newest.status for record in self._records.values() if record.is_seen_by(tenant))
 
+    def failed(self) -> list[MapRecord]:
+        """Return the maps whose newest revision could not be built, oldest first."""
+        return [record for record in self.all() if record.newest.status == "failed"]
+
     def holds(self, ref: MapRef) -> bool:
         """Tell whether the record of a map names this revision, so that its files are kept."""
         record = self._records.get(ref.id)

@@ -65,10 +65,12 @@ async def ready(request: Request) -> Response:
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200, and the last requests that ended in a problem."""
-    details = await _details(services_of(request), caller_of(request).tenant)
+    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a problem."""
+    services = services_of(request)
+    details = await _details(services, caller_of(request).tenant)
     # Problems name maps and batches: who does not see those of all tenants does not see their problems either.
-    errors = request.app.state.recent_errors.newest() if caller_of(request).tenant is None else []
+    sees_all = caller_of(request).tenant is None
+    errors = request.app.state.recent_errors.newest(services.registry.failed()) if sees_all else []
     return JSONResponse({**details, "recent_errors": errors})
 
 

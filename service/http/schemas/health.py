@@ -25,7 +25,7 @@ class PoolHealth(Answer):
 
 
 class RecentError(Answer):
-    """A request that ended in a problem."""
+    """A request or a registration that ended in a problem."""
 
     at: datetime
     method: str
@@ -54,6 +54,7 @@ class Health(Answer):
     storage: Literal["writable", "not_writable"]
     workers: PoolHealth
     recent_errors: list[RecentError] = Field(
-        default_factory=list, description="Of `/health` alone: the last 50, newest first, since the process started."
+        default_factory=list,
+        description="Of `/health` alone: the last 50, newest first: requests since the process started, and maps that failed.",
     )
     maps: dict[str, int] = Field(description="Maps by status.", examples=[{"ready": 3, "queued": 1}])

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from core.errors import ScanFormatError
 from service.host import demo_room
 from service.http.schemas import Health
 from service.http.schemas.changes import MapChanges
@@ -85,6 +86,23 @@ async def test_the_last_problems_are_listed_with_their_request_ids(running: Runn
     assert (error["path"], error["status"], error["method"]) == ("/maps/map_none", 404, "GET")
     assert error["request_id"] == reply.headers["x-request-id"]
     assert "recent_errors" not in (await running.client.get("/health/ready")).json()
+
+
+async def test_scans_that_could_not_be_registered_are_among_the_last_problems(running: RunningService) -> None:
+    running.pool.fail_register.append(ScanFormatError("expected a scan, got two words"))
+    failed = await running.settled((await running.upload()).json()["id"])
+    assert failed["status"] == "failed"
+    await running.client.get("/maps/map_none")
+    later, earlier = (await running.client.get("/health")).json()["recent_errors"]
+    assert later["path"] == "/maps/map_none"
+    assert (earlier["method"], earlier["path"]) == ("POST", f"/maps/{failed['id']}")
+    assert {name: earlier[name] for name in ("type", "detail", "request_id")} == {
+        name: failed["error"][name] for name in ("type", "detail", "request_id")
+    }
+    await running.client.delete(f"/maps/{failed['id']}")
+    assert [each["path"] for each in (await running.client.get("/health")).json()["recent_errors"]] == [
+        "/maps/map_none"
+    ]
 
 
 async def test_a_demo_room_that_cannot_be_made_is_a_problem(
