@@ -13,8 +13,9 @@
     │   │   └── MaskDamagedError  the same of its mask
     │   ├── PanoramaTooLargeError more pixels than allowed (checked before decoding)
     │   │   └── MaskTooLargeError the same of its mask
-    │   └── PanoramaShapeError    not 2:1 and without crop fields, or transparent everywhere
-    │       └── MaskShapeError    the mask has another shape than the image, or leaves nothing of it
+    │   ├── PanoramaShapeError    not 2:1, without crop fields, and of no known camera
+    │   │   └── MaskShapeError    the mask has another shape than the image, or leaves nothing of it
+    │   └── PanoramaUnusableError too small, next to nothing visible, or crop fields that contradict each other
     ├── OptionsError              a value out of its range
     ├── ExportRefusedError        placed photos cannot be written in the format that was asked for
     ├── IndexFormatError          bytes that are not a map index of this version
@@ -77,11 +78,15 @@ class MaskTooLargeError(PanoramaTooLargeError):
 
 
 class PanoramaShapeError(PanoramaError):
-    """The image is not an equirectangular panorama, or has no visible pixel."""
+    """The image is not an equirectangular panorama, and nothing says which camera took it."""
 
 
 class MaskShapeError(PanoramaShapeError):
     """The mask is not of the image's shape, or leaves nothing of the image."""
+
+
+class PanoramaUnusableError(PanoramaError):
+    """The image is too small, shows next to nothing, or contradicts itself."""
 
 
 class OptionsError(CoreError):

@@ -182,6 +182,7 @@ PROBLEMS: dict[type[Exception], Problem] = {
         "Send a mask of the panorama's shape that leaves some of it.",
         "mask",
     ),
+    core.PanoramaUnusableError: _BAD_IMAGE,
     core.OptionsError: _INVALID,
     core.ExportRefusedError: Problem(
         "export-refused",

@@ -66,6 +66,7 @@ def run_service(settings: Settings) -> int:
             lifeline = Lifeline()
             stack.callback(lifeline.close)
             redis_url = settings.redis_url or _start_redis(folder, lifeline, stack)
+            _log.info("the data folder is open", extra={"folder": str(settings.data_dir.resolve())})
         except (*_WHY_NO_START, OSError) as error:
             _log.error("the service cannot start", extra={"error": str(error)})
             return 1

@@ -13,6 +13,10 @@ from core.scan.point_cloud import Diagnostic
 _FEW_POINTS = 1000
 # Of the sphere. Measured from the best start: rooms 0.96, streets 0.58, a wall alone 0.02, starts beside a room 0.003.
 _LEAST_SEEN = 0.1
+# Of bare white rooms, scanned, a hundredth of the points are so near the colour in the middle; bytes, and a share of all points.
+_SAME_COLOR_STEP = 8
+_SAME_COLOR_SHARE = 0.95
+_ENOUGH_POINTS = 50_000
 
 
 def map_diagnostics(index: MapIndex, options: IndexOptions, num_points_given: int) -> tuple[Diagnostic, ...]:
@@ -20,6 +24,7 @@ def map_diagnostics(index: MapIndex, options: IndexOptions, num_points_given: in
     found = (
         _merged_points(index, num_points_given),
         _few_points(index),
+        _hardly_any_colors(index, options),
         _starts_see_little(index),
         _region_outside_scan(index, options),
     )
@@ -44,6 +49,22 @@ def _few_points(index: MapIndex) -> Diagnostic | None:
         "not thinned."
     )
     return Diagnostic("few_points", "warning", message)
+
+
+def _hardly_any_colors(index: MapIndex, options: IndexOptions) -> Diagnostic | None:
+    if options.color_kind == "labels":
+        return None
+    colors = index.colors[:: max(1, index.num_points // _ENOUGH_POINTS)].cpu().numpy().astype(np.int16)
+    middle = np.median(colors, axis=0)
+    share = float(np.mean(np.abs(colors - middle).max(axis=1) <= _SAME_COLOR_STEP))
+    if share < _SAME_COLOR_SHARE:
+        return None
+    color = ", ".join(f"{value:.0f}" for value in middle)
+    message = (
+        f"{share:.0%} of the points have nearly the same colour ({color}); photos are compared with the scan by colours, and there is "
+        "little to compare. Was the whole scan coloured from its photos?"
+    )
+    return Diagnostic("hardly_any_colors", "warning", message)
 
 
 def _starts_see_little(index: MapIndex) -> Diagnostic | None:

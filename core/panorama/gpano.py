@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.errors import PanoramaShapeError, PanoramaTooLargeError
+from core.errors import PanoramaTooLargeError, PanoramaUnusableError
 
 MIN_HEIGHT = 64  # rows of a full sphere in which anything can be told apart
 
@@ -49,7 +49,9 @@ def crop_fields(image: Image.Image, data: bytes) -> Crop | None:
         return None
     fits = crop.left + crop.width <= crop.full_width and crop.top + crop.height <= crop.full_height
     if not fits or crop.full_width != 2 * crop.full_height or crop.width == 0 or crop.height == 0:
-        raise PanoramaShapeError(f"image: its GPano crop fields contradict each other ({crop}); correct or remove them")
+        raise PanoramaUnusableError(
+            f"image: its GPano crop fields contradict each other ({crop}); correct or remove them"
+        )
     return crop
 
 

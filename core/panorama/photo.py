@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from core.camera.camera import Camera
 from core.camera.lens import project_to_image
-from core.errors import PanoramaShapeError
+from core.errors import PanoramaUnusableError
 from core.panorama.panorama import Panorama
 
 _MIN_ROWS, _MAX_ROWS = 256, 1024  # of the sphere; refinement looks no closer than at 512
@@ -24,7 +24,7 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
     """Place a photo on the sphere.
 
     color: (h, w, 3) RGB; valid: (h, w), False where the photo is to be ignored. camera: of this photo or of a copy of another size.
-    Raises OptionsError where the camera belongs to an image of another shape, and PanoramaShapeError where next to nothing is visible.
+    Raises OptionsError where the camera belongs to an image of another shape, and PanoramaUnusableError where next to nothing is visible.
     """
     camera = camera.resized(color.shape[1], color.shape[0])
     rows = _rows_of_sphere(camera)
@@ -36,7 +36,7 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
 
 
 def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
-    """Raise PanoramaShapeError where next to nothing of the sphere is visible in a photo with the valid pixels (h, w)."""
+    """Raise PanoramaUnusableError where next to nothing of the sphere is visible in a photo with the valid pixels (h, w)."""
     rows = _MIN_ROWS
     u, v, shown = project_to_image(camera, _directions(rows))
     column, row = u[shown].astype(np.int64), v[shown].astype(np.int64)
@@ -49,7 +49,7 @@ def _check_share(seen: NDArray[np.bool_], camera: Camera) -> None:
     rows = len(seen)
     share = float((seen * np.sin(np.pi * (np.arange(rows) + 0.5) / rows)[:, None]).mean() * np.pi / 2)
     if share < _MIN_SHARE:
-        raise PanoramaShapeError(
+        raise PanoramaUnusableError(
             f"image: expected a photo that shows at least {_MIN_SHARE:.1%} of the sphere, got {share:.2%} "
             f"({camera.hfov_deg:.1f} degrees across); check the intrinsics and the mask"
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from core.camera.lens import project_to_image
-from core.errors import PanoramaShapeError
+from core.errors import PanoramaUnusableError
 from core.geometry.projection import pixel_solid_angles, unproject
 from core.geometry.rotations import even_directions
 from core.light.color_equalization import LabelCodes
@@ -43,7 +43,7 @@ class PhotoAtlas:
     """Photos of a session in the axes of the rig: those of the session, from the middle of the cameras.
 
     rotations: (M, 3, 3) rig_from_camera. centers: (M, 3), metres. cones: (M,) half the opening angle around each optical axis that
-    holds all of the photo, radians. Raises PanoramaShapeError where nothing of any photo is left once it is made small.
+    holds all of the photo, radians. Raises PanoramaUnusableError where nothing of any photo is left once it is made small.
     """
 
     def __init__(self, session: Session, max_rows: int, labels: LabelCodes | None, device: torch.device | str) -> None:
@@ -59,7 +59,7 @@ class PhotoAtlas:
         self.cones = torch.tensor([_cone(photo) for photo in photos], device=device)
         self._windows: dict[int, PhotoWindows] = {}
         if not bool((self.windows(_EXTENT_LEVEL).valid > 0).any()):
-            raise PanoramaShapeError(
+            raise PanoramaUnusableError(
                 "image: expected visible pixels that lie together, got a mask or transparency that leaves less than half of them "
                 "everywhere; mask whole regions, not single pixels"
             )

@@ -14,7 +14,7 @@ from PIL import Image
 
 from core.camera.camera import Camera, CameraDescription
 from core.camera.exif import camera_of_photo, rounding_share
-from core.errors import MaskShapeError, PanoramaShapeError
+from core.errors import MaskShapeError, PanoramaUnusableError
 from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
 from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
@@ -53,7 +53,7 @@ def read_image(
 
     data: a JPEG, PNG or WebP file, 8 or 16 bit. mask: an image of the same aspect ratio, non-zero = ignore. camera: what took it; None: the
     file says so itself. max_pixels: checked against the header before anything is decoded.
-    Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError or PanoramaShapeError; for the mask their
+    Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError, PanoramaShapeError or PanoramaUnusableError; for the mask the
     subclasses MaskFormatError, MaskTooLargeError, MaskDamagedError or MaskShapeError; OptionsError where camera and image do not fit.
     """
     image = open_image(data, IMAGE, max_pixels)
@@ -68,7 +68,7 @@ def read_image(
             raise no_camera_error(size)
         return replace(_photo(image, mask, found, False, max_pixels), focal_uncertainty=rounding_share(found))
     if crop is None and size[1] < MIN_HEIGHT:
-        raise PanoramaShapeError(
+        raise PanoramaUnusableError(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"
         )
     _draft(image, image.size[1] // _DRAFT_HEIGHT)
@@ -99,9 +99,9 @@ def _draft(image: Image.Image, factor: int) -> None:
 
 
 def _masked(valid: NDArray[np.bool_], mask: bytes | None, max_pixels: int) -> NDArray[np.bool_]:
-    """Return which pixels (h, w) count, without those of the mask. Raises PanoramaShapeError or MaskShapeError where none does."""
+    """Return which pixels (h, w) count, without those of the mask. Raises PanoramaUnusableError or MaskShapeError where none does."""
     if not valid.any():
-        raise PanoramaShapeError(
+        raise PanoramaUnusableError(
             "image: expected visible pixels, got an alpha channel that hides all; export it without transparency"
         )
     if mask is not None:

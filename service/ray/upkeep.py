@@ -127,7 +127,7 @@ class Upkeep:
         self._loss.require_none()
         told = f" ({self._serving.told})" if self._serving.told else ""
         if self.num_running and self.waiting_for is not None:
-            _log.info("ready: queries are answered", extra={"workers": self.num_running})
+            _log.info("the workers are ready", extra={"workers": self.num_running})
         self.waiting_for = None if self.num_running else f"workers{told}"
         if self.num_running:
             self._admission.set_num_workers(self.num_running)

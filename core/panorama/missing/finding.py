@@ -15,6 +15,10 @@ Mask = NDArray[np.bool_]
 _MAX_SPHERE_PX, _MAX_PHOTO_PX = 1024, 512  # columns of the copy that is looked at
 _LEAST_SIDE_PX = 32
 _LEAST_SHARE = 0.002  # of the image; less changes no pose
+# Noise of a covered lens, and of JPEG.
+_BLANK_STEP = 4
+_BLANK_SHARE = 0.995
+_BLANK_EVERY = 8  # rows and columns
 _MOST_SHARE = 0.9  # what leaves less than the rest is no defect but a picture of something flat
 
 
@@ -40,10 +44,16 @@ def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Foun
     planes = np.ascontiguousarray(color[::step, ::step].transpose(2, 0, 1))
     counts = np.ascontiguousarray(valid[::step, ::step])
     missing = np.zeros(counts.shape, np.bool_)
+    whole = "panorama" if is_sphere else "photo"
+    if _is_blank(planes, counts):
+        words = (
+            f"the {whole} is of one colour all over and shows no place; was the lens covered, or did the export fail?"
+        )
+        return Found(np.zeros(valid.shape, np.bool_), (words,))
     if min(counts.shape) < _LEAST_SIDE_PX or is_label_image(planes):
         return Found(np.zeros(valid.shape, np.bool_), ())
-    weight, whole = _weights(len(counts), is_sphere), "panorama" if is_sphere else "photo"
-    words = []
+    weight = _weights(len(counts), is_sphere)
+    said = []
     for find in (find_bars, find_polar_fills, find_voids):
         for name, found in find(planes, counts & ~missing, is_sphere):
             share = float((found & counts & ~missing).mean(axis=1) @ weight)
@@ -51,8 +61,17 @@ def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Foun
             if share < _LEAST_SHARE or left < 1 - _MOST_SHARE:
                 continue
             missing |= found
-            words.append(f"{share:.0%} of the {whole} is {name} and was left out; send a mask to say it yourself")
-    return Found(_enlarged(missing, step, valid.shape), tuple(words))
+            said.append(f"{share:.0%} of the {whole} is {name} and was left out; send a mask to say it yourself")
+    return Found(_enlarged(missing, step, valid.shape), tuple(said))
+
+
+def _is_blank(planes: NDArray[np.uint8], counts: Mask) -> bool:
+    """Tell whether what counts of an image (3, H, W) is of one colour, but for noise."""
+    colors = planes[:, ::_BLANK_EVERY, ::_BLANK_EVERY][:, counts[::_BLANK_EVERY, ::_BLANK_EVERY]].astype(np.int16)
+    if not colors.size:
+        return False
+    away = np.abs(colors - np.median(colors, axis=1, keepdims=True)).max(axis=0)
+    return bool(np.mean(away <= _BLANK_STEP) >= _BLANK_SHARE)
 
 
 def _weights(rows: int, is_sphere: bool) -> NDArray[np.float64]:

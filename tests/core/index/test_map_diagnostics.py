@@ -25,6 +25,25 @@ def test_a_scanned_box_is_fit_for_use(box_index: MapIndex) -> None:
     assert map_diagnostics(box_index, IndexOptions(), box_index.num_points) == ()
 
 
+@pytest.mark.parametrize(("num_colored", "is_said"), [(0, True), (250, True), (400, False)])
+def test_a_scan_with_hardly_any_colours_says_so(num_colored: int, is_said: bool) -> None:
+    cloud = PaintedBox(size_m=(3.0, 3.0, 2.5)).scan(6000)
+    rng = np.random.default_rng(0)
+    colors = rng.integers(122, 127, cloud.colors.shape, np.uint8)
+    colors[rng.permutation(len(colors))[:num_colored]] = (200, 10, 10)
+    diagnostics = found(PointCloud(cloud.positions, colors))
+    assert ("hardly_any_colors" in diagnostics) is is_said
+    if is_said:
+        assert "nearly the same colour (124, 124, 124)" in diagnostics["hardly_any_colors"].message
+
+
+def test_labels_may_be_few(box: PaintedBox) -> None:
+    cloud = box.scan(6000)
+    options = IndexOptions("grid", 1.0, color_kind="labels")
+    alike = PointCloud(cloud.positions, np.full_like(cloud.colors, 7))
+    assert "hardly_any_colors" not in found(alike, options)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("num_points", [2, 100, 999])
 def test_a_map_of_few_points_says_how_many(box: PaintedBox, num_points: int) -> None:

@@ -31,6 +31,23 @@ def test_a_void_is_not_valid_and_is_named() -> None:
     assert VOID in panorama.left_out[0]
 
 
+@pytest.mark.parametrize("level", [0, 128, 255])
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("size", [(128, 64), (1024, 512)], ids=str)
+def test_an_image_of_one_colour_is_said_to_show_nothing(level: int, noise: float, size: tuple[int, int]) -> None:
+    grain = np.random.default_rng(0).normal(level, noise, (size[1], size[0], 3))
+    panorama = read_panorama(encoded(np.clip(grain, 0, 255).astype(np.uint8), "JPEG"))
+    (words,) = panorama.left_out
+    assert words.startswith("the panorama is of one colour all over and shows no place")
+    assert panorama.valid.all()
+
+
+def test_a_dark_room_with_one_lamp_is_not_of_one_colour() -> None:
+    color = (scenery() // 64).astype(np.uint8)
+    color[200:260, 500:560] = 255  # less than a hundredth of the image
+    assert read_panorama(encoded(color)).left_out == ()
+
+
 def test_a_mask_of_the_caller_adds_to_what_is_found() -> None:
     mask = np.zeros((512, 1024), np.uint8)
     mask[400:] = 255

@@ -16,6 +16,7 @@ from core.errors import (
     PanoramaFormatError,
     PanoramaShapeError,
     PanoramaTooLargeError,
+    PanoramaUnusableError,
 )
 from core.panorama.panorama import Panorama
 from core.panorama.reader import read_panorama
@@ -136,7 +137,7 @@ def test_a_panorama_that_is_masked_everywhere_is_refused() -> None:
 
 def test_a_transparent_picture_is_not_blamed_on_its_mask() -> None:
     transparent = np.concatenate((picture(), np.zeros((128, 256, 1), np.uint8)), axis=2)
-    with pytest.raises(PanoramaShapeError, match=r"image: .*alpha") as refused:
+    with pytest.raises(PanoramaUnusableError, match=r"image: .*alpha") as refused:
         read_panorama(encoded(transparent), encoded(np.zeros((128, 256), np.uint8)))
     assert not isinstance(refused.value, MaskShapeError)
 
@@ -183,7 +184,7 @@ def test_crop_fields_of_a_full_sphere_change_nothing() -> None:
 
 def test_crop_fields_that_contradict_each_other_are_refused() -> None:
     packet = gpano_packet((400, 200), (300, 50), (200, 60))
-    with pytest.raises(PanoramaShapeError, match="GPano"):
+    with pytest.raises(PanoramaUnusableError, match="GPano"):
         read_panorama(encoded(picture(200, 60), "JPEG", xmp=packet))
 
 
@@ -199,7 +200,7 @@ def test_a_three_to_two_photo_is_refused_and_told_so() -> None:
 
 
 def test_a_panorama_of_a_few_pixels_is_refused() -> None:
-    with pytest.raises(PanoramaShapeError, match="at least"):
+    with pytest.raises(PanoramaUnusableError, match="at least"):
         read_panorama(encoded(picture(64, 32)))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.camera.camera import Camera
-from core.errors import OptionsError, PanoramaShapeError
+from core.errors import OptionsError, PanoramaUnusableError
 from core.geometry.pose import Pose
 from core.panorama.photo import photo_on_sphere
 from tests.core.painted_box import PaintedBox, rotation_of
@@ -77,7 +77,7 @@ def test_intrinsics_of_another_image_are_refused() -> None:
 
 
 def test_a_photo_of_next_to_nothing_is_refused() -> None:
-    with pytest.raises(PanoramaShapeError, match=r"at least 0\.1%"):
+    with pytest.raises(PanoramaUnusableError, match=r"at least 0\.1%"):
         photo_on_sphere(
             np.zeros((600, 800, 3), np.uint8), np.ones((600, 800), bool), Camera.from_hfov("pinhole", 800, 600, 2.0)
         )

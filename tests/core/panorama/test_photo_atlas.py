@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from core.camera.camera import Camera
-from core.errors import PanoramaShapeError
+from core.errors import PanoramaUnusableError
 from core.geometry.pose import Pose
 from core.geometry.rotations import even_directions
 from core.light.color_equalization import LabelCodes
@@ -219,6 +219,6 @@ def test_a_mask_that_leaves_no_region_is_refused_with_what_to_do(kept: str) -> N
     else:
         valid[240, 320] = True
     spoilt = Photo(photo.color, valid, photo.camera)
-    with pytest.raises(PanoramaShapeError, match="mask whole regions"):
+    with pytest.raises(PanoramaUnusableError, match="mask whole regions"):
         atlas_of(spoilt)
     assert float(atlas_of(spoilt, plain(CAMERA)).share()) > 0  # another photo of the session shows something
