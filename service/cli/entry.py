@@ -11,7 +11,7 @@ from service.cli import keys, localize, maps, register, serve
 from service.cli.exit_codes import ExitCode
 from service.cli.placing import export, place
 from service.cli.session import Session
-from service.client import ApiProblemError, ClientError, MapFailedError, UnreachableError
+from service.client import ClientError
 
 
 def _exit_with(code: int | None, **_: Any) -> None:
@@ -66,37 +66,8 @@ def run(arguments: list[str], transport: httpx.BaseTransport | None = None) -> i
         # Wrong usage has been shown by now; Ctrl-C arrives as 130.
         return int(end.code or ExitCode.OK)
     except ClientError as error:
-        return _report(session, error)
+        return session.show_failure(error)
     except OSError as error:
         session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
         return ExitCode.ERROR
     return ExitCode.OK
-
-
-def _report(session: Session, error: ClientError) -> ExitCode:
-    """Show what was expected, what came and what to do; in JSON mode also as a document."""
-    if session.json_output:
-        session.print_json({"error": error.as_dict()})
-    show = session.messages.print
-    if isinstance(error, UnreachableError):
-        show(f"[bold red]Error:[/] {escape(str(error))}")
-        show("Start it with [bold]panoloc serve[/], or say where it runs with [bold]--url[/] or [bold]PANOLOC_URL[/].")
-        return ExitCode.UNREACHABLE
-    if not isinstance(error, ApiProblemError):
-        show(f"[bold red]Error:[/] {escape(str(error))}")
-        if isinstance(error, MapFailedError):
-            show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
-        return ExitCode.ERROR
-    show(f"[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
-    show(escape(str(error)))
-    if error.status == 401:
-        show(
-            "Set [bold]PANOLOC_API_KEY[/] to a key of the service; its operator makes one with [bold]panoloc keys make[/]."
-        )
-    if error.retry_after_s is not None:
-        show(f"Try again in {error.retry_after_s:g} s.")
-    if error.problem.get("request_id"):
-        # Of other faults the log knows no more than was said.
-        more = ": the service's log says more under this id" if error.status >= 500 else ""
-        show(f"[dim]request {escape(str(error.problem['request_id']))}{more}[/]")
-    return ExitCode.ERROR

@@ -1,4 +1,4 @@
-"""What every command shares: the two consoles, the way to the service, and the options `--url` and `--json`."""
+"""What every command shares: the two consoles, the way to the service, how failures are shown, and the options `--url` and `--json`."""
 
 import json
 import os
@@ -9,10 +9,12 @@ from typing import Annotated, Any
 import httpx
 import typer
 from rich.console import Console
+from rich.markup import escape
 
+from service.cli.exit_codes import ExitCode
 from service.cli.safe_console import SafeConsole
 from service.cli.tables import alternatives_table, answer_summary, images_table, picture_links
-from service.client import JsonObject, PanolocClient
+from service.client import ApiProblemError, ClientError, JsonObject, MapFailedError, PanolocClient, UnreachableError
 
 _PIPE_WIDTH = 500
 
@@ -60,6 +62,38 @@ class Session:
             self.results.print(others)
         for link in picture_links(answer, client.link):
             self.results.print(link, soft_wrap=True, markup=False)
+
+    def show_failure(self, error: ClientError, ids: Sequence[str] = ()) -> ExitCode:
+        """Show what was expected, what came and what to do; in JSON mode also as a document. ids: of several, those that it is about."""
+        if self.json_output:
+            for about in [{"id": each} for each in ids] or [{}]:
+                self.print_json({**about, "error": error.as_dict()})
+        show = self.messages.print
+        named = f"[bold]{escape(', '.join(ids))}[/]  " if ids else ""
+        if isinstance(error, UnreachableError):
+            show(f"{named}[bold red]Error:[/] {escape(str(error))}")
+            show(
+                "Start it with [bold]panoloc serve[/], or say where it runs with [bold]--url[/] or [bold]PANOLOC_URL[/]."
+            )
+            return ExitCode.UNREACHABLE
+        if not isinstance(error, ApiProblemError):
+            show(f"{named}[bold red]Error:[/] {escape(str(error))}")
+            if isinstance(error, MapFailedError):
+                show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
+            return ExitCode.ERROR
+        show(f"{named}[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
+        show(escape(str(error)))
+        if error.status == 401:
+            show(
+                "Set [bold]PANOLOC_API_KEY[/] to a key of the service; its operator makes one with [bold]panoloc keys make[/]."
+            )
+        if error.retry_after_s is not None:
+            show(f"Try again in {error.retry_after_s:g} s.")
+        if error.problem.get("request_id"):
+            # Of other faults the log knows no more than was said.
+            more = ": the service's log says more under this id" if error.status >= 500 else ""
+            show(f"[dim]request {escape(str(error.problem['request_id']))}{more}[/]")
+        return ExitCode.ERROR
 
     def print_json(self, document: Any) -> None:
         """Print one JSON document on one line of standard output."""

@@ -77,7 +77,7 @@ def answer_with(status: str) -> dict[str, Any]:
 class FakeService:
     """Answers requests from a table; `fail_with` makes it answer everything with a problem.
 
-    busy: so many queries are refused with 429. answers: to images with these words in them.
+    busy: so many queries are refused with 429. answers: to images with these words in them. at_maps: answer instead for maps of these ids.
     requests: (method, path) in order. parts: the multipart fields of the last upload, by name, in order.
     """
 
@@ -89,6 +89,7 @@ class FakeService:
     refusal: httpx.Response | None = None
     busy: int = 0
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    at_maps: dict[str, Callable[[httpx.Request], httpx.Response]] = field(default_factory=dict)
     down: bool = False
     requests: list[tuple[str, str]] = field(default_factory=list)
     parts: dict[str, list[bytes]] = field(default_factory=dict)
@@ -104,6 +105,9 @@ class FakeService:
             self.parts = multipart_fields(request)
         if self.fail_with is not None:
             return self.fail_with
+        instead = self.at_maps.get(path.removeprefix("/maps/"))
+        if instead is not None:
+            return instead(request)
         return self._routes()[request.method, path.partition("/map_")[0]](request)
 
     def _routes(self) -> dict[tuple[str, str], Callable[[httpx.Request], httpx.Response]]:

@@ -30,6 +30,42 @@ def test_a_key_is_made_shown_once_listed_and_revoked(panoloc: Panoloc, tmp_path:
     assert changes == ["key made", "key revoked"]
 
 
+def test_an_id_that_is_none_leaves_no_other_key_open(panoloc: Panoloc, tmp_path: Path) -> None:
+    make = ("keys", "make", "phones", "--scope", "read", "--json", "--data-dir", tmp_path)
+    first, second = (json.loads(panoloc(*make).out) for _ in range(2))
+    ids = ("key_typo", first["id"], "key_other", second["id"], first["id"])
+    done = panoloc("keys", "revoke", *ids, "--data-dir", tmp_path)
+    assert done.code == 1
+    assert done.out.splitlines() == [f"revoked {key['id']}" for key in (first, second)]
+    ring = KeyRing("", tmp_path)
+    assert [ring.find(key["key"]) for key in (first, second)] == [None, None]
+    assert [line.partition(" is not revoked: ")[0] for line in done.err.splitlines()] == [
+        "Error: key_typo",
+        "Error: key_other",
+    ]
+
+
+def test_a_disk_that_is_full_for_one_key_is_tried_for_the_next(
+    panoloc: Panoloc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = ("keys", "make", "phones", "--scope", "read", "--json", "--data-dir", tmp_path)
+    first, second = (json.loads(panoloc(*make).out) for _ in range(2))
+    answers = [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), None]
+
+    def full_once(_: int) -> None:
+        answer = answers.pop(0)
+        if answer is not None:
+            raise answer
+
+    monkeypatch.setattr(os, "fsync", full_once)
+    done = panoloc("keys", "revoke", first["id"], second["id"], "--data-dir", tmp_path)
+    assert (done.code, done.out) == (1, f"revoked {second['id']}\n")
+    assert f"{first['id']} is not revoked: [Errno {errno.ENOSPC}]" in done.err
+    ring = KeyRing("", tmp_path)
+    assert ring.find(first["key"]) is not None
+    assert ring.find(second["key"]) is None
+
+
 def test_a_scope_that_there_is_not_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None:
     refused = panoloc("keys", "make", "phones", "--scope", "everything", "--data-dir", tmp_path)
     assert refused.code == 2

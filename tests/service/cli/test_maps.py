@@ -1,7 +1,13 @@
 """`panoloc maps` against a fake service."""
 
+from collections.abc import Callable
+
+import httpx
+import pytest
+
+from service.cli.exit_codes import ExitCode
 from tests.service.cli.commands import Panoloc
-from tests.service.cli.fake_service import READY_MAP, FakeService
+from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
 
 def test_maps_of_all_pages_are_listed(panoloc: Panoloc, fake: FakeService) -> None:
@@ -53,6 +59,70 @@ def test_a_map_named_twice_is_deleted_once(panoloc: Panoloc, fake: FakeService) 
     done = panoloc("maps", "delete", "map_1", "map_1")
     assert done.code == 0, done.err
     assert fake.requests == [("DELETE", "/maps/map_1")]
+
+
+def refusal(status: int, title: str, detail: str) -> Callable[[httpx.Request], httpx.Response]:
+    return lambda _: problem(status, title, detail)
+
+
+def nobody_answers(request: httpx.Request) -> httpx.Response:
+    raise httpx.ConnectError("Connection refused", request=request)
+
+
+@pytest.mark.parametrize(
+    ("command", "method", "done_to"), [("delete", "DELETE", "deleted {}"), ("share", "PATCH", "{} is shared")]
+)
+def test_a_map_that_is_refused_does_not_keep_the_others(
+    panoloc: Panoloc, fake: FakeService, command: str, method: str, done_to: str
+) -> None:
+    fake.at_maps = {
+        "map_2": refusal(404, "Unknown map", "There is no map of that id."),
+        "map_4": refusal(403, "Not yours", "It belongs to another tenant."),
+    }
+    done = panoloc("maps", command, *(f"map_{number}" for number in range(1, 6)))
+    assert done.code == ExitCode.ERROR
+    assert fake.requests == [(method, f"/maps/map_{number}") for number in range(1, 6)]
+    assert [done_to.format(f"map_{number}") in done.out for number in range(1, 6)] == [True, False, True, False, True]
+    told = [line for line in done.err.splitlines() if not line.startswith("request")]
+    assert told == [
+        "map_2  Unknown map (HTTP 404)",
+        "There is no map of that id.",
+        "map_4  Not yours (HTTP 403)",
+        "It belongs to another tenant.",
+    ]
+
+
+def test_every_map_that_is_not_deleted_has_a_document_of_its_own(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.at_maps = {"map_1": refusal(404, "Unknown map", "There is no map of that id.")}
+    deleted, failed = panoloc("maps", "delete", "map_1", "map_2", "--json").documents
+    assert deleted == {"id": "map_2", "deleted": True}
+    assert (failed["id"], failed["error"]["status"]) == ("map_1", 404)
+
+
+def test_where_nobody_answers_any_more_the_rest_is_named_and_not_tried(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.at_maps = {"map_2": nobody_answers}
+    done = panoloc("maps", "delete", "map_1", "map_2", "map_3")
+    assert done.code == ExitCode.UNREACHABLE
+    assert fake.requests == [("DELETE", "/maps/map_1"), ("DELETE", "/maps/map_2")]
+    assert done.out == "deleted map_1\n"
+    assert "map_2, map_3  Error: No service answers" in done.err
+    assert done.err.count("panoloc serve") == 1
+
+
+def test_the_exit_code_is_that_of_the_first_failure(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.at_maps = {"map_1": refusal(404, "Unknown map", "There is no map of that id."), "map_2": nobody_answers}
+    done = panoloc("maps", "delete", "map_1", "map_2")
+    assert done.code == ExitCode.ERROR
+    assert "map_2  Error: No service answers" in done.err
+
+
+def test_a_key_that_is_none_is_not_tried_for_every_map(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.fail_with = problem(401, "An API key is needed", "expected an API key, got none")
+    done = panoloc("maps", "delete", "map_1", "map_2", "--json")
+    assert done.code == ExitCode.ERROR
+    assert len(fake.requests) == 1
+    assert [document["id"] for document in done.documents] == ["map_1", "map_2"]
+    assert done.err.count("Set PANOLOC_API_KEY") == 1
 
 
 def test_maps_are_shared_with_those_that_are_named_and_no_others(panoloc: Panoloc, fake: FakeService) -> None:
