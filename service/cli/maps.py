@@ -36,6 +36,8 @@ def list_maps(
             if place["status"] == "failed":
                 reason = (place.get("error") or {}).get("detail", "see its error with --json")
                 session.results.print(f"{place['id']} failed: {reason}", markup=False)
+    elif tag:
+        session.messages.print(f"No map bears the tag {tag}.", markup=False)
     else:
         session.messages.print("No maps yet. Register a scan with [bold]panoloc register SCAN[/].")
 

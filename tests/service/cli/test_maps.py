@@ -61,6 +61,13 @@ def test_a_map_named_twice_is_deleted_once(panoloc: Panoloc, fake: FakeService) 
     assert fake.requests == [("DELETE", "/maps/map_1")]
 
 
+def test_a_tag_that_no_map_bears_is_no_reason_to_register_one(panoloc: Panoloc, fake: FakeService) -> None:
+    fake.places = []
+    done = panoloc("maps", "--tag", "[bold]zzz")
+    assert (done.code, done.out, done.err) == (0, "", "No map bears the tag [bold]zzz.\n")
+    assert panoloc("maps", "--tag", "zzz", "--json").err == ""
+
+
 def refusal(status: int, title: str, detail: str) -> Callable[[httpx.Request], httpx.Response]:
     return lambda _: problem(status, title, detail)
 
