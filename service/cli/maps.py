@@ -7,8 +7,8 @@ import typer
 
 from service.cli.exit_codes import ExitCode
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.cli.tables import map_table
-from service.client import ApiProblemError, ClientError, UnreachableError
+from service.cli.tables import map_table, older_revision
+from service.client import ApiProblemError, ClientError, JsonObject, UnreachableError
 
 app = typer.Typer(help="List the registered maps, share or delete some.")
 
@@ -35,11 +35,18 @@ def list_maps(
         for place in places:
             if place["status"] == "failed":
                 reason = (place.get("error") or {}).get("detail", "see its error with --json")
-                session.results.print(f"{place['id']} failed: {reason}", markup=False)
+                session.results.print(f"{place['id']}{_what_failed(place)}: {reason}", markup=False)
     elif tag:
         session.messages.print(f"No map bears the tag {tag}.", markup=False)
     else:
         session.messages.print("No maps yet. Register a scan with [bold]panoloc register SCAN[/].")
+
+
+def _what_failed(place: JsonObject) -> str:
+    older = older_revision(place)
+    if older is None:
+        return " failed"
+    return f": revision {older} still answers, revision {place['revision']} failed"
 
 
 @app.command()

@@ -135,11 +135,21 @@ def styled_status(status: str) -> Text:
     return Text(status.replace("_", " "), _STATUS_STYLES.get(status, ""))
 
 
+def older_revision(place: JsonObject) -> int | None:
+    """Return the revision that answers queries where the newest failed or is not ready yet, None where no other does."""
+    serving: int | None = place.get("serving_revision")
+    return None if serving == place.get("revision") else serving
+
+
 def _status_of_map(place: JsonObject) -> Text:
-    status = place["status"]
+    status, older = place["status"], older_revision(place)
     if status in ("reading", "indexing") and place.get("progress") is not None:
-        return Text(f"{status} {place['progress']:.0%}")
-    return styled_status(status)
+        newest = Text(f"{status} {place['progress']:.0%}")
+    else:
+        newest = styled_status(status)
+    if older is None:
+        return newest
+    return Text.assemble(f"revision {place['revision']} ", newest, f"; {older} still answers")
 
 
 def _two_columns(rows: list[tuple[str, str | Text]]) -> Table:

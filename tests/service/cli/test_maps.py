@@ -146,3 +146,32 @@ def test_the_reason_of_a_failed_map_stands_below_the_table(panoloc: Panoloc, fak
     failed = {**READY_MAP, "status": "failed", "error": {"detail": "scan: expected 100 vertices, got 40"}}
     fake.places = [failed]
     assert "map_1 failed: scan: expected 100 vertices, got 40" in panoloc("maps").out
+
+
+def test_a_map_whose_new_revision_failed_is_not_shown_as_dead(panoloc: Panoloc, fake: FakeService) -> None:
+    error = {"detail": "scan: expected 100 vertices, got 40"}
+    fake.places = [{**READY_MAP, "revision": 2, "serving_revision": 1, "status": "failed", "error": error}]
+    _, row, below = panoloc("maps").out.splitlines()
+    assert "revision 2 failed; 1 still answers" in row
+    assert below == "map_1: revision 1 still answers, revision 2 failed: scan: expected 100 vertices, got 40"
+
+
+@pytest.mark.parametrize(
+    ("status", "progress", "shown"), [("indexing", 0.4, "indexing 40%"), ("queued", 0.0, "queued")]
+)
+def test_a_map_with_a_new_revision_on_its_way_says_which_one_answers(
+    panoloc: Panoloc, fake: FakeService, status: str, progress: float, shown: str
+) -> None:
+    under_way = {**READY_MAP, "revision": 3, "serving_revision": 1, "status": status, "progress": progress}
+    fake.places = [under_way]
+    assert f"revision 3 {shown}; 1 still answers" in panoloc("maps").out
+
+
+@pytest.mark.parametrize(("status", "serving"), [("ready", 1), ("queued", None), ("failed", None)])
+def test_a_map_of_one_revision_says_nothing_of_revisions(
+    panoloc: Panoloc, fake: FakeService, status: str, serving: int | None
+) -> None:
+    fake.places = [{**READY_MAP, "serving_revision": serving, "status": status}]
+    out = panoloc("maps").out
+    assert status in out
+    assert "revision" not in out
