@@ -4,6 +4,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Literal
 
 from core.errors import (
     CoreError,
@@ -15,7 +16,9 @@ from core.errors import (
     PanoramaTooLargeError,
 )
 
+ImageKind = Literal["jpeg", "png", "webp"]
 KNOWN_FORMATS = "JPEG, PNG or WebP"
+KIND_BYTES = 16
 
 _JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE_MARKERS = frozenset({0x01, *range(0xD0, 0xD9)})
@@ -23,9 +26,9 @@ _JPEG_BARE_MARKERS = frozenset({0x01, *range(0xD0, 0xD9)})
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image says of itself. kind: "jpeg", "png" or "webp"; width, height: pixels as stored."""
+    """What an image says of itself. width, height: pixels as stored."""
 
-    kind: str
+    kind: ImageKind
     width: int
     height: int
 
@@ -81,14 +84,26 @@ def check_image(data: bytes, upload: Upload, max_pixels: int) -> ImageHeader:
     return header
 
 
+def image_kind(head: bytes) -> ImageKind | None:
+    """Return which of the formats a file has, None for any other. head: its first `KIND_BYTES` bytes, or more."""
+    if head.startswith(b"\x89PNG\r\n\x1a\n") and head[12:16] == b"IHDR":
+        return "png"
+    if head.startswith(b"\xff\xd8\xff"):
+        return "jpeg"
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "webp"
+    return None
+
+
 def read_image_header(data: bytes) -> ImageHeader:
     """Return kind and size of a JPEG, PNG or WebP image. Raises PanoramaFormatError for anything else."""
+    kind = image_kind(data)
     try:
-        if data.startswith(b"\x89PNG\r\n\x1a\n") and data[12:16] == b"IHDR":
-            return ImageHeader("png", *struct.unpack(">II", data[16:24]))
-        if data.startswith(b"\xff\xd8\xff"):
+        if kind == "png":
+            return ImageHeader(kind, *struct.unpack(">II", data[16:24]))
+        if kind == "jpeg":
             return _jpeg(data)
-        if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        if kind == "webp":
             return _webp(data)
     except (struct.error, IndexError) as error:
         raise PanoramaFormatError(

@@ -46,7 +46,7 @@ def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> 
 
 
 def _is_panorama(photo: Path) -> bool:
-    # Of all commands `place` alone looks into images, and only where it has to.
+    # Of all commands `place` alone asks for the size of images, and only where it has to.
     from core.panorama.image_header import read_image_header
     from core.panorama.known_camera import is_full_sphere
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from core.options import Frame
+from core.panorama.image_header import KIND_BYTES, KNOWN_FORMATS, image_kind
 from service.client import JsonObject
 
 FILE_NAME = "transforms.json"
@@ -93,8 +94,23 @@ def _image_file(given: Mapping[str, Any], file: Path) -> Path:
     # Some writers leave the ending out.
     for candidate in (name, f"{name}.png", f"{name}.jpg"):
         if (file.parent / candidate).is_file():
-            return file.parent / candidate
+            return _checked_image(file.parent / candidate)
     raise TransformsError(f"file_path: expected an image beside the file, but there is no {file.parent / name}")
+
+
+def _checked_image(path: Path) -> Path:
+    """Return the path of an image. Files of others may name anything on this machine, and what they name leaves it."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(KIND_BYTES)
+    except OSError as error:
+        raise TransformsError(f"file_path: expected an image that can be read, but {path}: {error.strerror}") from error
+    if image_kind(head) is None:
+        raise TransformsError(
+            f"file_path: expected a {KNOWN_FORMATS} image, got {path}, which is none by its first bytes; convert it, or take the frame "
+            "out. Nothing was sent"
+        )
+    return path
 
 
 def _camera(given: Mapping[str, Any]) -> JsonObject:

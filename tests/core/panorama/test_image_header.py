@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from core.errors import PanoramaFormatError
-from core.panorama.image_header import read_image_header
+from core.panorama.image_header import KIND_BYTES, image_kind, read_image_header
 
 WRITERS: dict[str, dict[str, Any]] = {
     "png": {"format": "PNG"},
@@ -29,6 +29,7 @@ def test_the_size_is_that_of_the_image(name: str) -> None:
     Image.new(options.pop("mode", "RGB"), (37, 18)).save(data, **options)
     header = read_image_header(data.getvalue())
     assert (header.kind, header.width, header.height) == (name.split()[-1].replace("alpha", "webp"), 37, 18)
+    assert image_kind(data.getvalue()[:KIND_BYTES]) == header.kind
 
 
 @given(
@@ -40,6 +41,7 @@ def test_any_bytes_have_a_size_or_are_no_image(data: bytes, head: bytes) -> None
         header = read_image_header(head + data)
     except PanoramaFormatError:
         return
+    assert image_kind((head + data)[:KIND_BYTES]) == header.kind
     assert header.width >= 0
     assert header.height >= 0
 

@@ -1,11 +1,14 @@
 """Frames with poses out of a `transforms.json`: one query of all of them."""
 
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.geometry.pose import FRAMES, Pose
 from core.options import MAX_IMAGES, Frame
@@ -25,11 +28,16 @@ KNOWN = Pose.from_frame((1.25, -2.5, 1.6), (-0.010196774, 0.113835941, 0.4354205
 PINHOLE = {"camera_model": "PINHOLE", "w": 640, "h": 480, "fl_x": 500.0, "fl_y": 501.0, "cx": 320.0, "cy": 241.0}
 
 
+def image(number: int) -> bytes:
+    """Return what begins as a JPEG does: no more of an image is looked at before it is sent."""
+    return b"\xff\xd8\xff image %d" % number
+
+
 def write(folder: Path, document: Any, num_images: int = 1) -> Path:
     """Write the file, and the images that its frames name."""
     folder.mkdir(exist_ok=True)
     for number in range(num_images):
-        (folder / f"{number}.jpg").write_bytes(b"image %d" % number)
+        (folder / f"{number}.jpg").write_bytes(image(number))
     file = folder / "transforms.json"
     file.write_text(json.dumps(document))
     return file
@@ -141,7 +149,7 @@ def test_a_session_is_one_query_of_all_its_frames(
     done = panoloc("localize", "--session", path, "--map", "map_1", "--frame", "webxr", "--up-known")
     assert done.code == 0, done.err
     assert fake.requests == [("POST", "/localize")]
-    assert fake.parts["image"] == [b"image 0", b"image 1", b"image 2"]
+    assert fake.parts["image"] == [image(number) for number in range(3)]
     options = LocalizeOptions.model_validate_json(fake.parts["options"][0])
     assert (len(options.cameras or ()), options.frame) == (3, "webxr")
     assert options.session is not None
@@ -195,3 +203,49 @@ def test_a_session_file_that_is_none_is_wrong_usage(panoloc: Panoloc, fake: Fake
     assert done.code == 2
     assert "transforms.json" in done.err
     assert fake.requests == []
+
+
+@pytest.mark.parametrize(
+    "content", [b"root:x:0:0:root:/root:/bin/bash", b"", b"\x89PNG", b"RIFF\x00\x00\x00\x00WAVE", b"GIF89a"]
+)
+def test_a_file_that_is_no_image_is_named_and_nothing_is_sent(
+    panoloc: Panoloc, fake: FakeService, tmp_path: Path, content: bytes
+) -> None:
+    (tmp_path / "passwd").write_bytes(content)
+    document = walk(2)
+    document["frames"][1]["file_path"] = "../passwd"
+    file = write(tmp_path / "walk", document, num_images=2)
+    with pytest.raises(TransformsError) as caught:
+        read_transforms(file, "ros")
+    for said in ("frames[1] of ", "transforms.json", "JPEG, PNG or WebP", "../passwd", "Nothing was sent"):
+        assert said in str(caught.value)
+    assert "root:" not in str(caught.value)
+    done = panoloc("localize", "--session", file, "--map", "map_1")
+    assert (done.code, fake.requests) == (2, [])
+    assert "frames[1]" in done.err
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+def test_images_beside_the_folder_of_the_file_are_sent(
+    panoloc: Panoloc, fake: FakeService, tmp_path: Path, kind: str
+) -> None:
+    (tmp_path / "images").mkdir()
+    Image.new("RGB", (8, 6)).save(tmp_path / "images" / "a", kind)
+    file = write(tmp_path / "walk", one_frame(file_path="../images/a"))
+    done = panoloc("localize", "--session", file, "--map", "map_1")
+    assert done.code == 0, done.err
+    assert fake.parts["image"] == [(tmp_path / "images" / "a").read_bytes()]
+
+
+def test_an_image_that_cannot_be_read_is_said_with_its_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write(tmp_path, one_frame())
+    opened = Path.open
+
+    def refused(path: Path, *arguments: Any, **options: Any) -> Any:
+        if path.suffix == ".jpg":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return opened(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "open", refused)
+    with pytest.raises(TransformsError, match=r"frames\[0\] of .*0\.jpg: Permission denied"):
+        read_transforms(file, "ros")
