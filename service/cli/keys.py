@@ -93,7 +93,10 @@ def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, jso
                 dict(zip(("id", "name", "tenant", "scopes", "created_at", "revoked_at"), shown, strict=True))
             )
         table.add_row(*shown)
-    if not json:
+    if not keys:
+        # The folder is relative to where the command runs, and another one may be meant.
+        session.messages.print(f"No keys in {data_dir.resolve()}.", markup=False)
+    elif not json:
         session.results.print(table)
     return ExitCode.OK
 

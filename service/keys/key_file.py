@@ -89,6 +89,10 @@ class KeyFile:
                 raise KeyFileError(f"expected the id of a key, got {key_id[:80]!r}; `panoloc keys list` shows them")
             return found
 
+        if not self.path.exists():
+            raise KeyFileError(
+                f"there are no keys in {self.path.parent.resolve()}: is it the data folder of the service?"
+            )
         self._change(without)
         return revoked[0]
 

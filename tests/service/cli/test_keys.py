@@ -30,6 +30,18 @@ def test_a_key_is_made_shown_once_listed_and_revoked(panoloc: Panoloc, tmp_path:
     assert changes == ["key made", "key revoked"]
 
 
+def test_where_no_key_was_ever_made_the_folder_is_named_and_nothing_is_left_there(
+    panoloc: Panoloc, tmp_path: Path
+) -> None:
+    folder = tmp_path / "elsewhere"
+    for asked, code in (("list", 0), ("revoke", 1)):
+        ids = ("key_typo",) if asked == "revoke" else ()
+        done = panoloc("keys", asked, *ids, "--data-dir", folder)
+        assert (done.code, done.out) == (code, "")
+        assert f"keys in {folder}" in done.err
+    assert not folder.exists()
+
+
 def test_an_id_that_is_none_leaves_no_other_key_open(panoloc: Panoloc, tmp_path: Path) -> None:
     make = ("keys", "make", "phones", "--scope", "read", "--json", "--data-dir", tmp_path)
     first, second = (json.loads(panoloc(*make).out) for _ in range(2))
