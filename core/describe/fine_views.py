@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from core.config import FineViewConfig
-from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
+from core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
 
@@ -69,14 +69,14 @@ class FineViewCollector:
     def __init__(self, config: FineViewConfig, bins: int, is_labels: bool, sample: RenderedViews) -> None:
         self._config, self._bins, self._is_labels = config, bins, is_labels
         self._grid = PatchGrid(config.patch_rows, config.patch_columns)
-        roots, _ = self._roots(sample)
+        self._solid_angles = self._grid.solid_angles(sample.color.device)
+        roots, _ = centered_roots(self._histograms(sample), self._solid_angles)
         self._basis = principal_basis(roots, config.size, roots.shape[0] * roots.shape[1])
         self._parts: list[FineViews] = []
 
     def add(self, views: RenderedViews) -> None:
         """Describe a batch."""
-        roots, weights = self._roots(views)
-        values = roots @ self._basis
+        values, weights = described(self._histograms(views), self._solid_angles, self._basis)
         scale = values.abs().amax((1, 2)).clamp_min(1e-9) / self._config.steps
         steps = (values / scale[:, None, None]).round().to(torch.int8)
         pictures, seen = small_pictures(views, self._config.picture_height)
@@ -88,16 +88,13 @@ class FineViewCollector:
         joined = {name: torch.cat([getattr(part, name) for part in self._parts]) for name in names}
         return FineViews(**joined, basis=self._basis).take(keep)
 
-    def _roots(self, views: RenderedViews) -> tuple[Tensor, Tensor]:
-        return roots_of_views(views, self._grid, self._bins, self._is_labels)
+    def _histograms(self, views: RenderedViews) -> Tensor:
+        return histograms_of_views(views, self._grid, self._bins, self._is_labels)
 
 
-def roots_of_views(views: RenderedViews, grid: PatchGrid, bins: int, is_labels: bool) -> tuple[Tensor, Tensor]:
-    """Return centred root histograms (B, P, bins³ or twice as many) of the patches of views, and the patches' weights (B, P)."""
-    histograms = described_histograms(
-        views.color, views.canonical, views.valid.float(), views.weights, grid, bins, is_labels
-    )
-    return centered_roots(histograms, grid.solid_angles(histograms.device))
+def histograms_of_views(views: RenderedViews, grid: PatchGrid, bins: int, is_labels: bool) -> Tensor:
+    """Return the histograms (B, P, bins³ or twice as many) of the patches of views."""
+    return described_histograms(views.color, views.canonical, views.valid.float(), views.weights, grid, bins, is_labels)
 
 
 def small_pictures(views: RenderedViews, height: int) -> tuple[Tensor, Tensor]:

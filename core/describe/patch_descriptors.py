@@ -16,6 +16,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+_BLOCK = 128  # columns of a symmetric product that are computed at a time
+# Roots of exact zeros take eight times as long on a CPU, and most bins are empty; its root is below what single precision keeps.
+_LEAST = 1e-30
 _ORDER = 1e-12  # of the largest spread, over all bins: far below what single precision keeps
 
 
@@ -34,12 +37,28 @@ class ViewDescriptors:
 
 def centered_roots(histograms: Tensor, solid_angles: Tensor) -> tuple[Tensor, Tensor]:
     """Return square roots (V, P, bins³) centred per view over valid patches, and the patches' weights (V, P), summing to one."""
-    valid = histograms.sum(-1) > 0
-    weights = solid_angles * valid
-    weights = weights / weights.sum(-1, keepdim=True).clamp_min(1e-12)
-    roots = histograms.sqrt()
-    mean = (roots * weights[..., None]).sum(1, keepdim=True)
-    return (roots - mean) * valid[..., None], weights
+    weights = _weights(histograms, solid_angles)
+    return _centered(histograms.clamp_min(_LEAST).sqrt_(), weights), weights
+
+
+def described(histograms: Tensor, solid_angles: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
+    """Return centred roots along `basis` (bins³, D), (V, P, D), and the patches' weights (V, P), summing to one.
+
+    As `centered_roots(...)[0] @ basis`, in a third of the time: what is centred afterwards is a thirtieth as large. The histograms are used
+    up: their roots take their place.
+    """
+    weights = _weights(histograms, solid_angles)
+    return _centered(histograms.clamp_min_(_LEAST).sqrt_() @ basis, weights), weights
+
+
+def _weights(histograms: Tensor, solid_angles: Tensor) -> Tensor:
+    weights = solid_angles * (histograms.sum(-1) > 0)
+    return weights / weights.sum(-1, keepdim=True).clamp_min(1e-12)
+
+
+def _centered(values: Tensor, weights: Tensor) -> Tensor:
+    mean = (values * weights[..., None]).sum(1, keepdim=True)
+    return (values - mean) * (weights > 0)[..., None]
 
 
 def principal_basis(roots: Tensor, size: int, sample: int) -> Tensor:
@@ -47,13 +66,21 @@ def principal_basis(roots: Tensor, size: int, sample: int) -> Tensor:
     flat = roots.flatten(0, 1)
     flat = flat[:: max(1, len(flat) // sample)]
     # Solved in double precision: bins that no patch uses make the matrix singular, and single precision then returns NaN at times.
-    spread = (flat.T @ flat).double()
+    spread = _products(flat).double()
     # Of a scan in greys nine in ten bins are empty: of so many equal eigenvalues the solver finds no order, unless each gets one.
     order = torch.linspace(
         0, _ORDER * float(spread.diagonal().max()), len(spread), dtype=spread.dtype, device=spread.device
     )
     vectors: Tensor = torch.linalg.eigh(spread + order.diag()).eigenvectors
     return vectors[:, -size:].float().contiguous()
+
+
+def _products(rows: Tensor) -> Tensor:
+    """Return rows.T @ rows, little more than half of it computed: the rest is its mirror image."""
+    upper = rows.new_zeros(rows.shape[1], rows.shape[1])
+    for first in range(0, rows.shape[1], _BLOCK):
+        upper[first : first + _BLOCK, first:] = rows[:, first : first + _BLOCK].T @ rows[:, first:]
+    return upper.triu() + upper.triu(1).T
 
 
 def pooled(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:

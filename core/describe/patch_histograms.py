@@ -44,7 +44,7 @@ def soft_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: 
 
 
 def _normalize(histogram: Tensor) -> Tensor:
-    return histogram / histogram.sum(-1, keepdim=True).clamp_min(1e-12)
+    return histogram.div_(histogram.sum(-1, keepdim=True).clamp_min(1e-12))  # its callers have just made it
 
 
 def described_histograms(

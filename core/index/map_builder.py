@@ -13,9 +13,8 @@ import torch
 from torch import Tensor
 
 from core.config import IndexConfig, StartsConfig
-from core.describe.fine_views import FineViewCollector, RenderedViews
-from core.describe.patch_descriptors import ViewDescriptors, centered_roots, principal_basis
-from core.describe.patch_histograms import described_histograms
+from core.describe.fine_views import FineViewCollector, RenderedViews, histograms_of_views
+from core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
 from core.describe.spherical_patches import PatchGrid
 from core.index.map_index import INDEX_VERSION, MapIndex
 from core.index.starts import Starts, grid_starts, octree_starts
@@ -101,15 +100,7 @@ class _ViewCollector:
     def add(self, centers: Tensor) -> None:
         """Render the views from `centers` (B, 3) and keep what describes them, and their coverage."""
         views, sampled = self._render(centers)
-        histogram = described_histograms(
-            views.color,
-            views.canonical,
-            views.valid.float(),
-            views.weights,
-            self.grid,
-            self.config.bins,
-            self.labels is not None,
-        )
+        histogram = histograms_of_views(views, self.grid, self.config.bins, self.labels is not None)
         self.fine.add(views)
         self.histograms.append(histogram.half())
         sphere = 4 * math.pi
@@ -135,8 +126,8 @@ class _ViewCollector:
         basis = principal_basis(centered_roots(sample, solid)[0], self.config.size, self.config.basis_patches)
         values, weights = [], []
         for part in torch.split(histograms, 64):
-            roots, weight = centered_roots(part.float(), solid)
-            values.append(roots @ basis)
+            value, weight = described(part.float(), solid, basis)
+            values.append(value)
             weights.append(weight)
         return ViewDescriptors(torch.cat(values), basis, torch.cat(weights))
 

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from core.config import LocalizerConfig
-from core.describe.fine_views import roots_of_views, small_pictures
+from core.describe.fine_views import histograms_of_views, small_pictures
+from core.describe.patch_descriptors import centered_roots
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import project
 from core.geometry.rotations import rotation_from_vector
@@ -30,7 +31,8 @@ def described_as_scanned(
     grid, rows = PatchGrid(fine.patch_rows, fine.patch_columns), fine.picture_height
     is_labels = index.labels is not None
     view, _ = views_to_describe(index.render_cloud, position[None], config.descriptors.view_height, is_labels)
-    roots, weights = roots_of_views(view, grid, config.descriptors.bins, is_labels)
+    histograms = histograms_of_views(view, grid, config.descriptors.bins, is_labels)
+    roots, weights = centered_roots(histograms, grid.solid_angles(device))
     patches = grid.nearest_patch(grid.centers(device)[photos.patches] @ rotation.T)
     pictures, seen = small_pictures(view, rows)
     u, v = project(photos.directions @ rotation.T, rows, 2 * rows)

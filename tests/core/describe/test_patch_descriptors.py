@@ -2,7 +2,7 @@
 
 import torch
 
-from core.describe.patch_descriptors import centered_roots, principal_basis
+from core.describe.patch_descriptors import centered_roots, described, principal_basis
 
 
 def test_a_scan_in_greys_whose_histograms_use_few_bins_has_its_directions() -> None:
@@ -20,3 +20,26 @@ def test_a_scan_in_greys_whose_histograms_use_few_bins_has_its_directions() -> N
     flat = roots.flatten(0, 1)
     values = torch.linalg.svdvals(flat[:, used])
     assert torch.allclose((flat @ basis).square().sum(), values[:32].square().sum(), rtol=1e-4)
+
+
+def test_what_is_described_at_once_is_what_is_centred_first() -> None:
+    random = torch.Generator().manual_seed(1)
+    histograms = torch.rand(3, 32, 64, generator=random) * (torch.rand(3, 32, 64, generator=random) > 0.9)
+    histograms[1, 4:9] = 0  # patches that show nothing
+    solid = torch.rand(32, generator=random) + 0.1
+    basis, _ = torch.linalg.qr(torch.randn(64, 5, generator=random))
+    roots, expected = centered_roots(histograms, solid)
+    values, weights = described(histograms.clone(), solid, basis)
+    torch.testing.assert_close(values, roots @ basis, atol=1e-6, rtol=0)
+    torch.testing.assert_close(weights, expected)
+    assert not values[1, 4:9].any()
+    torch.testing.assert_close((roots * weights[..., None]).sum(1), torch.zeros(3, 64), atol=1e-6, rtol=0)
+
+
+def test_directions_are_those_of_the_whole_spread_whatever_the_number_of_bins() -> None:
+    for bins in (8, 128, 200, 343):
+        roots = torch.randn(4, 50, bins, generator=torch.Generator().manual_seed(bins)) * torch.linspace(0.1, 2, bins)
+        basis = principal_basis(roots, 6, 10_000)
+        flat = roots.flatten(0, 1).double()
+        spread = torch.linalg.eigh(flat.T @ flat).eigenvectors[:, -6:]
+        torch.testing.assert_close((basis.double().T @ spread).abs(), torch.eye(6).double(), atol=1e-4, rtol=0)
