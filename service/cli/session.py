@@ -78,7 +78,7 @@ class Session:
             return ExitCode.UNREACHABLE
         if not isinstance(error, ApiProblemError):
             show(f"{named}[bold red]Error:[/] {escape(str(error))}")
-            if isinstance(error, MapFailedError):
+            if isinstance(error, MapFailedError) and error.serving_revision is None:
                 show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
             return ExitCode.ERROR
         show(f"{named}[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")

@@ -135,7 +135,7 @@ class PanolocClient:
             if place["status"] == "ready":
                 return place
             if place["status"] == "failed":
-                raise MapFailedError(map_id, _failure_text(place.get("error")))
+                raise MapFailedError(map_id, _failure_text(place.get("error")), place.get("serving_revision"))
             if time.monotonic() > give_up:
                 raise WaitTimeoutError(
                     f"Map {map_id} was still {place['status']} after {timeout_s:g} s; ask again later."

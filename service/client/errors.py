@@ -44,11 +44,16 @@ class UnexpectedReplyError(ClientError):
 
 
 class MapFailedError(ClientError):
-    """The scan was stored, but no map could be made of it."""
+    """The scan was stored, but no map could be made of it.
 
-    def __init__(self, map_id: str, reason: str) -> None:
-        super().__init__(f"Map {map_id} failed: {reason}")
+    serving_revision: the older revision of the map that answers queries as before, None where there is none.
+    """
+
+    def __init__(self, map_id: str, reason: str, serving_revision: int | None = None) -> None:
+        still = "" if serving_revision is None else f", revision {serving_revision} still answers"
+        super().__init__(f"Map {map_id} failed{still}: {reason}")
         self.map_id = map_id
+        self.serving_revision = serving_revision
 
 
 class WaitTimeoutError(ClientError):

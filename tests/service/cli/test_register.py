@@ -6,6 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from service.client import MapFailedError, PanolocClient
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
@@ -78,7 +79,18 @@ def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeServ
     done = panoloc("register", scan)
     assert done.code == 1
     assert reason in done.err
+    assert "panoloc maps delete map_1" in done.err
     assert done.out == ""
+
+
+def test_who_waits_for_a_new_revision_hears_that_the_old_one_still_answers(fake: FakeService) -> None:
+    fake.polls = [{**READY_MAP, "status": "failed", "revision": 2, "serving_revision": 1}]
+    with (
+        PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
+        pytest.raises(MapFailedError, match="map_1 failed, revision 1 still answers: ") as failed,
+    ):
+        client.wait_for_map("map_1")
+    assert failed.value.serving_revision == 1
 
 
 @pytest.mark.slow
