@@ -150,7 +150,7 @@ class Localizer:
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(session.images, agreements, strict=True)
         ]
-        found = self._unless_contradicted(found, agreements)
+        found = self._unless_seen_little_of(self._unless_contradicted(found, agreements))
         assert found.best is not None
         return replace(
             found,
@@ -177,8 +177,28 @@ class Localizer:
         found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
         if found.status == "not_localized" or (share <= judge.contradicting_share and doubtful[0] > 0):
             return found
-        less = min(best.confidence * (1 - share), threshold / 2)
-        return replace(found, status="not_localized", best=replace(best, confidence=less))
+        return _refused(found, min(best.confidence * (1 - share), threshold / 2))
+
+    def _unless_seen_little_of(self, found: Localization) -> Localization:
+        """Return the answer, not localized where the scan has little of what photos show at the pose and that little leaves a doubt.
+
+        A pose inside of furniture, or just beyond a wall, hides from the judge what would speak against it.
+        """
+        judge, best = self.config.judge, found.best
+        if found.status != "localized" or best is None or found.evidence is None:
+            return found
+        compared = found.evidence.measures["relative_coverage"]
+        if compared >= judge.least_compared or best.confidence >= judge.sure_of_little:
+            return found
+        warning = f"at the pose that fits best the scan has only {compared:.0%} of what the images show; is the place scanned all around?"
+        found = replace(found, warnings=(*found.warnings, warning))
+        return _refused(found, min(best.confidence, self._confidence.threshold / 2))
+
+
+def _refused(found: Localization, confidence: float) -> Localization:
+    """Return the answer as one that is not localized, no surer than `confidence`."""
+    assert found.best is not None
+    return replace(found, status="not_localized", best=replace(found.best, confidence=confidence))
 
 
 def _contradiction(doubtful: Sequence[int], count: int) -> str:

@@ -9,6 +9,7 @@ import typer
 from lab.commands.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
 from service.cli.session import JsonOption, Session
+from service.host.process_resources import bound_spinning
 
 WHAT, SIZES, SERVICE, MACHINE, OUTPUT = "What", "Sizes", "Service", "Machine", "Output"
 
@@ -91,6 +92,7 @@ def bench(
     session: Session = ctx.obj
     session.json_output = json
     with core_errors_shown(session) as failed:
+        bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
         from lab.benchmark.request import BenchRequest
         from lab.benchmark.run import run_bench

@@ -11,6 +11,7 @@ from lab.commands import evaluation_options as choices
 from lab.commands.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
 from service.cli.session import JsonOption, Session
+from service.host.process_resources import bound_spinning
 
 app = typer.Typer(help="Measure methods on cases with known poses, and fit the confidence on the rows.")
 
@@ -49,6 +50,7 @@ def evaluate(
     session: Session = ctx.obj
     session.json_output = json
     with core_errors_shown(session) as failed:
+        bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
         from lab.commands.evaluation_run import EvaluationRequest, run_evaluation
 

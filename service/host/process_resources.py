@@ -1,4 +1,5 @@
-"""What this process takes of its machine: processors, of which a container has fewer than the machine, and freed memory.
+"""What this process takes of its machine: processors, of which a container has fewer than the machine, and what others may want of them,
+and freed memory.
 
 The C library's heap keeps what was freed unless it is told otherwise.
 """
@@ -10,11 +11,23 @@ import platform
 import sys
 from pathlib import Path
 
+# How long threads of torch that wait for each other spin before they sleep: OpenMP's own milliseconds starve everybody where other work
+# wants the cores, and to sleep at once makes a query 1.7 times as long where none does.
+SPINNING = {"GOMP_SPINCOUNT": "5000"}
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 _PACKAGES = Path("/sys/devices/system/cpu")
 # Numbers of <malloc.h>; 32 MB is the largest threshold that it takes.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 _LARGEST_THRESHOLD, _KEPT_BYTES = 32 << 20, 512 << 20
+
+
+def bound_spinning() -> None:
+    """Let threads of torch that wait leave the processors to others soon, in this process and its children; before torch is imported.
+
+    What the user's environment says of it stays.
+    """
+    for name, value in SPINNING.items():
+        os.environ.setdefault(name, value)
 
 
 def num_usable_cpus(cgroup_limit: Path = _CGROUP_LIMIT) -> int:

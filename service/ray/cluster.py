@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from service.host.lifeline import Lifeline
+from service.host.process_resources import SPINNING
 from service.host.process_tree import descendants, process_name
 from service.ray.contact import Contact
 from service.ray.ended_logs import remove_logs_of_ended
@@ -28,7 +29,6 @@ _log = logging.getLogger(__name__)
 _NAMESPACE = "panoloc"
 
 # Read by Ray's processes when they start. `setdefault`: an operator's own value wins.
-SPIN_COUNT = "5000"
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
     # A call that comes after the end would start a cluster of its own.
@@ -52,9 +52,7 @@ _ENVIRONMENT = {
     "RAY_task_oom_retries": "1",
     # glibc keeps freed panoramas in up to eight heaps per core otherwise.
     "MALLOC_ARENA_MAX": "2",
-    # How long threads of torch that wait for each other spin before they sleep: OpenMP's own milliseconds starve everybody where
-    # other work wants the cores, and to sleep at once makes a query 1.7 times as long where none does.
-    "GOMP_SPINCOUNT": SPIN_COUNT,
+    **SPINNING,
 }
 
 

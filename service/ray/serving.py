@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from service.errors import NoWorkerError
-from service.host.process_resources import num_sockets
+from service.host.process_resources import SPINNING, num_sockets
 from service.host.service_version import service_version
-from service.ray.cluster import SPIN_COUNT, RayCluster
+from service.ray.cluster import RayCluster
 from service.ray.front_doors import FrontDoors
 from service.ray.queue.admission import REQUESTS_PER_WORKER
 from service.ray.reachability import leave_token, missing_here, take_token_back
@@ -218,11 +218,7 @@ class RayServing:
 
     def _environment(self) -> dict[str, Any]:
         # The processes of a cluster of our own inherit it.
-        return (
-            {}
-            if self._cluster.is_ours
-            else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2", "GOMP_SPINCOUNT": SPIN_COUNT}}}
-        )
+        return {} if self._cluster.is_ours else {"runtime_env": {"env_vars": {"MALLOC_ARENA_MAX": "2", **SPINNING}}}
 
 
 def _quieten_serve() -> None:

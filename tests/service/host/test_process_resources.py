@@ -6,9 +6,17 @@ from pathlib import Path
 import pytest
 
 from lab.process_memory import proportional_bytes
-from service.host.process_resources import num_sockets, num_usable_cpus, return_freed_memory
+from service.host.process_resources import SPINNING, bound_spinning, num_sockets, num_usable_cpus, return_freed_memory
 
 ROOT = Path(__file__).parents[3]
+
+
+def test_threads_spin_as_the_user_says_and_not_for_long_where_nobody_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    for given, expected in (({}, SPINNING), ({"GOMP_SPINCOUNT": "7"}, {"GOMP_SPINCOUNT": "7"})):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "environ", dict(given))
+            bound_spinning()
+            assert os.environ == expected
 
 
 @pytest.fixture
