@@ -182,7 +182,7 @@ class Localizer:
     def _unless_seen_little_of(self, found: Localization) -> Localization:
         """Return the answer, not localized where the scan has little of what photos show at the pose and that little leaves a doubt.
 
-        A pose inside of furniture, or just beyond a wall, hides from the judge what would speak against it.
+        What is not compared cannot speak against a pose.
         """
         judge, best = self.config.judge, found.best
         if found.status != "localized" or best is None or found.evidence is None:
@@ -190,7 +190,10 @@ class Localizer:
         compared = found.evidence.measures["relative_coverage"]
         if compared >= judge.least_compared or best.confidence >= judge.sure_of_little:
             return found
-        warning = f"at the pose that fits best the scan has only {compared:.0%} of what the images show; is the place scanned all around?"
+        warning = (
+            f"at the pose that fits best the scan has only {compared:.0%} of what the images show, "
+            "too little for a pose that is not beyond doubt"
+        )
         found = replace(found, warnings=(*found.warnings, warning))
         return _refused(found, min(best.confidence, self._confidence.threshold / 2))
 

@@ -1,8 +1,11 @@
 """Photos at whose best pose the scan has little of what they show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from core.config import LocalizerConfig
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
@@ -41,9 +44,16 @@ def test_who_says_nothing_for_sure_needs_no_warning(status: Status) -> None:
     assert Localizer(device="cpu")._unless_seen_little_of(before) is before
 
 
-def test_frames_in_the_scan_are_compared_with_most_of_it(localizer: Localizer, box_index: MapIndex) -> None:
+def test_frames_are_asked_for_how_much_of_them_the_scan_has(localizer: Localizer, box_index: MapIndex) -> None:
     asked = session_of(PaintedBox(seed=3), Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2])), FOUR, [UPRIGHT] * 4)
     answer = localizer.localize(asked, [box_index])
     assert answer.status == "localized"
     assert answer.evidence is not None
     assert answer.evidence.measures["relative_coverage"] > 0.6
+    assert answer.warnings == ()
+    config = LocalizerConfig()
+    strict = replace(config, judge=replace(config.judge, least_compared=0.99, sure_of_little=1.1))
+    refused = Localizer(strict, device="cpu").localize(asked, [box_index])
+    assert refused.status == "not_localized"
+    (words,) = refused.warnings
+    assert "of what the images show" in words

@@ -88,7 +88,8 @@ def test_without_its_raylet_it_refuses_what_runs_and_ends_with_a_message_for_its
     assert {answer.status_code for answer in answers} - {200} == {503}
     assert all(int(answer.headers["Retry-After"]) >= 1 for answer in answers if answer.status_code == 503)
     assert "the service ends" in service.log
-    assert str(data_dir.resolve()) in service.log
+    (opened,) = (line for line in service.log.splitlines() if "the data folder is open" in line)
+    assert str(data_dir.resolve()) in opened
     assert f"raylet (process {raylet}) has ended" in service.log
     assert eventually(lambda: not any(is_running(pid) for pid in family), 90)
 

@@ -6,7 +6,7 @@ import pytest
 
 import core.errors
 import service.errors
-from core.errors import PanoramaShapeError
+from core.errors import PanoramaShapeError, PanoramaUnusableError
 from service.errors import InvalidOptionsError, QueueFullError, WorkerError
 from service.problems import PROBLEMS, error_responses, known_problems, problem_document, problem_of
 
@@ -49,6 +49,8 @@ def test_a_problem_says_what_to_do(problem: object) -> None:
 
 def test_an_exception_of_core_is_a_problem_of_the_caller_and_a_fault_of_a_worker_is_ours() -> None:
     assert problem_of(PanoramaShapeError("")).status == 422
+    # The console asks how wide a photo sees where the slug is the other one.
+    assert problem_of(PanoramaUnusableError("")).slug == "image-unusable"
     assert problem_of(WorkerError("SomethingNewError", "")).status == 500
 
 

@@ -36,6 +36,8 @@ class Found:
 def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Found:
     """Find bars, void and filled poles in an image (H, W, 3), of whose pixels (H, W) `valid` are known to count.
 
+    An image of one colour all over is said to be one, and nothing of it is taken out.
+
     is_sphere: the image is a full equirectangular sphere, which wraps around and has poles. Images of semantic labels, flat by nature,
     are left alone. People and tripods are not looked for.
     """
