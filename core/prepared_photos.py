@@ -10,6 +10,8 @@ from core.config import LocalizerConfig
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis, stacked_poses
 from core.light.color_equalization import LabelCodes, apply_tables
+from core.lines.line_support import LineSupport
+from core.lines.photo_edges import Edges, edges_of_photos
 from core.options import MAX_SESSION_TILT_DEG
 from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_colors import blurred_windows, equalized_windows, mixed_colors
@@ -24,7 +26,7 @@ from core.refine.photo_points import (
 )
 from core.refine.refinement import CandidatePoints
 from core.refine.rig_level import RigLevel
-from core.search.photo_search import DescribedPhotos, describe_photos
+from core.search.described_photos import DescribedPhotos, describe_photos
 from core.search.pose_limits import PoseLimits
 from core.views.comparison import Comparison
 from core.views.photo_comparison import RigView
@@ -48,6 +50,8 @@ class PreparedPhotos:
         self.view = RigView(self.atlas, config.photos.margin_deg)
         self._up_known = session.options.up_known
         self._described: DescribedPhotos | None = None
+        self._edges: Edges | None = None
+        self._lines: LineSupport | None = None
         self._levels: dict[tuple[int, float, bool], RigLevel] = {}
         self._look: dict[tuple[int, float], LookDirections] = {}
         self._views: dict[int, tuple[dict[int, int], StartViews]] = {}
@@ -65,6 +69,18 @@ class PreparedPhotos:
                 self.atlas, self.labels, config.photo_search, config.fine_views, config.descriptors
             )
         return self._described
+
+    def edges(self) -> Edges:
+        """Return the edges of the photos."""
+        if self._edges is None:
+            self._edges = edges_of_photos(self.atlas, self.config.lines)
+        return self._edges
+
+    def lines(self) -> LineSupport:
+        """Return what the edges of the photos say of how the rig is turned."""
+        if self._lines is None:
+            self._lines = LineSupport(self.edges(), self.config.lines)
+        return self._lines
 
     def canonical_level(self, height: int, contrast_share: float, blur: bool = False) -> RigLevel:
         """Return a level equalized over all photos and mixed with contrast, prepared for sampling; blurred for the widest basin."""

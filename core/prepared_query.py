@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 
-from core.config import LocalizerConfig, PhotoSearchConfig
+from core.config import LocalizerConfig
 from core.geometry.rotations import rotation_angle
 from core.index.map_index import MapIndex
 from core.judge.agreement import agreement, with_agreement
 from core.judge.hypotheses import Hypothesis, by_map, stacked_poses
+from core.lines.line_hold import LineHold
 from core.options import Hints
 from core.panorama.panorama import Panorama
 from core.panorama.session import Session
@@ -18,6 +20,8 @@ from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.refine.candidate_points import points_seen_from_poses, points_seen_from_starts, unchanged_share
 from core.refine.refinement import CandidatePoints
+from core.search.line_evidence import LineEvidence
+from core.search.photo_search import line_rotations
 from core.search.pose_limits import PoseLimits, pose_limits, within_reach
 from core.views.comparison import Comparison
 from core.views.render_cloud import RenderCloud
@@ -57,6 +61,33 @@ class MapQuery:
         is_held_back = float(rotation_angle(rotation, hypothesis.rotation)) > _HELD_BACK
         return replace(hypothesis, rotation=rotation, is_held_back=is_held_back)
 
+    @cached_property
+    def lines(self) -> LineEvidence | None:
+        """Return what the edges of photos say of rotations; None where that is little, or the walls of the map are not along two axes."""
+        picture, index, sizes = self.picture, self.index, self.config.lines
+        if not isinstance(picture, PreparedPhotos) or picture.labels is not None:
+            return None
+        axes, share = index.wall_axes
+        if share < sizes.least_walls or picture.edges().count < sizes.fewest_edges:
+            return None
+        every = line_rotations(self.config.photo_search, index.positions.device)
+        evidence = LineEvidence(picture.lines(), axes, every, self.limits)
+        return evidence if evidence.contrast >= sizes.least_contrast else None
+
+    def held(self, points: CandidatePoints, group: Sequence[Hypothesis], strength: float) -> CandidatePoints:
+        """Return the points of photos, with the hold that lines have on those of a group of hypotheses whose rotations they agree with."""
+        assert isinstance(self.picture, PreparedPhotos)
+        if points.patches is None:
+            return points
+        sizes, rotations = self.config.lines, stacked_poses(group)[0]
+        strengths = torch.zeros(len(group), device=rotations.device)
+        if self.lines is not None:
+            missed = self.lines.missed(rotations)
+            strengths = strength * (1 - missed / sizes.held_within).clamp_min(0.0)
+        axes = self.index.wall_axes[0].expand(len(group), 3, 3)
+        edges = self.picture.edges().some(sizes.hold_edges)
+        return replace(points, lines=LineHold(edges, axes, strengths, sizes))
+
     def compare(self, group: Sequence[Hypothesis], height: int, with_points: bool = False) -> Comparison:
         """Render the scan at every pose, in `height` rows, beside what was photographed."""
         return self.picture.compare(self.cloud, *stacked_poses(group), height, with_points)
@@ -66,19 +97,29 @@ class MapQuery:
         judged: list[Hypothesis] = []
         for first in range(0, len(group), RENDER_BATCH):
             part = group[first : first + RENDER_BATCH]
-            judged += with_agreement(part, agreement(self.compare(part, height), self.config.judge, self.picture.share))
+            measured = agreement(self.compare(part, height), self.config.judge, self.picture.share)
+            judged += self._as_lines_agree(with_agreement(part, measured))
         return judged
 
     def judge_alone(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Comparison]:
         """Return one hypothesis judged on the larger rendering, and the comparison."""
         comparison = self.compare([hypothesis], self.config.judge.final_height)
-        (judged,) = with_agreement([hypothesis], agreement(comparison, self.config.judge, self.picture.share))
+        measured = agreement(comparison, self.config.judge, self.picture.share)
+        (judged,) = self._as_lines_agree(with_agreement([hypothesis], measured))
         return judged, comparison
+
+    def _as_lines_agree(self, group: list[Hypothesis]) -> list[Hypothesis]:
+        """Return hypotheses with a smaller score the less lines agree with their rotations."""
+        if self.lines is None or not group:
+            return group
+        kept = 1 - self.config.judge.lines_share * self.lines.missed(stacked_poses(group)[0])
+        return [replace(h, score=h.score * share) for h, share in zip(group, kept.tolist(), strict=True)]
 
     def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
         """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""
         if isinstance(self.picture, PreparedPhotos):
-            return self.picture.points_from_starts(self.index, group, coarse)
+            points = self.picture.points_from_starts(self.index, group, coarse)
+            return self.held(points, group, self.config.lines.hold_strengths[0])
         starts = sorted({h.start for h in group})
         if self._seen is None or not self._seen[0].keys() >= set(starts):
             height, sizes = self.config.descriptors.view_height, self.config.refinement
@@ -106,14 +147,16 @@ class MapQuery:
         photos = self.config.photos
         comparison = self.compare(group, self.config.judge.height, with_points=True)
         count, share = photos.middle_points, photos.patch_contrast_share
-        return self.picture.points_from_poses(self.cloud, comparison, group, count, share, None, patch_deg)
+        points = self.picture.points_from_poses(self.cloud, comparison, group, count, share, None, patch_deg)
+        return self.held(points, group, self.config.lines.hold_strengths[1])
 
     def full_points(self, hypothesis: Hypothesis, comparison: Comparison, count: int) -> CandidatePoints:
         """Return the points of one pose for a refinement at full resolution, with the colours of the comparison."""
         share = self.config.refinement.fine_contrast_share
         if isinstance(self.picture, PreparedPhotos):
             patch_deg = None if self.picture.labels is not None else self.config.photos.fine_patch_deg
-            return self.picture.points_from_poses(self.cloud, comparison, [hypothesis], count, share, None, patch_deg)
+            points = self.picture.points_from_poses(self.cloud, comparison, [hypothesis], count, share, None, patch_deg)
+            return self.held(points, [hypothesis], self.config.lines.hold_strengths[2])
         return points_seen_from_poses(self.cloud, comparison, count, share)
 
 
@@ -160,9 +203,26 @@ def within_limits(queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis])
     return [queries[h.map_number].within_limits(h) for h in hypotheses]
 
 
-def search_limits(queries: Sequence[MapQuery], config: PhotoSearchConfig) -> list[list[PoseLimits]]:
-    """Return the limits of one search of all maps after the other: of photos first those that cameras held level leave."""
-    limits, tilt = [query.limits for query in queries], math.radians(config.level_tilt_deg)
-    if not any(isinstance(q.picture, PreparedPhotos) and q.limits.leaves_tilts_beyond(tilt) for q in queries):
-        return [limits]
-    return [[replace(limit, max_tilt=tilt) for limit in limits], limits]
+@dataclass(frozen=True)
+class SearchRound:
+    """One search of all maps of a query: the limits in each map, whether only rotations are searched that lines agree with, and how many
+    candidates it has."""
+
+    limits: list[PoseLimits]
+    by_lines: bool
+    num_candidates: int
+
+
+def search_rounds(queries: Sequence[MapQuery], config: LocalizerConfig) -> list[SearchRound]:
+    """Return the searches that a query takes one after the other, until an answer is sure.
+
+    Of photos first those poses that cameras held level leave, and of these the ones that lines agree with, where there are any to ask.
+    """
+    limits, search = [query.limits for query in queries], config.photo_search
+    tilt = math.radians(search.level_tilt_deg)
+    everything = SearchRound(limits, False, config.search.num_candidates)
+    leaves_tilts = any(isinstance(q.picture, PreparedPhotos) and q.limits.leaves_tilts_beyond(tilt) for q in queries)
+    first = [replace(limit, max_tilt=tilt) for limit in limits] if leaves_tilts else limits
+    if any(query.lines is not None for query in queries):
+        return [SearchRound(first, True, search.level_candidates), everything]
+    return [SearchRound(first, False, search.level_candidates), everything] if leaves_tilts else [everything]

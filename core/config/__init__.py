@@ -6,6 +6,7 @@ Where no other source is named, a figure was chosen by measurement on cases with
 from core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
 from core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, StartsConfig
 from core.config.judge import ChangeConfig, JudgeConfig
+from core.config.lines import LineConfig
 from core.config.localizer import LocalizerConfig, PaperConfig
 from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
 from core.config.search import FieldOfViewConfig, PhotoSearchConfig, PoseDistance, SearchConfig
@@ -22,6 +23,7 @@ __all__ = [
     "IndexConfig",
     "JudgeConfig",
     "LightFitConfig",
+    "LineConfig",
     "LocalizerConfig",
     "PaperConfig",
     "PhotoRefinementConfig",

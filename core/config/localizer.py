@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from core.config.index import DescriptorConfig, FineViewConfig
 from core.config.judge import ChangeConfig, JudgeConfig
+from core.config.lines import LineConfig
 from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig
 from core.config.search import FieldOfViewConfig, PhotoSearchConfig, SearchConfig
 
@@ -51,6 +52,7 @@ class LocalizerConfig:
     change: ChangeConfig = ChangeConfig()
     paper: PaperConfig = PaperConfig()
     fine_views: FineViewConfig = FineViewConfig()
+    lines: LineConfig = LineConfig()
 
     def for_photos(self, share: float) -> "LocalizerConfig":
         """Return the configuration for photos that show a `share` of the sphere: the less they show, the closer they are looked at."""

@@ -49,6 +49,27 @@ class PhotoSearchConfig:
     sure_at_end: float = 0.7
     limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
     limited_rescored_poses: int = 2500  # of these
+    # Lines of photos say how a camera is turned (see `core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, this share
+    # is searched first, the best of it so far apart; of their poses so many are scored by pixels.
+    line_rotations: int = 294_912
+    line_margin_deg: float = 2.0
+    likely_share: float = 0.02
+    fewest_likely: int = 64
+    most_likely: int = 600
+    likely_apart_deg: float = 4.0
+    likely_rescored_poses: int = 4000
+    likely_rescored_pixels: int = 600_000
+    # The best of these are scored once more at places around their starts (see `core.search.position_sweep`), the best of which are so far
+    # apart; and the first of them on finer pictures at places around those. Of all places together so many pixels, fewer poses of many.
+    swept: int = 80
+    fewest_swept: int = 16
+    swept_distinct: PoseDistance = PoseDistance(0.4, 10.0)
+    sweep_step_m: float = 0.17
+    most_swept_a_side: int = 3
+    swept_closer: int = 24
+    fewest_swept_closer: int = 6
+    closer_a_side: int = 3
+    swept_pixels: int = 400_000
     most_rotations: int = 12_000  # of the denser set; above it the other one is taken
     limit_margin_m: float = 0.5  # starts are no nearer to what hints allow than half their spacing
     limit_margin_deg: float = 6.0  # half the spacing of the denser set, and what a start's distance turns

@@ -12,10 +12,11 @@ def best_candidates(queries: Sequence[MapQuery], found: Sequence[MapCandidates],
     """Return the best `count` candidates over all maps, best first; queries and what was found in their maps go together."""
     hypotheses = []
     for query, part in zip(queries, found, strict=True):
-        columns = part.candidates.scores, part.candidates.starts, part.candidates.rotations
-        for score, start, turn in zip(*(column.tolist() for column in columns), strict=True):
-            pose = part.rotations[turn], query.index.starts[start]
-            hypotheses.append((score, Hypothesis(query.number, start, *pose)))
+        some = part.candidates
+        places = query.index.starts[some.starts] if some.places is None else some.places
+        columns = some.scores.tolist(), some.starts.tolist(), part.rotations[some.rotations], places
+        for score, start, rotation, place in zip(*columns, strict=True):
+            hypotheses.append((score, Hypothesis(query.number, start, rotation, place)))
     hypotheses.sort(key=lambda scored: -scored[0])
     return [hypothesis for _, hypothesis in hypotheses[:count]]
 

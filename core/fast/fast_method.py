@@ -33,12 +33,11 @@ from core.panorama.photo_atlas import shown_share
 from core.panorama.session import Session
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery, prepare_queries, search_limits
+from core.prepared_query import MapQuery, SearchRound, prepare_queries, search_rounds
 from core.search.closer_look import search_around
 from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates, make_search_rotations, search_maps
 from core.search.photo_search import search_photos
-from core.search.pose_limits import PoseLimits
 from core.search.same_views import search_same_views
 from core.stage_clock import StageClock
 from core.views.comparison import Comparison
@@ -106,10 +105,10 @@ class _Run:
         stages = CandidateStages(queries, self.config, self.clock)
         num_starts, num_poses, judged = 0, 0, list[Hypothesis]()
         hypotheses, comparison = list[Hypothesis](), None
-        for searched, count in self._searches(queries):
+        for searched in search_rounds(queries, self.config):
             with self.clock.stage("search"):
                 found = self._search(queries, searched)
-                candidates = best_candidates(queries, found, count)
+                candidates = best_candidates(queries, found, searched.num_candidates)
             num_starts = max(num_starts, sum(part.num_starts for part in found))
             num_poses += sum(part.num_poses for part in found)
             for portion in portions(candidates, self.config.search):
@@ -135,7 +134,9 @@ class _Run:
         """Search, and return the score of the best candidate."""
         queries = prepare_queries(query, maps, hints, self.config.refinement.finest_height, self.config)
         with self.clock.stage("search"):
-            found = [part for limits, _ in self._searches(queries) for part in self._search(queries, limits)]
+            found = [
+                part for searched in search_rounds(queries, self.config) for part in self._search(queries, searched)
+            ]
         return max((float(part.candidates.scores.max()) for part in found if len(part.candidates.scores)), default=0.0)
 
     def with_focal(self, query: Session, maps: Sequence[MapIndex], known: Hypothesis) -> tuple[Hypothesis, float]:
@@ -143,12 +144,6 @@ class _Run:
         queries = prepare_queries(query, maps, None, self.config.refinement.finest_height, self.config)
         with self.clock.stage("refine"):
             return RefinementSteps(self.config, self.clock).with_focal(queries[known.map_number], known)
-
-    def _searches(self, queries: Sequence[MapQuery]) -> list[tuple[list[PoseLimits], int]]:
-        """Return the limits of one search after the other, and how many candidates it has; fewer where another may follow."""
-        *first, last = search_limits(queries, self.config.photo_search)
-        counts = self.config.photo_search.level_candidates, self.config.search.num_candidates
-        return [*((limits, counts[0]) for limits in first), (last, counts[1])]
 
     def _finish(
         self, stages: CandidateStages, judged: Sequence[Hypothesis], alike: Sequence[Hypothesis] = ()
@@ -171,15 +166,16 @@ class _Run:
             close += [h for h in fitting if all(h is not other and not h.is_near(other, place) for other in close)][:1]
         return stages.finals(close, judged)
 
-    def _search(self, queries: Sequence[MapQuery], limits: Sequence[PoseLimits]) -> list[MapCandidates]:
-        """Search every map within its limits."""
+    def _search(self, queries: Sequence[MapQuery], searched: SearchRound) -> list[MapCandidates]:
+        """Search every map as one round of the search wants it."""
         maps = [query.index for query in queries]
         pictures = [query.picture for query in queries]
         photos = [picture.described() for picture in pictures if isinstance(picture, PreparedPhotos)]
         if photos:
-            return search_photos(photos, maps, limits, self.config.photo_search, self.config.fine_views)
+            lines = [query.lines if searched.by_lines else None for query in queries]
+            return search_photos(photos, maps, searched.limits, lines, self.config.photo_search, self.config.fine_views)
         panoramas = [p.described(self.config.descriptors) for p in pictures if isinstance(p, PreparedPanorama)]
-        return search_maps(panoramas, maps, self.method.rotations, limits, self.config.search)
+        return search_maps(panoramas, maps, self.method.rotations, searched.limits, self.config.search)
 
     def _lookalikes(
         self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]
@@ -227,5 +223,5 @@ class _Run:
             return []
         with self.clock.stage("search"):
             seen = own.picture.described()
-            found = search_around(seen, own.index, own.limits, best.rotation, best.position, self.config)
+            found = search_around(seen, own.index, own.limits, own.lines, best.rotation, best.position, self.config)
             return best_candidates([own], [found], search.closer_candidates)

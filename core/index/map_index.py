@@ -10,6 +10,7 @@ from torch import Tensor
 
 from core.describe.fine_views import FineViews
 from core.describe.patch_descriptors import ViewDescriptors, pooled
+from core.index.wall_axes import wall_axes
 from core.light.color_equalization import LabelCodes
 from core.options import ColorKind
 from core.views.render_cloud import RenderCloud, make_render_cloud
@@ -93,6 +94,12 @@ class MapIndex:
         """Return the points with canonical colours (as scanned, or label codes), ready for rendering; made once."""
         with torch.inference_mode(False):  # what one query makes must serve every other
             return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
+
+    @cached_property
+    def wall_axes(self) -> tuple[Tensor, float]:
+        """Return the axes that the walls are built along, and the share of the walls that are (see `core.index.wall_axes`); made once."""
+        with torch.inference_mode(False):
+            return wall_axes(self.positions)
 
     @cached_property
     def coarse_views(self) -> ViewDescriptors:

@@ -17,6 +17,7 @@ from torch import Tensor
 from core.config import StepConfig
 from core.geometry.rotations import rotation_from_vector
 from core.light.light_fit import fit_planes, weighted_sums
+from core.lines.line_hold import LineHold
 from core.panorama.image_level import ImageLevel
 from core.refine.patch_sums import PatchSums
 from core.refine.point_sampling import SampledPoints, sample_points
@@ -50,7 +51,7 @@ def initial_history(count: int, config: StepConfig, device: torch.device) -> Ste
 class PointPlanes:
     """Planes of the N points that each of K candidates aligns: positions (K, 3, N) metres, colors (K, 3, N), weights (K, N) >= 0.
 
-    photos: (K, N), as in `CandidatePoints`. sums: over the patches, where there are any.
+    photos: (K, N), as in `CandidatePoints`. sums: over the patches, where there are any. lines: as in `CandidatePoints`.
 
     One plane per coordinate and channel: processors and GPUs are several times faster on planes than on triples.
     """
@@ -60,12 +61,14 @@ class PointPlanes:
     weights: Tensor
     photos: Tensor | None = None
     sums: PatchSums | None = None
+    lines: LineHold | None = None
 
     def take(self, chosen: Tensor) -> "PointPlanes":
         """Return the points of some of the candidates."""
         photos = None if self.photos is None else self.photos[chosen]
+        lines = None if self.lines is None else self.lines.take(chosen)
         positions, colors, weights = self.positions[chosen], self.colors[chosen], self.weights[chosen]
-        return PointPlanes(positions, colors, weights, photos, self.sums)
+        return PointPlanes(positions, colors, weights, photos, self.sums, lines)
 
 
 @dataclass(frozen=True)

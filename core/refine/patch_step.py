@@ -64,10 +64,14 @@ def patch_step(
         weights = weights * _robust(relative, by_patch.weights, config.patch_robust_scale, config.min_patch_ratio)
     derivatives = seen.derivatives * by_patch.spread(gain)[:, None, None]
     hessian, gradient = by_patch.normal_equations(seen.directions, derivatives, residual, shown, weights)
+    total = by_patch.mass.sum(-1).clamp_min(1e-9)
+    if points.lines is not None:
+        by_turn, slope = points.lines.equations(rotations)
+        hessian[:, :3, :3] += by_turn * total[:, None, None]
+        gradient[:, :3] += slope * total[:, None]
     relaxation = next_relaxation(history, gradient, config)
     turn, move = solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
     step = torch.cat((turn, move), dim=-1)
-    total = by_patch.mass.sum(-1).clamp_min(1e-9)
     return PatchStep(
         rotations @ rotation_from_vector(turn),
         torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from core.config import PoseDistance, StepConfig, StoppingRule
 from core.geometry.distinct_poses import first_distinct
+from core.lines.line_hold import LineHold
 from core.panorama.image_level import ImageLevel
 from core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
 from core.refine.patch_step import PatchStep, patch_step
@@ -27,6 +28,7 @@ class CandidatePoints:
 
     photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo. patches: (N,) int64,
     which patch of the sphere each point lies in, where points are aligned patch by patch (see `core.refine.patch_step`); ascending.
+    lines: what edges say of the rotations as well.
     """
 
     positions: Tensor
@@ -34,17 +36,20 @@ class CandidatePoints:
     weights: Tensor
     photos: Tensor | None = None
     patches: Tensor | None = None
+    lines: LineHold | None = None
 
     def take(self, chosen: Tensor) -> "CandidatePoints":
         """Return the points of the candidates numbered `chosen`."""
         photos = None if self.photos is None else self.photos[chosen]
-        return CandidatePoints(self.positions[chosen], self.colors[chosen], self.weights[chosen], photos, self.patches)
+        lines = None if self.lines is None else self.lines.take(chosen)
+        colors, weights = self.colors[chosen], self.weights[chosen]
+        return CandidatePoints(self.positions[chosen], colors, weights, photos, self.patches, lines)
 
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()
         sums = None if self.patches is None else PatchSums(self.patches)
-        return PointPlanes(positions, colors, self.weights, self.photos, sums)
+        return PointPlanes(positions, colors, self.weights, self.photos, sums, self.lines)
 
 
 def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
@@ -57,6 +62,9 @@ def joined(parts: Sequence[CandidatePoints]) -> CandidatePoints:
         if any(part.photos is None for part in parts)
         else torch.cat([part.photos for part in parts if part.photos is not None]),
         parts[0].patches,
+        None
+        if any(part.lines is None for part in parts)
+        else LineHold.joined([part.lines for part in parts if part.lines is not None]),
     )
 
 

@@ -12,15 +12,19 @@ from torch import Tensor
 from core.config import LocalizerConfig
 from core.geometry.rotations import rotation_angle
 from core.index.map_index import MapIndex
+from core.search.described_photos import DescribedPhotos
+from core.search.line_evidence import LineEvidence
 from core.search.map_search import MapCandidates
-from core.search.photo_search import DescribedPhotos, dense_rotations, search_rotations
+from core.search.photo_search import dense_rotations, line_rotations, search_rotations
 from core.search.pose_limits import PoseLimits
+from core.search.position_sweep import swept
 
 
 def search_around(
     photos: DescribedPhotos,
     index: MapIndex,
     limits: PoseLimits,
+    lines: LineEvidence | None,
     rotation: Tensor,
     position: Tensor,
     config: LocalizerConfig,
@@ -30,10 +34,16 @@ def search_around(
     Of the caller's limits those of a distance from a point give way to the place itself: what is refined from there has to keep to them
     anyhow. The others hold.
     """
-    search = config.photo_search
-    rotations = dense_rotations(search, rotation.device)
-    rotations = rotations[rotation_angle(rotations, rotation) < math.radians(search.closer_deg)]
-    rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
+    search, fine = config.photo_search, config.fine_views
     near = replace(limits, center=position, radius_m=search.closer_m)
     apart = replace(search, distinct=search.closer_distinct, num_candidates=search.closer_candidates)
-    return search_rotations(photos, index, near, rotations, search.closer_poses, apart, config.fine_views)
+    every = dense_rotations(search, rotation.device) if lines is None else line_rotations(search, rotation.device)
+    is_near = rotation_angle(every, rotation) < math.radians(search.closer_deg)
+    if lines is None:
+        rotations = every[is_near]
+        rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
+        return search_rotations(photos, index, near, rotations, search.closer_poses, apart, fine)
+    likely = lines.likely_rotations(limits, search, is_near)
+    some = replace(search, num_candidates=search.swept, distinct=search.swept_distinct)
+    found = search_rotations(photos, index, near, likely, search.closer_poses, some, fine)
+    return swept(photos, index, found, apart)

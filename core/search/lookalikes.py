@@ -17,8 +17,9 @@ from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import project
 from core.geometry.rotations import rotation_from_vector
 from core.index.map_index import MapIndex
+from core.search.described_photos import DescribedPhotos
 from core.search.map_search import MapCandidates
-from core.search.photo_search import DescribedPhotos, search_rotations
+from core.search.photo_search import search_rotations
 from core.search.pose_limits import PoseLimits
 from core.views.described_view import views_to_describe
 
@@ -35,16 +36,13 @@ def described_as_scanned(
     roots, weights = centered_roots(histograms, grid.solid_angles(device))
     patches = grid.nearest_patch(grid.centers(device)[photos.patches] @ rotation.T)
     pictures, seen = small_pictures(view, rows)
-    u, v = project(photos.directions @ rotation.T, rows, 2 * rows)
+    u, v = project(photos.pixels.directions @ rotation.T, rows, 2 * rows)
     at = v.long().clamp(0, rows - 1), u.long().clamp(0, 2 * rows - 1)
     return DescribedPhotos(
         roots[0, patches],
         photos.patches,
         photos.weights * (weights[0, patches] > 0),
-        photos.directions,
-        pictures[0][at].float() / 255,
-        photos.solid * seen[0][at],
-        photos.squares,
+        replace(photos.pixels, colors=pictures[0][at].float() / 255, solid=photos.pixels.solid * seen[0][at]),
     )
 
 
@@ -60,7 +58,7 @@ def search_lookalikes(
     about = torch.nn.functional.pad(angles[:, None], (2, 0))
     rotations = rotation_from_vector(about) @ rotation
     rotations = rotations[limits.allows_rotation(rotations, math.radians(search.limit_margin_deg))]
-    rescored = min(search.lookalike_poses, search.lookalike_pixels // max(1, len(as_scanned.directions)))
+    rescored = min(search.lookalike_poses, search.lookalike_pixels // max(1, len(as_scanned.pixels)))
     # How alike places look is a share of the score by pixels alone.
     by_pixels = replace(search, histogram_weight=0.0)
     found = search_rotations(as_scanned, index, limits, rotations, rescored, by_pixels, config.fine_views)

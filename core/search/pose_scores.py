@@ -15,18 +15,25 @@ from core.geometry.distinct_poses import first_distinct
 
 @dataclass(frozen=True)
 class Candidates:
-    """Poses chosen for refinement: start numbers (K,), rotation numbers (K,), scores (K,), best first."""
+    """Poses chosen for refinement: start numbers (K,), rotation numbers (K,), scores (K,), best first.
+
+    by_patches: (K,), what histograms of patches add to the score of photos. places: (K, 3) metres, where the poses are; None: at starts.
+    """
 
     starts: Tensor
     rotations: Tensor
     scores: Tensor
+    by_patches: Tensor | None = None
+    places: Tensor | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
 
     def take(self, keep: Tensor) -> "Candidates":
         """Return those where `keep` (K,) is true."""
-        return Candidates(self.starts[keep], self.rotations[keep], self.scores[keep])
+        by_patches = None if self.by_patches is None else self.by_patches[keep]
+        places = None if self.places is None else self.places[keep]
+        return Candidates(self.starts[keep], self.rotations[keep], self.scores[keep], by_patches, places)
 
 
 def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:

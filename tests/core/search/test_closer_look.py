@@ -15,8 +15,8 @@ from core.index.map_index import MapIndex
 from core.panorama.session import Session
 from core.prepared_photos import PreparedPhotos
 from core.search.closer_look import search_around
+from core.search.described_photos import DescribedPhotos
 from core.search.map_search import MapCandidates
-from core.search.photo_search import DescribedPhotos
 from core.search.pose_limits import PoseLimits
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import UPRIGHT, photo_of
@@ -37,7 +37,7 @@ def photos(box: PaintedBox) -> DescribedPhotos:
 
 def found_near(photos: DescribedPhotos, index: MapIndex, pose: Pose, limits: PoseLimits) -> MapCandidates:
     position = torch.from_numpy(pose.position - index.origin_offset).float()
-    return search_around(photos, index, limits, torch.from_numpy(pose.rotation).float(), position, CONFIG)
+    return search_around(photos, index, limits, None, torch.from_numpy(pose.rotation).float(), position, CONFIG)
 
 
 def poses_of(found: MapCandidates, index: MapIndex) -> tuple[Tensor, Tensor]:

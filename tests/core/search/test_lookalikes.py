@@ -12,9 +12,9 @@ from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.panorama.session import Session
 from core.prepared_photos import PreparedPhotos
+from core.search.described_photos import DescribedPhotos
 from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates
-from core.search.photo_search import DescribedPhotos
 from core.search.pose_limits import PoseLimits
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import UPRIGHT, photo_of
@@ -51,11 +51,12 @@ def best_near(pose: Pose, found: MapCandidates, index: MapIndex) -> int | None:
 
 
 def test_what_is_described_is_the_scan_and_not_the_photo(as_scanned: DescribedPhotos) -> None:
-    own, other = described(BOX), described(PaintedBox(seed=8))
+    photo, stranger = described(BOX), described(PaintedBox(seed=8))
+    scanned, own, other = as_scanned.pixels, photo.pixels, stranger.pixels
     both = own.solid > 0
-    assert torch.equal(as_scanned.directions, other.directions)
-    assert torch.equal(as_scanned.patches, other.patches)
-    assert (as_scanned.colors - own.colors)[both].abs().mean() < 0.06 < (other.colors - own.colors)[both].abs().mean()
+    assert torch.equal(scanned.directions, other.directions)
+    assert torch.equal(as_scanned.patches, stranger.patches)
+    assert (scanned.colors - own.colors)[both].abs().mean() < 0.06 < (other.colors - own.colors)[both].abs().mean()
 
 
 def test_both_sides_of_a_symmetric_room_are_found_first(as_scanned: DescribedPhotos, index: MapIndex) -> None:

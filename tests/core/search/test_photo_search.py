@@ -46,7 +46,7 @@ def searched(
 ) -> tuple[MapCandidates, PoseLimits]:
     photos = PreparedPhotos(session, 256, None, torch.device("cpu"), CONFIG)
     limits = photos.limits_of_rig(pose_limits(hints, index))
-    (found,) = search_photos([photos.described()], [index], [limits], config, CONFIG.fine_views)
+    (found,) = search_photos([photos.described()], [index], [limits], [None], config, CONFIG.fine_views)
     return found, limits
 
 

@@ -1,0 +1,54 @@
+"""The axes along which the walls of a scan are built, if they are built along any."""
+
+import math
+
+import torch
+from torch import Tensor
+
+_CELL_M = 0.2
+_FEWEST_POINTS = 8  # of a cell
+_FLATNESS = 0.05  # of the variance across a cell's surface over the least along it
+_STEEP = 0.2  # cosine between the normal of a wall and the vertical
+_BINS = 90  # of a quarter turn
+_NEAR_DEG = 3.0
+
+
+def wall_axes(positions: Tensor) -> tuple[Tensor, float]:
+    """Return axes_from_map (3, 3), a turn about the vertical that brings x and y along most of the walls, and the share of walls that are.
+
+    positions: (N, 3) metres, z up. The share is zero where there are no walls.
+    """
+    normals, weights = _wall_normals(positions)
+    if len(normals) == 0:
+        return torch.eye(3, device=positions.device), 0.0
+    quarter = math.pi / 2
+    azimuth = torch.atan2(normals[:, 1], normals[:, 0]) % quarter
+    number = (azimuth * (_BINS / quarter)).long().clamp(0, _BINS - 1)
+    bins = torch.zeros(_BINS, dtype=weights.dtype, device=weights.device).index_add_(0, number, weights)
+    around = sum(torch.roll(bins, k) for k in (-2, -1, 0, 1, 2))
+    assert isinstance(around, Tensor)
+    middle = (float(around.argmax()) + 0.5) * quarter / _BINS
+    off = (azimuth - middle + quarter / 2) % quarter - quarter / 2
+    near = off.abs() < math.radians(_NEAR_DEG)
+    turn = middle + float((off * weights)[near].sum() / weights[near].sum())
+    c, s = math.cos(turn), math.sin(turn)
+    axes = torch.tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], device=positions.device)
+    return axes, float(weights[near].sum() / weights.sum())
+
+
+def _wall_normals(positions: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the normals (C, 3) of cells of the scan that are pieces of walls, and how many points each has (C,)."""
+    cell = ((positions - positions.amin(0)) / _CELL_M).long()
+    size = cell.amax(0) + 1
+    number = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    _, which, count = torch.unique(number, return_inverse=True, return_counts=True)
+    weights = count.double()
+    mean = positions.new_zeros((len(count), 3), dtype=torch.float64).index_add_(0, which, positions.double())
+    off = positions.double() - (mean / weights[:, None])[which]
+    products = (off[:, :, None] * off[:, None]).flatten(1)
+    spread = products.new_zeros((len(count), 9)).index_add_(0, which, products).view(-1, 3, 3) / weights[:, None, None]
+    dense = count >= _FEWEST_POINTS
+    variances, directions = torch.linalg.eigh(spread[dense])
+    normals = directions[:, :, 0]
+    walls = (variances[:, 0] < _FLATNESS * variances[:, 1]) & (normals[:, 2].abs() < _STEEP)
+    return normals[walls].float(), weights[dense][walls]

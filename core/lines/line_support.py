@@ -1,0 +1,62 @@
+"""How well edges agree with lines that run along three axes at right angles, for any turn of the camera.
+
+Rooms are built along three axes, and so is most of what stands in them. Each edge either runs towards the vanishing point of an axis, or in
+any direction: the model of Coughlan and Yuille (*Manhattan World*, ICCV 1999), of which the logarithm of the likelihood ratio is taken.
+Axes are looked up one by one in a map of the sphere, for an edge seldom agrees with two: so any number of turns costs three look-ups each.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from core.config import LineConfig
+from core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+from core.lines.photo_edges import Edges
+
+_LEAST_SINE = (
+    0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
+)
+_REACH = 3.0  # of the noise of edges
+
+
+class LineSupport:
+    """What edges say of where vanishing points are, in the axes of the rig."""
+
+    def __init__(self, edges: Edges, config: LineConfig) -> None:
+        half = pixel_directions(config.support_rows, 2 * config.support_rows, edges.normals.device)
+        half = half[: config.support_rows // 2]
+        upper = _support(half.flatten(0, 1), edges, config).view(half.shape[:2])
+        # A vanishing point and the one opposite are the same.
+        opposite = torch.roll(upper.flip(0), config.support_rows, dims=1)
+        self._bordered = wrap_border(torch.cat((upper, opposite))[None])
+        self._rows = config.support_rows
+
+    @property
+    def by_chance(self) -> float:
+        """Return what rotations have on average."""
+        weights = pixel_solid_angles(self._rows, 2 * self._rows, self._bordered.device)
+        return 3 * float((self._bordered[0, 1:-1, 1:-1] * weights).sum() / (4 * math.pi))
+
+    def of_rotations(self, rotations: Tensor) -> Tensor:
+        """Return the mean log-likelihood ratio (R,) of an edge, for rotations (R, 3, 3) axes_from_rig."""
+        x, y, z = rotations.unbind(-1)
+        per_rad = self._rows / math.pi
+        u = (math.pi - torch.atan2(y, x)) * per_rad
+        v = (math.pi / 2 - torch.asin(z.clamp(-1, 1))) * per_rad
+        return sample_planes(self._bordered, u.flatten()[None], v.flatten()[None]).view(len(rotations), 3).sum(-1)
+
+
+def _support(axes: Tensor, edges: Edges, config: LineConfig) -> Tensor:
+    """Return what each of axes (A, 3) adds to the mean log-likelihood ratio of the edges."""
+    spread = math.radians(config.edge_noise_deg)
+    # Densities of the angle between an edge and the way to the vanishing point, over that of edges in any direction, 1 / π.
+    peak = config.aligned_share / 3 * math.pi / (spread * math.sqrt(2 * math.pi)) / (1 - config.aligned_share)
+    total = torch.zeros(len(axes), device=axes.device)
+    # Edges that do not pass near an axis add nothing; few do.
+    axis, edge = ((axes @ edges.normals.T).abs() < _REACH * spread).nonzero(as_tuple=True)
+    towards, normals, directions = axes[axis], edges.normals[edge], edges.directions[edge]
+    sine_square = (1 - (towards * directions).sum(-1).square()).clamp_min(_LEAST_SINE**2)
+    off_square = (towards * normals).sum(-1).square() / sine_square
+    ratio = (off_square * (-0.5 / spread**2)).exp() * peak
+    return total.index_add_(0, axis, ratio.log1p()) / max(1, len(edges.normals))

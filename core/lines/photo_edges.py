@@ -1,0 +1,105 @@
+"""The edges of photos, each as the plane through the lens and the edge.
+
+A straight edge in space, whatever its distance, lies in one plane with the lens. The normal of that plane is the direction in which colours
+change fastest across the edge, a unit vector of the rig: the vanishing point of the edge lies at a right angle to it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from core.config import LineConfig
+from core.panorama.photo_atlas import PhotoAtlas
+from core.panorama.photo_level import PhotoWindows
+
+_DARKEST = 0.05  # added to colours before their logarithm is taken, so that noise in the dark is no edge
+_SURELY_VALID = 0.999
+_SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Pixels on edges: directions (E, 3), unit vectors of the rig, and normals (E, 3) of the planes of their edges, either way round."""
+
+    directions: Tensor
+    normals: Tensor
+
+    @property
+    def count(self) -> int:
+        """Return E."""
+        return len(self.normals)
+
+    def some(self, most: int) -> "Edges":
+        """Return at most so many, spread over all."""
+        stride = max(1, -(-len(self.normals) // most))
+        return Edges(self.directions[::stride], self.normals[::stride])
+
+
+def edges_of_photos(atlas: PhotoAtlas, config: LineConfig) -> Edges:
+    """Return some of the strongest edges of all photos together, thinned to one pixel across; few or none where hardly any are."""
+    windows = atlas.windows(min(config.rows, atlas.finest_rows))
+    magnitude, east, north = _gradients(windows)
+    strongest = _ridges(magnitude, east, north, windows).flatten()
+    # Where most of a photo is plain, how fast colours change there is noise.
+    noise = magnitude[windows.valid > 0].median()
+    real = max(config.fewest_real_edges, int((strongest > config.edge_over_noise * noise).sum()))
+    count = min(int((strongest > config.least_gradient).sum()), real, config.strongest_edges)
+    chosen = strongest.topk(count).indices[:: config.edge_stride]
+    directions = windows.direction.flatten(1)[:, chosen].T
+    normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
+    turned = atlas.rotations[windows.photo.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
+    return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous())
+
+
+def _gradients(windows: PhotoWindows) -> tuple[Tensor, Tensor, Tensor]:
+    """Return how fast colours change at each pixel (H, W), and the unit direction of it, to the east and north (H, W) of the sphere.
+
+    Of all channels together: the largest eigenvalue of their structure tensor (Di Zenzo 1986), so that edges between equally bright
+    colours count.
+    """
+    share = _smoothed(windows.valid[None])
+    smooth = _smoothed(windows.color * windows.valid) / share.clamp_min(1e-6)
+    planes = windows.level((smooth + _DARKEST).log()).planes
+    x, y = windows.direction[:2]
+    east, north = planes[3:6] / torch.hypot(x, y).clamp_min(1e-3), planes[6:9]
+    first, mixed, second = (east * east).sum(0), (east * north).sum(0), (north * north).sum(0)
+    spread = ((first - second).square() / 4 + mixed.square()).sqrt()
+    magnitude = ((first + second) / 2 + spread).clamp_min(0).sqrt() * (share[0] > _SURELY_VALID)
+    angle = torch.atan2(2 * mixed, first - second) / 2
+    return magnitude, angle.cos(), angle.sin()
+
+
+def _ridges(magnitude: Tensor, east: Tensor, north: Tensor, windows: PhotoWindows) -> Tensor:
+    """Return the magnitude (H, W) where it is the largest across the edge, and zero elsewhere (Canny 1986)."""
+    x, y = windows.direction[:2]
+    # Columns run against the azimuth, and are narrower towards the poles; rows run against the elevation.
+    columns, rows = -east / torch.hypot(x, y).clamp_min(1e-3), -north
+    longest = torch.maximum(columns.abs(), rows.abs()).clamp_min(1e-9)
+    column_step, row_step = (columns / longest).round().long(), (rows / longest).round().long()
+    height, width = magnitude.shape
+    row = torch.arange(height, device=magnitude.device)[:, None]
+    column = torch.arange(width, device=magnitude.device)
+
+    def beside(sign: int) -> Tensor:
+        """Return the magnitude one pixel across the edge."""
+        at_row = (row + sign * row_step).clamp(0, height - 1)
+        return magnitude[at_row, (column + sign * column_step).clamp(0, width - 1)]
+
+    return magnitude * ((magnitude >= beside(1)) & (magnitude > beside(-1)))
+
+
+def _smoothed(planes: Tensor) -> Tensor:
+    """Smooth planes (C, H, W) by a binomial kernel of five pixels; beyond the border is nothing."""
+    kernel = planes.new_tensor(_SMOOTHING)
+    rows = torch.nn.functional.conv2d(planes[:, None], kernel.view(1, 1, 1, 5), padding=(0, 2))
+    return torch.nn.functional.conv2d(rows, kernel.view(1, 1, 5, 1), padding=(2, 0))[:, 0]
+
+
+def _tangents(directions: Tensor, east: Tensor, north: Tensor) -> Tensor:
+    """Return unit tangents (E, 3) of the sphere at directions (E, 3), from their components to the east and north (E,)."""
+    x, y, z = directions.unbind(-1)
+    flat = torch.hypot(x, y).clamp_min(1e-6)
+    to_east = torch.stack((-y / flat, x / flat, torch.zeros_like(x)), dim=-1)
+    to_north = torch.stack((-x * z / flat, -y * z / flat, flat), dim=-1)
+    return to_east * east[:, None] + to_north * north[:, None]

@@ -1,0 +1,53 @@
+"""What the edges of photos say of how they are turned in one map, and how much that is worth."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from core.config import PhotoSearchConfig, PoseDistance
+from core.geometry.distinct_poses import first_distinct
+from core.geometry.rotations import rotations_of_axes
+from core.lines.line_support import LineSupport
+from core.search.pose_limits import PoseLimits
+
+
+class LineEvidence:
+    """Edges of photos against the walls of a map.
+
+    contrast: by how much edges agree better with the best rotation that the limits allow than with rotations by chance, as the mean
+    logarithm of the likelihood ratio of an edge.
+    """
+
+    def __init__(self, lines: LineSupport, axes_from_map: Tensor, rotations: Tensor, limits: PoseLimits) -> None:
+        """rotations: (R, 3, 3) map_from_rig, dense enough that one of them is near any."""
+        self._lines, self._axes_from_map, self._rotations = lines, axes_from_map, rotations
+        self._by_chance = lines.by_chance
+        if limits.leaves_tilts_beyond(math.pi / 2):
+            best = lines.of_rotations(rotations_of_axes(len(rotations), str(rotations.device))).max()
+        else:
+            allowed = rotations[limits.allows_rotation(rotations)]
+            best = self.of_rotations(allowed).max() if len(allowed) else torch.tensor(self._by_chance)
+        self.contrast = float(best) - self._by_chance
+
+    def of_rotations(self, rotations: Tensor) -> Tensor:
+        """Return how well edges agree with rotations (R, 3, 3) map_from_rig: the mean logarithm of the likelihood ratio (R,)."""
+        return self._lines.of_rotations(self._axes_from_map @ rotations)
+
+    def missed(self, rotations: Tensor) -> Tensor:
+        """Return how far rotations (R, 3, 3) fall short of the best one: 0, not at all, to 1, no better than by chance."""
+        return 1 - ((self.of_rotations(rotations) - self._by_chance) / max(self.contrast, 1e-6)).clamp(0, 1)
+
+    def likely_rotations(self, limits: PoseLimits, config: PhotoSearchConfig, near: Tensor | None = None) -> Tensor:
+        """Return rotations (L, 3, 3) within the limits that edges agree with best, some degrees apart.
+
+        near: (R,) bool, which rotations are asked for; None: any.
+        """
+        rotations = self._rotations if near is None else self._rotations[near]
+        allowed = rotations[limits.allows_rotation(rotations, math.radians(config.line_margin_deg))]
+        share = round(config.likely_share * len(allowed))
+        count = min(len(allowed), max(config.fewest_likely, min(share, config.most_likely)))
+        best = allowed[self.of_rotations(allowed).topk(count).indices]
+        apart = PoseDistance(1.0, config.likely_apart_deg)
+        distinct = first_distinct(best, torch.zeros_like(best[:, 0]), apart)
+        return best[torch.tensor(distinct, dtype=torch.long, device=best.device)]

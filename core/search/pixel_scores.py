@@ -1,0 +1,80 @@
+"""Scores of poses by what is inside of patches: the small picture of a view, held against photos pixel by pixel."""
+
+import torch
+from torch import Tensor
+
+from core.config import PhotoSearchConfig
+from core.describe.fine_views import FineViews
+from core.geometry.projection import project
+from core.light.color_equalization import equalize
+from core.search.described_photos import PhotoPixels
+
+_RESCORED_AT_ONCE = 2_000_000  # pixels
+
+
+class ComparedColors:
+    """The colours of photos, ready to be compared with what scans show in the same directions."""
+
+    def __init__(self, photos: PhotoPixels, is_labels: bool, config: PhotoSearchConfig) -> None:
+        self._solid, self._is_labels, self._config = photos.solid, is_labels, config
+        self._member = torch.nn.functional.one_hot(photos.squares).float()  # (S, G)
+        # Once for all poses: that some see less of the scan where a photo looks hardly moves its colours.
+        self._own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
+
+    def scores(self, pictures: Tensor, seen: Tensor, at: Tensor) -> Tensor:
+        """Return the score (K,) of poses: mean correlation inside squares of pixels, and less where the scan shows less.
+
+        pictures: (N, 3) uint8 and seen: (N,) bool, pixels of all views; at: (K, S), those that poses show in the directions of the photos.
+        """
+        scan = pictures.index_select(0, at.flatten()).view(*at.shape, 3).float() / 255
+        weights = seen.index_select(0, at.flatten()).view(at.shape) * self._solid
+        if not self._is_labels:
+            scan = equalize(scan, weights)
+        own = self._own.expand_as(scan)
+        inside, mass = _correlation_in_squares(scan, own, weights, self._member, self._config.min_variance)
+        share = weights.sum(1) / self._solid.sum()
+        # By how much the other side explains a square; what has changed says nothing, and least of all against a pose.
+        inside = 1 - (1 - inside.clamp(0, 1).square()).sqrt()
+        return (inside * mass).sum(1) / mass.sum(1).clamp_min(1e-9) * share.sqrt()
+
+
+def pixel_scores(
+    photos: PhotoPixels,
+    views: FineViews,
+    rotations: Tensor,
+    start: Tensor,
+    rotation: Tensor,
+    is_labels: bool,
+    config: PhotoSearchConfig,
+) -> Tensor:
+    """Return the score (K,) of poses, the starts numbered `start` (K,) with the rotations numbered `rotation` (K,)."""
+    pictures, seen = views.pictures.flatten(0, 2), views.seen.flatten()
+    height, size = views.pictures.shape[1], views.pictures.shape[1] * views.pictures.shape[2]
+    compared, scores = ComparedColors(photos, is_labels, config), []
+    step = max(1, _RESCORED_AT_ONCE // len(photos))
+    for s, r in zip(torch.split(start, step), torch.split(rotation, step), strict=True):
+        towards = torch.einsum("kab,sb->ksa", rotations[r], photos.directions)
+        scores.append(compared.scores(pictures, seen, s[:, None] * size + pixels_towards(towards, height)))
+    return torch.cat(scores)
+
+
+def pixels_towards(directions: Tensor, height: int) -> Tensor:
+    """Return the flat numbers (...) of the pixels of a picture of `height` rows that show directions (..., 3)."""
+    u, v = project(directions, height, 2 * height)
+    return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)
+
+
+def _correlation_in_squares(
+    first: Tensor, second: Tensor, weights: Tensor, member: Tensor, floor: float
+) -> tuple[Tensor, Tensor]:
+    """Return the correlation (K, G) of colours (K, S, 3) inside each square, all channels together, and what the squares weigh."""
+    mass = weights @ member
+    per = 1 / mass.clamp_min(1e-9)
+    products = torch.cat((first, second, (first * second).sum(-1, keepdim=True)), dim=-1)
+    squares = torch.stack((first.square().sum(-1), second.square().sum(-1)), dim=-1)
+    stacked = torch.cat((products, squares), dim=-1) * weights[..., None]
+    mean = torch.einsum("ksc,sg->kgc", stacked, member) * per[..., None]
+    mean_first, mean_second = mean[..., :3], mean[..., 3:6]
+    covariance = mean[..., 6] - (mean_first * mean_second).sum(-1)
+    variances = mean[..., 7] - mean_first.square().sum(-1), mean[..., 8] - mean_second.square().sum(-1)
+    return covariance / ((variances[0].clamp_min(0) + floor) * (variances[1].clamp_min(0) + floor)).sqrt(), mass

@@ -1,0 +1,122 @@
+"""Vanishing points: how edges agree with turns of the camera, and the hold that they have on poses."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from core.config import LineConfig
+from core.geometry.rotations import (
+    even_directions,
+    rotation_angle,
+    rotation_from_vector,
+    rotations_of_axes,
+    uniform_rotations,
+)
+from core.lines.line_hold import LineHold
+from core.lines.line_support import LineSupport
+from core.lines.photo_edges import Edges
+
+CONFIG = LineConfig()
+AXES_FROM_RIG = rotation_from_vector(torch.tensor([0.2, -0.1, 0.5]))
+
+
+def edges_along(axes_from_rig: Tensor, noise_deg: float = 0.3, seed: int = 0, count: int = 600) -> Edges:
+    """Return edges that run along the axes, and a third of as many that run anywhere."""
+    generator = torch.Generator().manual_seed(seed)
+    directions = even_directions(4 * count)[::4]
+    axis = axes_from_rig[torch.randint(3, (count,), generator=generator)]
+    normals = torch.nn.functional.normalize(torch.linalg.cross(directions, axis), dim=-1)
+    anyhow = torch.randn((count, 3), generator=generator)
+    anyhow = torch.nn.functional.normalize(anyhow - (anyhow * directions).sum(-1, keepdim=True) * directions, dim=-1)
+    normals = torch.where((torch.arange(count) % 4 == 0)[:, None], anyhow, normals)
+    turned = torch.randn((count, 3), generator=generator) * math.radians(noise_deg)
+    normals = (rotation_from_vector(turned) @ normals[..., None])[..., 0]
+    return Edges(directions, torch.nn.functional.normalize(normals, dim=-1))
+
+
+def test_the_right_turn_is_agreed_with_best_of_all() -> None:
+    support = LineSupport(edges_along(AXES_FROM_RIG), CONFIG)
+    right = float(support.of_rotations(AXES_FROM_RIG[None]))
+    others = uniform_rotations(4000)
+    # Turns that only exchange the axes say the same.
+    turns = rotations_of_symmetry() @ AXES_FROM_RIG
+    off = torch.stack([rotation_angle(others, turn) for turn in turns]).amin(0)
+    assert right > 1.5 * float(support.of_rotations(others[off > math.radians(6)]).max())
+    torch.testing.assert_close(support.of_rotations(turns), torch.full((24,), right), atol=0.05, rtol=0.05)
+
+
+def test_a_turn_by_a_few_degrees_is_agreed_with_less() -> None:
+    support = LineSupport(edges_along(AXES_FROM_RIG), CONFIG)
+    turned = rotation_from_vector(torch.tensor([[0.0, 0.0, math.radians(k)] for k in (0, 3, 8)])) @ AXES_FROM_RIG
+    agreed = support.of_rotations(turned).tolist()
+    assert agreed[0] > agreed[1] > agreed[2]
+
+
+def test_what_rotations_have_by_chance_is_their_mean() -> None:
+    support = LineSupport(edges_along(AXES_FROM_RIG), CONFIG)
+    assert support.by_chance == pytest.approx(float(support.of_rotations(uniform_rotations(20_000)).mean()), rel=0.05)
+
+
+def test_without_edges_no_turn_is_better_than_another() -> None:
+    support = LineSupport(Edges(torch.zeros((0, 3)), torch.zeros((0, 3))), CONFIG)
+    assert support.of_rotations(uniform_rotations(10)).tolist() == [0.0] * 10
+    assert support.by_chance == 0.0
+
+
+def rotations_of_symmetry() -> Tensor:
+    """Return the 24 rotations of a cube, by hand."""
+    quarter = [rotation_from_vector(torch.eye(3)[axis] * (math.pi / 2)) for axis in range(3)]
+    found = [torch.eye(3)]
+    for turn in found:
+        for step in quarter:
+            new = (step @ turn).round()
+            if all(not torch.equal(new, other) for other in found):
+                found.append(new)
+    assert len(found) == 24
+    return torch.stack(found)
+
+
+def test_the_rotations_of_axes_are_one_of_24_of_all() -> None:
+    some = rotations_of_axes(24_000, "cpu")
+    assert len(some) == pytest.approx(1000, rel=0.05)
+    turned = torch.einsum("sab,rbc->srac", rotations_of_symmetry(), uniform_rotations(300))
+    reached = torch.stack([rotation_angle(some[:, None], turned[:, k][None]).amin() for k in range(300)])
+    assert float(reached.max()) < math.radians(12)  # each turn of the axes is near one of them
+
+
+def hold_of(edges: Edges, strength: float = 1.0, axes_from_map: Tensor | None = None) -> LineHold:
+    axes = torch.eye(3) if axes_from_map is None else axes_from_map
+    return LineHold(edges, axes[None], torch.tensor([strength]), CONFIG)
+
+
+def test_steps_lead_to_where_edges_run_along_the_axes() -> None:
+    axes_from_map = rotation_from_vector(torch.tensor([0.0, 0.0, 0.3]))
+    map_from_rig = axes_from_map.T @ AXES_FROM_RIG
+    hold = hold_of(edges_along(AXES_FROM_RIG), axes_from_map=axes_from_map)
+    rotation = (map_from_rig @ rotation_from_vector(torch.tensor([0.02, -0.03, 0.02])))[None]
+    for _ in range(12):
+        hessian, gradient = hold.equations(rotation)
+        rotation = rotation @ rotation_from_vector(-torch.linalg.solve(hessian, gradient))
+    assert float(rotation_angle(rotation, map_from_rig)) < math.radians(0.3)
+
+
+def test_the_gradient_leads_away_from_the_turn_that_fits() -> None:
+    hold = hold_of(edges_along(AXES_FROM_RIG, noise_deg=0.0))
+    for turn in (torch.tensor([0.004, -0.006, 0.005]), torch.tensor([0.0, 0.02, 0.0])):
+        turned = torch.stack((AXES_FROM_RIG, AXES_FROM_RIG @ rotation_from_vector(turn)))
+        still, away = (LineHold.joined([hold, hold])).equations(turned)[1]
+        assert float(away @ turn) > 0.7 * float(away.norm() * turn.norm())
+        assert float(still.norm()) < 0.3 * float(away.norm())
+
+
+def test_no_strength_is_no_hold_and_the_hold_of_several_poses_is_each_ones_own() -> None:
+    edges = edges_along(AXES_FROM_RIG)
+    both = LineHold.joined([hold_of(edges, 0.0), hold_of(edges, 2.0)])
+    rotations = (AXES_FROM_RIG @ rotation_from_vector(torch.tensor([0.02, 0.0, 0.0])))[None].expand(2, 3, 3)
+    hessian, gradient = both.equations(rotations)
+    assert float(hessian[0].abs().max()) == float(gradient[0].abs().max()) == 0.0
+    alone, slope = both.take(torch.tensor([1])).equations(rotations[1:])
+    torch.testing.assert_close(alone[0], hessian[1], rtol=1e-4, atol=1e-2)
+    torch.testing.assert_close(slope[0], gradient[1], rtol=1e-4, atol=1e-2)

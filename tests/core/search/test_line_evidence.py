@@ -1,0 +1,130 @@
+"""What edges of photos leave of the rotations, in a box whose walls are painted in rectangles."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from core.camera.camera import Camera
+from core.config import LocalizerConfig
+from core.geometry.pose import Pose
+from core.geometry.rotations import rotation_angle, rotation_from_vector
+from core.index.map_builder import build_map_index
+from core.index.map_index import MapIndex
+from core.judge.hypotheses import Hypothesis
+from core.options import Hints
+from core.panorama.session import Photo, Session
+from core.prepared_photos import PreparedPhotos
+from core.prepared_query import MapQuery, prepare_queries, search_rounds
+from core.search.line_evidence import LineEvidence
+from core.search.photo_search import search_photos
+from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.panorama.painted_photos import SIDEWAYS, photo_of
+
+pytestmark = pytest.mark.slow
+CONFIG = LocalizerConfig().for_photos(0.1)
+BOX = PaintedBox(seed=5, palette=((200, 60, 60), (60, 90, 190), (220, 210, 160), (70, 150, 90)))
+POSE = Pose(rotation_of(130.0, 6.0, -4.0), np.array([1.7, 2.4, 1.5]))
+
+
+@cache
+def index() -> MapIndex:
+    return build_map_index(BOX.scan())
+
+
+def photo_at(pose: Pose, box: PaintedBox = BOX) -> Session:
+    """Return a photo as a lens draws it: each pixel the mean of nine."""
+    large = photo_of(box, Camera.from_hfov("pinhole", 1440, 1080, 69.0), pose).color
+    color = large.reshape(360, 3, 480, 3, 3).mean((1, 3)).round().astype(np.uint8)
+    return Session.of_photo(Photo(color, np.ones((360, 480), bool), SIDEWAYS))
+
+
+def query_of(
+    pose: Pose = POSE, hints: Hints | None = None, box: PaintedBox = BOX, config: LocalizerConfig = CONFIG
+) -> MapQuery:
+    (query,) = prepare_queries(photo_at(pose, box), [index()], hints, 512, config)
+    return query
+
+
+def evidence_of(query: MapQuery) -> LineEvidence:
+    assert query.lines is not None
+    return query.lines
+
+
+def nearest_deg(rotations: Tensor, wanted: Tensor) -> float:
+    return math.degrees(float(rotation_angle(rotations, wanted).min()))
+
+
+@pytest.mark.parametrize("hints", [None, Hints(upright=True)])
+def test_few_rotations_are_left_and_the_right_one_is_among_them(hints: Hints | None) -> None:
+    query = query_of(hints=hints)
+    first = search_rounds([query], CONFIG)[0]
+    assert first.by_lines
+    likely = evidence_of(query).likely_rotations(first.limits[0], CONFIG.photo_search)
+    assert len(likely) < 200
+    assert nearest_deg(likely, torch.from_numpy(POSE.rotation).float()) < 4.0
+    assert bool(first.limits[0].allows_rotation(likely, math.radians(CONFIG.photo_search.line_margin_deg)).all())
+
+
+def test_the_right_rotation_misses_nothing_and_a_turned_one_much() -> None:
+    right = torch.from_numpy(POSE.rotation).float()
+    turned = rotation_from_vector(torch.tensor([[0.0, 0.0, 0.0], [0.3, 0.2, 0.3]])) @ right
+    missed = evidence_of(query_of()).missed(turned).tolist()
+    assert missed[0] < 0.15
+    assert missed[1] > 0.5
+
+
+def test_the_score_falls_with_what_a_rotation_misses() -> None:
+    query, right = query_of(), torch.from_numpy(POSE.rotation).float()
+    around = rotation_from_vector(torch.tensor([0.3, 0.2, 0.3])) @ right
+    start = int((index().starts - torch.tensor(POSE.position - index().origin_offset).float()).norm(dim=1).argmin())
+    place = torch.tensor(POSE.position - index().origin_offset).float()
+    asked = [Hypothesis(0, start, rotation, place) for rotation in (right, around)]
+    with_lines = [query.judge([h], 64)[0].score for h in asked]
+    plain = query_of(config=replace(CONFIG, judge=replace(CONFIG.judge, lines_share=0.0)))
+    without = [plain.judge([h], 64)[0].score for h in asked]
+    missed = evidence_of(query).missed(torch.stack((right, around))).tolist()
+    shares = [1 - CONFIG.judge.lines_share * m for m in missed]
+    assert with_lines == pytest.approx([s * share for s, share in zip(without, shares, strict=True)], rel=1e-4)
+    assert shares[0] > 0.95 > shares[1] + 0.1
+
+
+def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
+    query = query_of()
+    photos, searched = query.picture, search_rounds([query], CONFIG)[0]
+    assert isinstance(photos, PreparedPhotos)
+    (found,) = search_photos(
+        [photos.described()],
+        [index()],
+        searched.limits,
+        [query.lines],
+        CONFIG.photo_search,
+        CONFIG.fine_views,
+    )
+    assert found.candidates.places is not None
+    place = torch.tensor(POSE.position - index().origin_offset).float()
+    off = (found.candidates.places - place).norm(dim=-1)
+    assert float(off[0]) < 0.2
+    starts = index().starts[found.candidates.starts]
+    assert float((found.candidates.places - starts).abs().max()) <= float(index().leaf_sizes.max()) / 2 + 1e-4
+    assert float((starts[0] - place).norm()) > float(off[0])
+    turned = found.rotations[found.candidates.rotations[:1]]
+    assert nearest_deg(turned, torch.from_numpy(POSE.rotation).float()) < 5.0
+
+
+def test_a_photo_of_a_plain_wall_asks_no_lines() -> None:
+    plain = PaintedBox(seed=5, palette=((200, 200, 190),))
+    query = query_of(box=plain)
+    assert query.lines is None
+    assert not any(searched.by_lines for searched in search_rounds([query], CONFIG))
+
+
+def test_lines_are_not_asked_where_walls_are_along_no_axes() -> None:
+    query = query_of()
+    strict = replace(CONFIG, lines=replace(CONFIG.lines, least_walls=1.1))
+    query = MapQuery(0, index(), query.limits, query.picture, strict)
+    assert query.lines is None
