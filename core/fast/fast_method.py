@@ -120,6 +120,8 @@ class _Run:
                 break
         same, alike = self._lookalikes(queries, hypotheses)
         rough = stages.roughly([*same, *alike]) if same else []
+        # The place that they were sought from is one of those that look the same: another may fit better yet.
+        same = [*hypotheses[:1], *same] if same else []
         if rough:
             hypotheses, comparison = self._finish(stages, judged, rough)
             hypotheses = with_same_views(hypotheses, same, self.config.search.elsewhere)

@@ -5,6 +5,7 @@ import math
 import torch
 from torch import Tensor
 
+_MOST_POINTS = 500_000  # of more, some, in larger cells
 _CELL_M = 0.2
 _FEWEST_POINTS = 8  # of a cell
 _FLATNESS = 0.05  # of the variance across a cell's surface over the least along it
@@ -38,7 +39,9 @@ def wall_axes(positions: Tensor) -> tuple[Tensor, float]:
 
 def _wall_normals(positions: Tensor) -> tuple[Tensor, Tensor]:
     """Return the normals (C, 3) of cells of the scan that are pieces of walls, and how many points each has (C,)."""
-    cell = ((positions - positions.amin(0)) / _CELL_M).long()
+    stride = max(1, -(-len(positions) // _MOST_POINTS))
+    positions = positions[::stride]
+    cell = ((positions - positions.amin(0)) / (_CELL_M * math.sqrt(stride))).long()
     size = cell.amax(0) + 1
     number = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
     _, which, count = torch.unique(number, return_inverse=True, return_counts=True)

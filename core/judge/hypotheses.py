@@ -131,10 +131,14 @@ def with_close_rival(
 def with_same_views(
     hypotheses: Sequence[Hypothesis], same: Sequence[Hypothesis], near: PoseDistance
 ) -> list[Hypothesis]:
-    """Return hypotheses, best first, those near one of `same` as places from which the scan looks as it does at the best."""
+    """Return hypotheses, best first, with those marked that are at one of the places `same`, from all of which the scan looks the same,
+    where the best is at another of them."""
+    if not hypotheses or not any(hypotheses[0].is_near(place, near) for place in same):
+        return list(hypotheses)
+    others = [place for place in same if not place.is_near(hypotheses[0], near)]
     return [
         *hypotheses[:1],
-        *(replace(h, is_same_view=any(h.is_near(other, near) for other in same)) for h in hypotheses[1:]),
+        *(replace(h, is_same_view=any(h.is_near(other, near) for other in others)) for h in hypotheses[1:]),
     ]
 
 

@@ -25,7 +25,6 @@ from core.refine.photo_points import look_directions
 from core.results import Localization
 from core.search.map_search import MapCandidates
 from core.search.photo_search import search_photos
-from core.search.pose_scores import Candidates
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import FOUR, SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
@@ -105,8 +104,7 @@ def test_a_room_that_looks_the_same_is_named_also_when_the_search_overlooks_it(
         (found,) = search(*given)
         looks = torch.from_numpy((box_pose if form == "photo" else MAP_FROM_SESSION).rotation).float()
         kept = rotation_angle(found.rotations[found.candidates.rotations], looks) < math.radians(90)
-        own = found.candidates
-        return [replace(found, candidates=Candidates(own.starts[kept], own.rotations[kept], own.scores[kept]))]
+        return [replace(found, candidates=found.candidates.take(kept))]
 
     monkeypatch.setattr("core.fast.fast_method.search_photos", one_sided)
     found = Localizer(CONFIG, device="cpu").localize(asked, [index])

@@ -47,5 +47,13 @@ def test_a_floor_alone_has_no_walls() -> None:
     assert torch.equal(axes, torch.eye(3))
 
 
+def test_of_many_points_some_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = wall_axes(turned(box_points(), 17.0))
+    monkeypatch.setattr("core.index.wall_axes._MOST_POINTS", 3_000)
+    some = wall_axes(turned(box_points(), 17.0))
+    torch.testing.assert_close(some[0], every[0], atol=0.01, rtol=0)
+    assert some[1] > 0.9
+
+
 def test_few_points_have_no_walls() -> None:
     assert wall_axes(torch.rand(3, 3))[1] == 0.0

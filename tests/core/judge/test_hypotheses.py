@@ -139,3 +139,14 @@ def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -
     marked = with_same_views(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0))
     assert [h.is_same_view for h in marked] == [False, True, False, False]
     assert with_same_views([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []
+
+
+def test_the_place_that_equals_were_sought_from_is_one_of_them_where_another_fits_better() -> None:
+    sought_from, equal = placed(0.0), placed(4.5)
+    ranked = [placed(4.4, 0.9), placed(0.1, 0.8), placed(9.0, 0.7)]
+    marked = with_same_views(ranked, [sought_from, equal], PoseDistance(1.0, 30.0))
+    assert [h.is_same_view for h in marked] == [False, True, False]
+    # What is best at none of these places says nothing of them.
+    elsewhere = [placed(9.0, 0.9), placed(0.1, 0.8), placed(4.4, 0.7)]
+    marked = with_same_views(elsewhere, [sought_from, equal], PoseDistance(1.0, 30.0))
+    assert not any(h.is_same_view for h in marked)
