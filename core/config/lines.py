@@ -13,13 +13,13 @@ class LineConfig:
     edge_over_noise: float = 3.0
     fewest_real_edges: int = 150
     least_gradient: float = 0.5  # of the logarithm of colours, per radian: less than one step of eight bits
-    edge_stride: int = 2  # of these, by falling strength, every other one: neighbours say the same
+    edge_stride: int = 3  # of these, by falling strength, every third one: neighbours say the same
     edge_noise_deg: float = 1.5  # of the direction of an edge
     aligned_share: float = 0.6  # of the edges, that are along an axis
     support_rows: int = 90  # of the map of vanishing points
     # Lines are not asked where there are fewer edges, where less of the walls is along the axes of the map, or where the best rotation is
     # hardly better than rotations by chance (mean logarithm of the likelihood ratio of an edge).
-    fewest_edges: int = 60
+    fewest_edges: int = 40
     least_walls: float = 0.6
     least_contrast: float = 0.2
     # The hold on rotations that are refined (see `core.lines.line_hold`): of those that miss no more than this of what the best one has,

@@ -57,19 +57,19 @@ class PhotoSearchConfig:
     fewest_likely: int = 64
     most_likely: int = 600
     likely_apart_deg: float = 4.0
-    likely_rescored_poses: int = 4000
-    likely_rescored_pixels: int = 600_000
+    likely_rescored_poses: int = 2500
+    likely_rescored_pixels: int = 400_000
     # The best of these are scored once more at places around their starts (see `core.search.position_sweep`), the best of which are so far
     # apart; and the first of them on finer pictures at places around those. Of all places together so many pixels, fewer poses of many.
     swept: int = 80
-    fewest_swept: int = 16
+    fewest_swept: int = 8
     swept_distinct: PoseDistance = PoseDistance(0.4, 10.0)
     sweep_step_m: float = 0.17
     most_swept_a_side: int = 3
     swept_closer: int = 24
-    fewest_swept_closer: int = 6
+    fewest_swept_closer: int = 2
     closer_a_side: int = 3
-    swept_pixels: int = 400_000
+    swept_pixels: int = 300_000
     most_rotations: int = 12_000  # of the denser set; above it the other one is taken
     limit_margin_m: float = 0.5  # starts are no nearer to what hints allow than half their spacing
     limit_margin_deg: float = 6.0  # half the spacing of the denser set, and what a start's distance turns
