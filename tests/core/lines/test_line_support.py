@@ -1,6 +1,7 @@
 """Vanishing points: how edges agree with turns of the camera, and the hold that they have on poses."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -8,7 +9,6 @@ from torch import Tensor
 
 from core.config import LineConfig
 from core.geometry.rotations import (
-    even_directions,
     rotation_angle,
     rotation_from_vector,
     rotations_of_axes,
@@ -17,23 +17,10 @@ from core.geometry.rotations import (
 from core.lines.line_hold import LineHold
 from core.lines.line_support import LineSupport
 from core.lines.photo_edges import Edges
+from tests.core.lines.made_edges import edges_along
 
 CONFIG = LineConfig()
 AXES_FROM_RIG = rotation_from_vector(torch.tensor([0.2, -0.1, 0.5]))
-
-
-def edges_along(axes_from_rig: Tensor, noise_deg: float = 0.3, seed: int = 0, count: int = 600) -> Edges:
-    """Return edges that run along the axes, and a third of as many that run anywhere."""
-    generator = torch.Generator().manual_seed(seed)
-    directions = even_directions(4 * count)[::4]
-    axis = axes_from_rig[torch.randint(3, (count,), generator=generator)]
-    normals = torch.nn.functional.normalize(torch.linalg.cross(directions, axis), dim=-1)
-    anyhow = torch.randn((count, 3), generator=generator)
-    anyhow = torch.nn.functional.normalize(anyhow - (anyhow * directions).sum(-1, keepdim=True) * directions, dim=-1)
-    normals = torch.where((torch.arange(count) % 4 == 0)[:, None], anyhow, normals)
-    turned = torch.randn((count, 3), generator=generator) * math.radians(noise_deg)
-    normals = (rotation_from_vector(turned) @ normals[..., None])[..., 0]
-    return Edges(directions, torch.nn.functional.normalize(normals, dim=-1))
 
 
 def test_the_right_turn_is_agreed_with_best_of_all() -> None:
@@ -57,6 +44,18 @@ def test_a_turn_by_a_few_degrees_is_agreed_with_less() -> None:
 def test_what_rotations_have_by_chance_is_their_mean() -> None:
     support = LineSupport(edges_along(AXES_FROM_RIG), CONFIG)
     assert support.by_chance == pytest.approx(float(support.of_rotations(uniform_rotations(20_000)).mean()), rel=0.05)
+
+
+def test_the_map_of_vanishing_points_is_the_logarithm_of_the_likelihood_ratio() -> None:
+    # Two edges half-way between two axes: one runs to the vanishing point overhead, the other beside it by one standard deviation.
+    noise, half = math.radians(CONFIG.edge_noise_deg), math.sqrt(0.5)
+    normals = torch.tensor([[-half, half, 0.0], [-half * math.cos(noise), half * math.cos(noise), math.sin(noise)]])
+    seen = torch.tensor([[half, half, 0.0]] * 2)
+    support = LineSupport(Edges(seen, normals), replace(CONFIG, support_rows=720))
+    density = torch.tensor([1.0, math.exp(-0.5)]) / (noise * math.sqrt(2 * math.pi)) * math.pi
+    wanted = (1 + CONFIG.aligned_share / 3 * density / (1 - CONFIG.aligned_share)).log().mean()
+    # The axes ahead and to the left add nothing: no edge runs that way.
+    assert float(support.of_rotations(torch.eye(3)[None])) == pytest.approx(float(wanted), rel=0.03)
 
 
 def test_without_edges_no_turn_is_better_than_another() -> None:

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from core.camera.camera import Camera
-from core.config import PhotoRefinementConfig, StepConfig
+from core.config import LineConfig, PhotoRefinementConfig, StepConfig
 from core.geometry.pose import Pose
-from core.geometry.rotations import even_directions, rotation_from_vector
+from core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
+from core.lines.line_hold import LineHold
 from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_colors import equalized_windows
 from core.panorama.session import Session
@@ -19,6 +20,7 @@ from core.refine.patch_step import PatchStep, patch_step
 from core.refine.photo_points import look_directions, patch_numbers
 from core.refine.refinement import CandidatePoints, refine
 from core.refine.rig_level import RigLevel
+from tests.core.lines.made_edges import edges_along
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of, session_of
 
@@ -122,6 +124,18 @@ def test_candidates_do_not_know_of_each_other(scene: tuple[RigLevel, CandidatePo
     for k, pose in enumerate(poses):
         alone = refine(level, points, *pose, 6, RULES)
         torch.testing.assert_close(together.positions[k], alone.positions[0], atol=1e-4, rtol=0)
+
+
+def test_lines_turn_a_pose_that_colors_leave_free(scene: tuple[RigLevel, CandidatePoints]) -> None:
+    level, points = scene
+    plain = replace(points, colors=torch.full_like(points.colors, 0.5))
+    turned = moved((0.03, -0.02, 0.03), (0.0, 0.0, 0.0))
+    free = refine(level, plain, *turned, 10, PLAIN)
+    edges = edges_along(ROTATION[0])  # of a map whose walls are along its axes
+    hold = LineHold(edges, torch.eye(3)[None], torch.ones(1), LineConfig())
+    held = refine(level, replace(plain, lines=hold), *turned, 10, PLAIN)
+    assert float(rotation_angle(free.rotations, ROTATION)) > np.radians(2.0)
+    assert float(rotation_angle(held.rotations, ROTATION)) < np.radians(0.4)
 
 
 def test_without_points_in_view_a_pose_stays_where_it_is(scene: tuple[RigLevel, CandidatePoints]) -> None:
