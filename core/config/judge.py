@@ -21,7 +21,7 @@ class JudgeConfig:
     shifted_patches: bool = False
     ranks_by_explained: bool = False  # rather than by correlations (see `core.judge.agreement`)
     # Of the score of photos, where lines agree with a rotation no more than with any (see `core.lines`); of ones in between, less.
-    lines_share: float = float(__import__("os").environ.get("LS", "0.3"))
+    lines_share: float = 0.3
     merged: PoseDistance = PoseDistance(0.1, 3.0)  # before judgement
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers

@@ -105,7 +105,9 @@ class _Run:
         stages = CandidateStages(queries, self.config, self.clock)
         num_starts, num_poses, judged = 0, 0, list[Hypothesis]()
         hypotheses, comparison = list[Hypothesis](), None
-        for searched in search_rounds(queries, self.config):
+        with self.clock.stage("search"):
+            rounds = search_rounds(queries, self.config)
+        for searched in rounds:
             with self.clock.stage("search"):
                 found = self._search(queries, searched)
                 candidates = best_candidates(queries, found, searched.num_candidates)

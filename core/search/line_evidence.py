@@ -15,8 +15,8 @@ from core.search.pose_limits import PoseLimits
 class LineEvidence:
     """Edges of photos against the walls of a map.
 
-    contrast: by how much edges agree better with the best rotation that the limits allow than with rotations by chance, as the mean
-    logarithm of the likelihood ratio of an edge.
+    contrast: by how much edges agree better with the best rotation, of those that the limits allow where they bound the tilt, than with
+    rotations by chance: mean logarithm of the likelihood ratio of an edge. What is dense enough is 3.5 degrees apart.
     """
 
     def __init__(self, lines: LineSupport, axes_from_map: Tensor, rotations: Tensor, limits: PoseLimits) -> None:
