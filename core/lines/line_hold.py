@@ -13,11 +13,8 @@ import torch
 from torch import Tensor
 
 from core.config import LineConfig
+from core.lines.edge_model import LEAST_SINE, alignment_ratio
 from core.lines.photo_edges import Edges
-
-_LEAST_SINE = (
-    0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
-)
 
 
 @dataclass(frozen=True)
@@ -47,14 +44,11 @@ class LineHold:
         angle between edges and the axes that they run along, over the noise; edges that run along none have no say."""
         edges, axes = self.edges, self.axes_from_map @ rotations
         noise = math.radians(self.config.hold_noise_deg)
-        sine = (1 - (axes @ edges.directions.T).square()).clamp_min(_LEAST_SINE**2).sqrt()  # (K, 3, E)
+        sine = (1 - (axes @ edges.directions.T).square()).clamp_min(LEAST_SINE**2).sqrt()  # (K, 3, E)
         off = (axes @ edges.normals.T) / sine
-        share = self.config.aligned_share
-        peak = share / 3 * math.pi / (noise * math.sqrt(2 * math.pi)) / (1 - share)
-        ratio = (off.square() * (-0.5 / noise**2)).exp() * peak
-        weights = (
-            ratio / (1 + ratio.sum(1, keepdim=True)) * (self.strength / (noise**2 * len(edges.normals)))[:, None, None]
-        )
+        ratio = alignment_ratio(off.square(), noise, self.config.aligned_share)
+        each = self.strength / (noise**2 * len(edges.normals))
+        weights = ratio / (1 + ratio.sum(1, keepdim=True)) * each[:, None, None]
         # A turn ω takes an axis a to a − ω x a, and n · a to n · a − ω · (a x n).
         by_turn = torch.linalg.cross(axes[:, :, None], edges.normals[None, None], dim=-1) / -sine[..., None]
         weighted = (by_turn * weights[..., None]).flatten(1, 2).transpose(1, 2)

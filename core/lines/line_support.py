@@ -12,11 +12,9 @@ from torch import Tensor
 
 from core.config import LineConfig
 from core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+from core.lines.edge_model import LEAST_SINE, alignment_ratio
 from core.lines.photo_edges import Edges
 
-_LEAST_SINE = (
-    0.05  # of the angle from an edge to a vanishing point; nearer ones say nothing of the direction of an edge
-)
 _REACH = 3.0  # of the noise of edges
 
 
@@ -50,13 +48,11 @@ class LineSupport:
 def _support(axes: Tensor, edges: Edges, config: LineConfig) -> Tensor:
     """Return what each of axes (A, 3) adds to the mean log-likelihood ratio of the edges."""
     spread = math.radians(config.edge_noise_deg)
-    # Densities of the angle between an edge and the way to the vanishing point, over that of edges in any direction, 1 / π.
-    peak = config.aligned_share / 3 * math.pi / (spread * math.sqrt(2 * math.pi)) / (1 - config.aligned_share)
     total = torch.zeros(len(axes), device=axes.device)
     # Edges that do not pass near an axis add nothing; few do.
     axis, edge = ((axes @ edges.normals.T).abs() < _REACH * spread).nonzero(as_tuple=True)
     towards, normals, directions = axes[axis], edges.normals[edge], edges.directions[edge]
-    sine_square = (1 - (towards * directions).sum(-1).square()).clamp_min(_LEAST_SINE**2)
+    sine_square = (1 - (towards * directions).sum(-1).square()).clamp_min(LEAST_SINE**2)
     off_square = (towards * normals).sum(-1).square() / sine_square
-    ratio = (off_square * (-0.5 / spread**2)).exp() * peak
+    ratio = alignment_ratio(off_square, spread, config.aligned_share)
     return total.index_add_(0, axis, ratio.log1p()) / max(1, len(edges.normals))
