@@ -46,6 +46,12 @@ def pixel_directions(height: int, width: int, device: torch.device | str = "cpu"
     return unproject(u, v, height, width).float()
 
 
+def pixels_towards(directions: Tensor, height: int) -> Tensor:
+    """Return the flat numbers (...) int64 of the pixels that show directions (..., 3), in whole spheres of `height` rows."""
+    u, v = project(directions, height, 2 * height)
+    return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)
+
+
 def pixel_solid_angles(height: int, width: int, device: torch.device | str = "cpu") -> Tensor:
     """Return the solid angle (H, 1) in steradians of a pixel in each row; all pixels together cover 4π."""
     edges = torch.linspace(0, math.pi, height + 1, device=device, dtype=torch.float64)

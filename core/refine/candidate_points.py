@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from core.config import RefinementConfig
-from core.geometry.projection import pixel_solid_angles, project
+from core.geometry.projection import pixel_solid_angles, pixels_towards
 from core.geometry.rotations import even_directions
 from core.index.map_index import MapIndex
 from core.light.color_equalization import equalize
@@ -31,11 +31,11 @@ def points_seen_from_starts(
     for part in torch.split(starts, RENDER_BATCH):
         views = render_views(cloud, index.starts[part], height)
         canonical = _canonical_view(views, index.labels is not None, contrast_share)
-        pixel = _pixels_towards(directions, height)
+        pixel = pixels_towards(directions, height)
         numbers.append(views.point.flatten(1)[:, pixel])
         fine.append(canonical.flatten(1, 2)[:, pixel])
         halved = halve(canonical, views.valid)
-        coarse.append(halved.flatten(1, 2)[:, _pixels_towards(directions, height // 2)])
+        coarse.append(halved.flatten(1, 2)[:, pixels_towards(directions, height // 2)])
     number = torch.cat(numbers)
     positions, weights = cloud.positions[number.clamp_min(0)], (number >= 0).float()
     return (
@@ -55,12 +55,6 @@ def _canonical_view(views: SyntheticViews, is_labels: bool, contrast_share: floa
     return mixed_with_contrast(equalized, views.color, valid, contrast_share)
 
 
-def _pixels_towards(directions: Tensor, height: int) -> Tensor:
-    """Return the flat numbers (S,) of the pixels that show the directions (S, 3), in images of `height` rows."""
-    u, v = project(directions, height, 2 * height)
-    return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)
-
-
 def points_seen_from_poses(
     cloud: RenderCloud,
     comparison: Comparison,
@@ -74,7 +68,7 @@ def points_seen_from_poses(
     (K, S), further weights of the rendered pixels, such as `unchanged_share`.
     """
     height, width = comparison.views.depth.shape[1:]
-    pixel = torch.unique(_pixels_towards(even_directions(count).to(comparison.scan.device), height))
+    pixel = torch.unique(pixels_towards(even_directions(count).to(comparison.scan.device), height))
     number = comparison.views.point.flatten(1)[:, pixel]
     solid = pixel_solid_angles(height, width, pixel.device).expand(-1, width).flatten()[pixel]
     weights = (number >= 0) * (solid / solid.mean())

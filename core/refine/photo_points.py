@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.geometry.projection import project
+from core.geometry.projection import pixels_towards
 from core.geometry.rotations import even_directions
 from core.index.map_index import MapIndex
 from core.light.color_equalization import apply_tables, equalization_tables
@@ -109,8 +109,8 @@ def points_seen_in_starts(
     look, patches = _by_patch(look, patch_deg)
     which, height = (0, views.height // 2) if coarse else (1, views.height)
     towards = torch.einsum("kab,nb->kna", rotations, look.directions)
-    number = views.point[rows[:, None], _pixels(towards, views.height)]
-    pixel = _pixels(towards, height)
+    number = views.point[rows[:, None], pixels_towards(towards, views.height)]
+    pixel = pixels_towards(towards, height)
     colors, weights = views.colors[which][rows[:, None], pixel], (number >= 0).float()
     if contrast_share is not None:
         colors = apply_tables(colors, equalization_tables(colors, weights * look.inside))
@@ -170,9 +170,3 @@ def photos_showing(atlas: PhotoAtlas, points: Tensor, rotations: Tensor, positio
         chosen = torch.where(off < best, number, chosen)
         best = torch.minimum(best, off)
     return chosen
-
-
-def _pixels(directions: Tensor, height: int) -> Tensor:
-    """Return the flat numbers (...) of the pixels that show the directions (..., 3), in images of `height` rows."""
-    u, v = project(directions, height, 2 * height)
-    return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)

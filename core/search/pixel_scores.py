@@ -5,7 +5,7 @@ from torch import Tensor
 
 from core.config import PhotoSearchConfig
 from core.describe.fine_views import FineViews
-from core.geometry.projection import project
+from core.geometry.projection import pixels_towards
 from core.light.color_equalization import equalize
 from core.search.described_photos import PhotoPixels
 
@@ -56,12 +56,6 @@ def pixel_scores(
         towards = torch.einsum("kab,sb->ksa", rotations[r], photos.directions)
         scores.append(compared.scores(pictures, seen, s[:, None] * size + pixels_towards(towards, height)))
     return torch.cat(scores)
-
-
-def pixels_towards(directions: Tensor, height: int) -> Tensor:
-    """Return the flat numbers (...) of the pixels of a picture of `height` rows that show directions (..., 3)."""
-    u, v = project(directions, height, 2 * height)
-    return v.long().clamp(0, height - 1) * (2 * height) + u.long().clamp(0, 2 * height - 1)
 
 
 def _correlation_in_squares(

@@ -12,10 +12,11 @@ from torch import Tensor
 
 from core.config import PhotoSearchConfig
 from core.geometry.distinct_poses import first_distinct
+from core.geometry.projection import pixels_towards
 from core.index.map_index import MapIndex
 from core.search.described_photos import DescribedPhotos, PhotoPixels
 from core.search.map_search import MapCandidates
-from core.search.pixel_scores import ComparedColors, pixels_towards
+from core.search.pixel_scores import ComparedColors
 from core.search.pose_scores import Candidates
 from core.views.synthetic_view import RENDER_BATCH, render_views
 
