@@ -57,8 +57,10 @@ class PhotoSearchConfig:
     fewest_likely: int = 64
     most_likely: int = 600
     likely_apart_deg: float = 4.0
-    likely_rescored_poses: int = 2500
-    likely_rescored_pixels: int = 400_000
+    likely_described_poses: int = 5000
+    likely_histogram_weight: float = 0.08
+    likely_rescored_poses: int = 1000
+    likely_rescored_pixels: int = 250_000
     # The best of these are scored once more at places around their starts (see `core.search.position_sweep`), the best of which are so far
     # apart; and the first of them on finer pictures at places around those. Of all places together so many pixels, fewer poses of many.
     swept: int = 80

@@ -5,6 +5,7 @@ of each view lets thousands of them be scored again by what is inside of patches
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -13,6 +14,8 @@ from core.config import FineViewConfig
 from core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
 from core.describe.patch_histograms import described_histograms
 from core.describe.spherical_patches import PatchGrid
+
+_VIEWS_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,19 @@ class FineViews:
         """Return the descriptors as numbers."""
         values = self.steps.float() * self.scale[:, None, None]
         return ViewDescriptors(values, self.basis, self.weights.float())
+
+    @cached_property
+    def spreads(self) -> Tensor:
+        """Return how the descriptors of each view spread, (T, D, D): Σ w v vᵀ over its patches."""
+        parts = []
+        with torch.inference_mode(False):  # they outlive the query that asked for them first
+            for first in range(0, len(self.steps), _VIEWS_AT_ONCE):
+                some = self.take(
+                    torch.arange(first, min(first + _VIEWS_AT_ONCE, len(self.steps)), device=self.scale.device)
+                )
+                described = some.descriptors()
+                parts.append((described.values * described.weights[..., None]).mT @ described.values)
+        return torch.cat(parts)
 
     def take(self, keep: Tensor) -> "FineViews":
         """Return the views numbered `keep`."""

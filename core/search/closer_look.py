@@ -15,7 +15,7 @@ from core.index.map_index import MapIndex
 from core.search.described_photos import DescribedPhotos
 from core.search.line_evidence import LineEvidence
 from core.search.map_search import MapCandidates
-from core.search.photo_search import dense_rotations, line_rotations, search_rotations
+from core.search.photo_search import dense_rotations, line_rotations, search_likely, search_rotations
 from core.search.pose_limits import PoseLimits
 from core.search.position_sweep import swept
 
@@ -45,5 +45,5 @@ def search_around(
         return search_rotations(photos, index, near, rotations, search.closer_poses, apart, fine)
     likely = lines.likely_rotations(limits, search, is_near)
     some = replace(search, num_candidates=search.swept, distinct=search.swept_distinct)
-    found = search_rotations(photos, index, near, likely, search.closer_poses, some, fine)
+    found = search_likely(photos, index, near, likely, some, fine)
     return swept(photos, index, found, apart)

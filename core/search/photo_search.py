@@ -14,14 +14,16 @@ import torch
 from torch import Tensor
 
 from core.config import FineViewConfig, PhotoSearchConfig
-from core.describe.patch_descriptors import ViewDescriptors, similarity_tensor
+from core.describe.fine_views import FineViews
 from core.describe.spherical_patches import PatchGrid
 from core.geometry.distinct_poses import first_distinct
 from core.geometry.rotations import uniform_rotations
 from core.index.map_index import MapIndex
 from core.search.described_photos import DescribedPhotos
+from core.search.every_pose import scores_of_every_pose
 from core.search.line_evidence import LineEvidence
 from core.search.map_search import MapCandidates
+from core.search.patch_scores import patch_scores, patch_scores_of
 from core.search.pixel_scores import pixel_scores
 from core.search.pose_limits import PoseLimits
 from core.search.pose_scores import Candidates
@@ -69,10 +71,38 @@ def _search_by_lines(
 ) -> MapCandidates:
     """Search the few rotations that lines leave, and the places around the starts as well."""
     rotations = lines.likely_rotations(limits, config)
-    rescored = min(config.likely_rescored_poses, config.likely_rescored_pixels // max(1, len(photos.pixels)))
     some = replace(config, num_candidates=config.swept, distinct=config.swept_distinct)
-    found = search_rotations(photos, index, limits, rotations, rescored, some, fine)
-    return swept(photos, index, found, config)
+    return swept(photos, index, search_likely(photos, index, limits, rotations, some, fine), config)
+
+
+def search_likely(
+    photos: DescribedPhotos,
+    index: MapIndex,
+    limits: PoseLimits,
+    rotations: Tensor,
+    config: PhotoSearchConfig,
+    fine: FineViewConfig,
+) -> MapCandidates:
+    """Score the starts that the limits allow with a few rotations (R, 3, 3), every pose by pixels, and choose candidates.
+
+    The best are scored by patches as well, and the best of these again with the colours that each pose sees.
+    """
+    starts = limits.searched_starts(index.starts, config.limit_margin_m).nonzero()[:, 0]
+    if len(starts) == 0 or len(rotations) == 0:
+        return _nothing(starts, rotations)
+    views, is_labels = _views_of(index, starts), index.labels is not None
+    scores = scores_of_every_pose(photos.pixels, views, rotations, is_labels, config)
+    best = scores.flatten().topk(min(config.likely_described_poses, scores.numel())).indices
+    start, rotation = best // len(rotations), best % len(rotations)
+    grid = PatchGrid(fine.patch_rows, fine.patch_columns)
+    by_patches = patch_scores_of(photos, views, rotations, start, rotation, grid)
+    by_patches = config.likely_histogram_weight * by_patches
+    count = min(config.likely_rescored_poses, config.likely_rescored_pixels // max(1, len(photos.pixels)))
+    again = (scores.flatten()[best] + by_patches).topk(min(count, len(best))).indices
+    start, rotation, by_patches = start[again], rotation[again], by_patches[again]
+    rescored = pixel_scores(photos.pixels, views, rotations, start, rotation, is_labels, config) + by_patches
+    found = _first_candidates(index, rotations, starts[start], rotation, rescored, by_patches, config)
+    return MapCandidates(found, rotations, len(starts), scores.numel())
 
 
 def search_rotations(
@@ -87,22 +117,45 @@ def search_rotations(
     """Score the starts that the limits allow with rotations (R, 3, 3), the best `rescored` again by pixels, and choose candidates."""
     starts = limits.searched_starts(index.starts, config.limit_margin_m).nonzero()[:, 0]
     if len(starts) == 0 or len(rotations) == 0:
-        empty = Candidates(starts[:0], starts[:0], starts[:0].float())
-        return MapCandidates(empty, rotations, 0, 0)
-    views = index.fine_views if len(starts) == index.num_starts else index.fine_views.take(starts)
-    scores = _histogram_scores(photos, views.descriptors(), rotations, PatchGrid(fine.patch_rows, fine.patch_columns))
+        return _nothing(starts, rotations)
+    views = _views_of(index, starts)
+    scores = patch_scores(photos, views.descriptors(), rotations, PatchGrid(fine.patch_rows, fine.patch_columns))
     best = scores.flatten().topk(min(rescored, scores.numel())).indices
     start, rotation = best // len(rotations), best % len(rotations)
     by_patches = config.histogram_weight * scores.flatten()[best]
     again = (
         pixel_scores(photos.pixels, views, rotations, start, rotation, index.labels is not None, config) + by_patches
     )
-    order = again.argsort(descending=True)[: config.pool]
-    turned, places = rotations[rotation[order]], index.starts[starts[start[order]]]
+    found = _first_candidates(index, rotations, starts[start], rotation, again, by_patches, config)
+    return MapCandidates(found, rotations, len(starts), scores.numel())
+
+
+def _nothing(starts: Tensor, rotations: Tensor) -> MapCandidates:
+    """Return no candidates; starts: none."""
+    return MapCandidates(Candidates(starts[:0], starts[:0], starts[:0].float()), rotations, 0, 0)
+
+
+def _views_of(index: MapIndex, starts: Tensor) -> FineViews:
+    """Return the views of the starts (S,)."""
+    return index.fine_views if len(starts) == index.num_starts else index.fine_views.take(starts)
+
+
+def _first_candidates(
+    index: MapIndex,
+    rotations: Tensor,
+    starts: Tensor,
+    rotation: Tensor,
+    scores: Tensor,
+    by_patches: Tensor,
+    config: PhotoSearchConfig,
+) -> Candidates:
+    """Return the best of poses by `scores` (K,) that differ; their starts (K,), the numbers (K,) of their rotations, and what of the score
+    patches say (K,)."""
+    order = scores.argsort(descending=True)[: config.pool]
+    turned, places = rotations[rotation[order]], index.starts[starts[order]]
     distinct = first_distinct(turned, places, config.distinct, count=config.num_candidates)
     chosen = order[torch.tensor(distinct, dtype=torch.long, device=order.device)]
-    found = Candidates(starts[start[chosen]], rotation[chosen], again[chosen], by_patches[chosen])
-    return MapCandidates(found, rotations, len(starts), scores.numel())
+    return Candidates(starts[chosen], rotation[chosen], scores[chosen], by_patches[chosen])
 
 
 def _searched_rotations(limits: PoseLimits, config: PhotoSearchConfig, device: torch.device) -> tuple[Tensor, bool]:
@@ -130,16 +183,3 @@ def line_rotations(config: PhotoSearchConfig, device: torch.device) -> Tensor:
 def _rotations(count: int, device: str) -> Tensor:
     with torch.inference_mode(False):  # they outlive the query that asked for them first
         return uniform_rotations(count).to(device)
-
-
-def _histogram_scores(photos: DescribedPhotos, views: ViewDescriptors, rotations: Tensor, grid: PatchGrid) -> Tensor:
-    """Return scores (T, R) of all poses by the descriptors of patches."""
-    num_views, num_patches, _ = views.values.shape
-    tensor = similarity_tensor(photos.roots @ views.basis, views.values).permute(1, 2, 0)  # (Q, P, T)
-    spread = (tensor.square() * photos.weights[:, None, None]).sum(0) * views.weights.T
-    deviation = spread.sum(0).sqrt().clamp_min(1e-9)
-    rows = (tensor / deviation).reshape(-1, num_views)
-    towards = torch.einsum("rab,qb->rqa", rotations, grid.centers(rotations.device)[photos.patches])
-    meets = grid.nearest_patch(towards) + torch.arange(len(photos.patches), device=rotations.device) * num_patches
-    weights = photos.weights.expand(len(rotations), -1).contiguous()
-    return torch.nn.functional.embedding_bag(meets, rows, mode="sum", per_sample_weights=weights).T

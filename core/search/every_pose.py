@@ -1,0 +1,105 @@
+"""Scores of every start with a rotation at once, by what is inside of patches: a first look at all poses of a search.
+
+With one rotation all starts show a photo's pixels at the same places of their pictures. So what `core.search.pixel_scores` sums pose by
+pose are here products of small matrices, one for each square of pixels, and a pose costs a tenth. The price: the colours of the starts are
+equalized by one table for all of the map, not by what each pose sees.
+"""
+
+import torch
+from torch import Tensor
+
+from core.config import PhotoSearchConfig
+from core.describe.fine_views import FineViews
+from core.geometry.projection import pixels_towards
+from core.light.color_equalization import equalization_tables, equalize
+from core.search.described_photos import PhotoPixels
+
+_STARTS_AT_ONCE = 512
+_SAMPLED_PIXELS = 200_000  # of a map, that its colours are equalized by
+
+
+def scores_of_every_pose(
+    photos: PhotoPixels, views: FineViews, rotations: Tensor, is_labels: bool, config: PhotoSearchConfig
+) -> Tensor:
+    """Return the scores (T, R) of all T views with rotations (R, 3, 3): mean contrast explained inside squares of pixels, and less
+    where the scan shows less."""
+    squares = _Squares(photos, is_labels, config.min_variance)
+    tables = None if is_labels else _tables_of(views)
+    pixels = [pixels_towards(squares.directions @ rotation.T, photos.rows) for rotation in rotations]
+    scores = []
+    for pictures, seen in zip(
+        *(torch.split(part, _STARTS_AT_ONCE) for part in (views.pictures, views.seen)), strict=True
+    ):
+        planes = _Planes(pictures, seen, tables)
+        scores.append(torch.stack([squares.scores(planes, at) for at in pixels], 1))
+    return torch.cat(scores)
+
+
+def _tables_of(views: FineViews) -> Tensor:
+    """Return the tables (3, 256) that equalize the colours of a map."""
+    colors, seen = views.pictures.flatten(0, 2), views.seen.flatten()
+    step = -(-len(colors) // _SAMPLED_PIXELS)
+    return equalization_tables(colors[None, ::step].float() / 255, seen[None, ::step].float())[0]
+
+
+class _Planes:
+    """What T starts show, pixel by pixel, with the starts last: colors (P, 3, T) and their squares, summed over channels, (P, T), both zero
+    where nothing was seen; seen (P, T)."""
+
+    def __init__(self, pictures: Tensor, seen: Tensor, tables: Tensor | None) -> None:
+        levels = pictures.flatten(1, 2).permute(1, 2, 0)  # (P, 3, T)
+        self.seen = seen.flatten(1).T.float().contiguous()
+        if tables is None:
+            colors = levels.float() / 255
+        else:
+            colors = torch.stack(
+                [table[level.long()] for table, level in zip(tables, levels.unbind(1), strict=True)], 1
+            )
+        self.colors = colors * self.seen[:, None]
+        self.squares = self.colors.square().sum(1)
+
+
+class _Squares:
+    """The pixels of photos, square by square; those of the smaller squares are filled up with pixels of no weight.
+
+    directions: (G N, 3), of N pixels in each of G squares.
+    """
+
+    def __init__(self, photos: PhotoPixels, is_labels: bool, floor: float) -> None:
+        order = photos.squares.argsort(stable=True)
+        square, counts = photos.squares[order], torch.bincount(photos.squares)
+        place = torch.arange(len(order), device=order.device) - (counts.cumsum(0) - counts)[square]
+        self._shape = (len(counts), int(counts.max()))
+        pixels = order.new_zeros(self._shape)
+        pixels[square, place] = order
+        solid = photos.solid.new_zeros(self._shape)
+        solid[square, place] = photos.solid[order]
+        own = photos.colors if is_labels else equalize(photos.colors[None], photos.solid[None])[0]
+        own = own[pixels]
+        self.directions = photos.directions[pixels.flatten()]
+        self._solid = solid[:, None]  # (G, 1, N)
+        self._by_own = (solid[..., None] * own).flatten(1)[:, None]  # (G, 1, 3 N)
+        ones = torch.ones_like(solid)[..., None]
+        self._moments = (solid[..., None] * torch.cat((ones, own, own.square().sum(-1, keepdim=True)), -1)).mT
+        self._total, self._floor = photos.solid.sum(), floor
+
+    def scores(self, planes: _Planes, at: Tensor) -> Tensor:
+        """Return the scores (T,) of all starts where they show the pixels of the squares at `at` (G N,)."""
+        count, size = self._shape
+        colors = planes.colors.index_select(0, at).view(count, size, -1)  # (G, N, 3 T)
+        seen = planes.seen.index_select(0, at).view(count, size, -1)  # (G, N, T)
+        squares = planes.squares.index_select(0, at).view(count, size, -1)
+        own = (
+            self._moments @ seen
+        )  # (G, 5, T): mass, and first and second moments of the photos where the scan shows something
+        mass = own[:, 0]
+        per = 1 / mass.clamp_min(1e-9)
+        mean = (self._solid @ colors).view(count, 3, -1) * per[:, None]
+        own_mean = own[:, 1:4] * per[:, None]
+        common = (self._by_own @ colors.view(count, 3 * size, -1))[:, 0] * per - (mean * own_mean).sum(1)
+        variance = (self._solid @ squares)[:, 0] * per - mean.square().sum(1)
+        own_variance = own[:, 4] * per - own_mean.square().sum(1)
+        power = (variance.clamp_min(0) + self._floor) * (own_variance.clamp_min(0) + self._floor)
+        explained = 1 - (1 - (common.clamp_min(0).square() / power).clamp_max(1)).sqrt()
+        total = mass.sum(0)
+        return (explained * mass).sum(0) / total.clamp_min(1e-9) * (total / self._total).sqrt()
