@@ -10,13 +10,14 @@ from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.errors import OptionsError
 from core.fast.fast_method import FastMethod
-from core.fast.field_of_view import searched_range_deg, with_focal_uncertainty, with_found_camera
+from core.fast.field_of_view import bound_reached, searched_range_deg, with_focal_uncertainty, with_found_camera
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.judge.change_maps import ChangeMaps, change_maps
 from core.judge.confidence import error_radii, formal_radii, load_confidence_model
+from core.judge.doubts import Doubts
 from core.judge.hypotheses import Hypothesis, MethodResult
-from core.judge.photo_agreement import PhotoAgreement, agreement_by_photo
+from core.judge.photo_agreement import agreement_by_photo
 from core.judge.verdict import verdict
 from core.options import MAX_TOP_K, Hints, Method
 from core.panorama.panorama import Panorama
@@ -42,6 +43,7 @@ class Localizer:
         self.config = config or LocalizerConfig()
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         self._confidence = load_confidence_model()
+        self._doubts = Doubts(self.config.judge, self._confidence.threshold)
         self._fast = FastMethod(self.config, self.device, self._confidence)
         self._paper = PaperMethod(self.config, self.device)
 
@@ -69,10 +71,13 @@ class Localizer:
         if isinstance(query, Photo):
             query = Session.of_photo(query)
         found_camera: Camera | None = None
-        if isinstance(query, Session) and searched_range_deg(query):
+        bound_deg: float | None = None
+        range_deg = searched_range_deg(query) if isinstance(query, Session) else None
+        if isinstance(query, Session) and range_deg is not None:
             with torch.inference_mode():
                 query = with_found_camera(self._fast, query, maps, hints, clock, self.config.field_of_view)
             found_camera = query.images[0].photo.camera
+            bound_deg = bound_reached(found_camera, range_deg)
         with torch.inference_mode(method == "fast"):
             if method == "fast":
                 result = self._fast.run(query, maps, hints, clock)
@@ -85,6 +90,7 @@ class Localizer:
             answer = self._answer(result, maps, method, top_k, clock)
         if isinstance(query, Session):
             answer = self._for_session(answer, query, result.comparison)
+            answer = self._doubts.unless_at_bound(self._doubts.unless_plain(answer, result.edges_deg), bound_deg)
             uncertainty = max(image.photo.focal_uncertainty for image in query.images)
             answer = with_focal_uncertainty(answer, result.comparison, uncertainty) if uncertainty else answer
         if found_camera is not None:
@@ -150,7 +156,7 @@ class Localizer:
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(session.images, agreements, strict=True)
         ]
-        found = self._unless_seen_little_of(self._unless_contradicted(found, agreements))
+        found = self._doubts.unless_seen_little_of(self._doubts.unless_contradicted(found, agreements))
         assert found.best is not None
         return replace(
             found,
@@ -159,62 +165,6 @@ class Localizer:
             map_from_session=map_from_session,
             images=tuple(images),
         )
-
-    def _unless_contradicted(self, found: Localization, agreements: Sequence[PhotoAgreement | None]) -> Localization:
-        """Return the answer, not localized where images contradict the pose that fits the others: more than a few, or the first.
-
-        Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
-        """
-        judge, threshold = self.config.judge, self._confidence.threshold
-        known = [each.correlation for each in agreements if each is not None]
-        doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
-        best = found.best
-        if best is None or not doubtful or len(agreements) == 1:
-            return found
-        if found.status == "not_localized" and max(known) < judge.agreement:
-            return found  # of another place, all of them: nothing that some of them contradict
-        share = len(doubtful) / len(agreements)
-        found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
-        if found.status == "not_localized" or (share <= judge.contradicting_share and doubtful[0] > 0):
-            return found
-        return _refused(found, min(best.confidence * (1 - share), threshold / 2))
-
-    def _unless_seen_little_of(self, found: Localization) -> Localization:
-        """Return the answer, not localized where the scan has little of what photos show at the pose and that little leaves a doubt.
-
-        What is not compared cannot speak against a pose.
-        """
-        judge, best = self.config.judge, found.best
-        if found.status != "localized" or best is None or found.evidence is None:
-            return found
-        compared = found.evidence.measures["relative_coverage"]
-        if compared >= judge.least_compared or best.confidence >= judge.sure_of_little:
-            return found
-        warning = (
-            f"at the pose that fits best the scan has only {compared:.0%} of what the images show, "
-            "too little for a pose that is not beyond doubt"
-        )
-        found = replace(found, warnings=(*found.warnings, warning))
-        return _refused(found, min(best.confidence, self._confidence.threshold / 2))
-
-
-def _refused(found: Localization, confidence: float) -> Localization:
-    """Return the answer as one that is not localized, no surer than `confidence`."""
-    assert found.best is not None
-    return replace(found, status="not_localized", best=replace(found.best, confidence=confidence))
-
-
-def _contradiction(doubtful: Sequence[int], count: int) -> str:
-    """Say of which images, counted from 0, the poses or cameras must be wrong."""
-    numbers = [str(k + 1) for k in doubtful]
-    if len(numbers) == 1:
-        said, whose = f"image {numbers[0]} of {count} does", "its session_from_camera and camera"
-    else:
-        said, whose = (
-            f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
-            "their session_from_camera and cameras",
-        )
-    return f"{said} not agree with the pose that fits the others; check {whose}, and frame"
 
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:

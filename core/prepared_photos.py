@@ -76,6 +76,10 @@ class PreparedPhotos:
             self._edges = edges_of_photos(self.atlas, self.config.lines)
         return self._edges
 
+    def edges_deg(self) -> float | None:
+        """Return how long all edges of the photos are together, degrees; None of labels, whose edges are as sharp as any."""
+        return None if self.labels is not None else self.edges().length_deg
+
     def lines(self) -> LineSupport:
         """Return what the edges of the photos say of how the rig is turned."""
         if self._lines is None:

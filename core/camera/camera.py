@@ -24,6 +24,7 @@ _MAX_HFOV_DEG = {
     "cylindrical": 360.0,
     "equirectangular": 360.0,
 }
+_MOST_FOCAL_LENGTHS = 2 * math.tan(math.radians(_MAX_HFOV_DEG["pinhole"] / 2)) * 1.001  # that a pinhole's image is wide
 # Of what is searched: every step of the focal length is a search of its own.
 MIN_UNKNOWN_HFOV_DEG, MAX_UNKNOWN_HFOV_DEG = 20.0, 120.0
 # How many coefficients each model takes, in OpenCV's order.
@@ -57,6 +58,11 @@ class Camera:
         for name in ("fx_px", "fy_px"):
             if not 0 < getattr(self, name) < math.inf:
                 raise OptionsError(f"{name}: expected a positive number of pixels, got {getattr(self, name)}")
+        if self.model in ("pinhole", "opencv") and self.width_px / self.fx_px > _MOST_FOCAL_LENGTHS:
+            raise OptionsError(
+                f"fx_px: expected an image of at most {_MAX_HFOV_DEG[self.model]:g} degrees, {self.width_px} px wide, got a focal length "
+                f"of {self.fx_px:g} px; check that it is in pixels, not in millimetres or shares of the width"
+            )
         for name, side in (("cx_px", self.width_px), ("cy_px", self.height_px)):
             if not -side <= getattr(self, name) <= 2 * side:
                 raise OptionsError(

@@ -16,6 +16,7 @@ from core.camera.camera import Camera
 Array = NDArray[np.float64]
 MAX_PINHOLE_RAD = math.radians(85)  # from the axis: beyond it a pixel of a plane shows next to nothing
 _FOLD_STEPS = 2048
+_GRID = 32  # on each side of an image
 
 
 def project_to_image(camera: Camera, directions: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -58,6 +59,18 @@ def fold_of(camera: Camera) -> float:
         return _first_fold(np.linspace(0, math.pi, _FOLD_STEPS), lambda t: fisheye_radius(camera, t))
     radii = np.linspace(0, math.tan(MAX_PINHOLE_RAD), _FOLD_STEPS)
     return _first_fold(radii, lambda r: r * _radial(camera, r * r)) if camera.distortion else math.inf
+
+
+def share_with_direction(camera: Camera) -> float:
+    """Return the share of an image, 0..1, whose pixels have a direction: none has beyond where a distortion turns back on itself."""
+    fold = fold_of(camera)
+    if camera.model not in ("opencv", "opencv_fisheye") or fold == math.inf:
+        return 1.0
+    at_fold = np.array(fold)
+    reach = fisheye_radius(camera, at_fold) if camera.model == "opencv_fisheye" else fold * _radial(camera, at_fold**2)
+    u, v = ((np.arange(_GRID) + 0.5) * side / _GRID for side in (camera.width_px, camera.height_px))
+    across, down = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
+    return float((np.hypot(across[:, None], down) <= reach).mean())
 
 
 def distort(camera: Camera, x: Array, y: Array, *, tangential: bool = True) -> tuple[Array, Array]:

@@ -132,7 +132,9 @@ class _Run:
             hypotheses, comparison = self._finish(stages, judged, rough)
             hypotheses = with_same_views(hypotheses, same, self.config.search.elsewhere)
         cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
-        return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses)
+        picture = queries[0].picture
+        edges_deg = picture.edges_deg() if isinstance(picture, PreparedPhotos) else None
+        return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses, edges_deg)
 
     def search_score(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> float:
         """Search, and return the score of the best candidate."""

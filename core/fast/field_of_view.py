@@ -20,6 +20,8 @@ from core.results import Localization
 from core.stage_clock import StageClock
 from core.views.comparison import Comparison
 
+_AT_BOUND_DEG = 0.1
+
 
 def searched_range_deg(session: Session) -> tuple[float, float] | None:
     """Return the degrees that the only photo of a session is wide at least and at most; None where its camera is known.
@@ -32,6 +34,11 @@ def searched_range_deg(session: Session) -> tuple[float, float] | None:
             "hfov_range_deg: expected a single photo, got several; send hfov_deg or the intrinsics of each"
         )
     return ranges[0]
+
+
+def bound_reached(camera: Camera, range_deg: tuple[float, float]) -> float | None:
+    """Return the bound of a field of view, degrees, that a camera found within both has come to; None where it is between them."""
+    return next((bound for bound in range_deg if abs(camera.hfov_deg - bound) < _AT_BOUND_DEG), None)
 
 
 def with_found_camera(

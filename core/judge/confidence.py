@@ -15,6 +15,8 @@ import torch
 from core.config import JudgeConfig
 from core.judge.hypotheses import Hypothesis
 
+RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
+_HELD = 0.68  # of the poses are within their radii
 FEATURES = ("patch_correlation", "margin", "relative_margin", "distinctness")
 
 
@@ -100,3 +102,13 @@ def error_radii(
     agreement = measures["patch_correlation"]
     position = model.position_radius.radius(formal[0], agreement)
     return position, min(model.orientation_radius.radius(formal[1], agreement), 180.0)
+
+
+def share_within(position_m: float | None, orientation_deg: float | None) -> float:
+    """Return the share of poses with these 68 % radii that are nearer to the truth than what is right, errors being normal in the plane.
+
+    Nothing is surer to be right than its radius allows. 1 where a radius is not known.
+    """
+    known = ((RIGHT_M, position_m), (RIGHT_DEG, orientation_deg))
+    shares = [1 - (1 - _HELD) ** ((limit / radius) ** 2) for limit, radius in known if radius]
+    return min(shares, default=1.0)

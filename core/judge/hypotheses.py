@@ -53,13 +53,17 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log."""
+    """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log.
+
+    edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels.
+    """
 
     hypotheses: list[Hypothesis]
     comparison: Comparison | None
     cloud: RenderCloud | None
     num_starts: int
     num_poses: int
+    edges_deg: float | None = None
 
 
 def by_map(hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from core.config import JudgeConfig
-from core.judge.confidence import ConfidenceModel, features_of
+from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, share_within
 from core.judge.hypotheses import Hypothesis, distinct, with_distinctness
 from core.options import Status
 
@@ -28,7 +28,7 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: Ju
     equals = [h for h in places if _is_equal(h, places[0], config)]
     unequal = [h for h in places if all(h is not other for other in equals)]
     # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-    alone = model.probability(features_of(with_distinctness(places[0], unequal), 0.0, config))
+    alone = _probability(with_distinctness(places[0], unequal), 0.0, model, config)
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:
         shared = [alone / len(equals)] * len(equals)
         others = [_confidence(place, places, model, config) for place in unequal]
@@ -54,5 +54,11 @@ def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
 def _confidence(place: Hypothesis, places: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> float:
     """Return the probability that a place is the right one, against the best of the others."""
     rival = max((h.score for h in places if h is not place), default=0.0)
-    probability = model.probability(features_of(place, rival, config))
+    probability = _probability(place, rival, model, config)
     return min(probability, model.threshold / 2) if place.is_held_back else probability
+
+
+def _probability(place: Hypothesis, rival: float, model: ConfidenceModel, config: JudgeConfig) -> float:
+    """Return how sure a place is against a rival of that score; no surer than its radius allows."""
+    radii = error_radii(formal_radii(place), place.measures, model)
+    return min(model.probability(features_of(place, rival, config)), share_within(*radii))

@@ -20,10 +20,14 @@ _SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
 
 @dataclass(frozen=True)
 class Edges:
-    """Pixels on edges: directions (E, 3), unit vectors of the rig, and normals (E, 3) of the planes of their edges, either way round."""
+    """Pixels on edges: directions (E, 3), unit vectors of the rig, and normals (E, 3) of the planes of their edges, either way round.
+
+    length_deg: how long all edges are together that stand out from the noise, those of which nothing was taken too.
+    """
 
     directions: Tensor
     normals: Tensor
+    length_deg: float = 0.0
 
     @property
     def count(self) -> int:
@@ -33,7 +37,7 @@ class Edges:
     def some(self, most: int) -> "Edges":
         """Return at most so many, spread over all."""
         stride = max(1, -(-len(self.normals) // most))
-        return Edges(self.directions[::stride], self.normals[::stride])
+        return Edges(self.directions[::stride], self.normals[::stride], self.length_deg)
 
 
 def edges_of_photos(atlas: PhotoAtlas, config: LineConfig) -> Edges:
@@ -43,13 +47,15 @@ def edges_of_photos(atlas: PhotoAtlas, config: LineConfig) -> Edges:
     strongest = _ridges(magnitude, east, north, windows).flatten()
     # Where most of a photo is plain, how fast colours change there is noise.
     noise = magnitude[windows.valid > 0].median()
-    real = max(config.fewest_real_edges, int((strongest > config.edge_over_noise * noise).sum()))
-    count = min(int((strongest > config.least_gradient).sum()), real, config.strongest_edges)
+    is_edge, stands_out = strongest > config.least_gradient, strongest > config.edge_over_noise * noise
+    real = max(config.fewest_real_edges, int(stands_out.sum()))
+    count = min(int(is_edge.sum()), real, config.strongest_edges)
+    length_deg = int((is_edge & stands_out).sum()) * 180 / windows.rows
     chosen = strongest.topk(count).indices[:: config.edge_stride]
     directions = windows.direction.flatten(1)[:, chosen].T
     normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
     turned = atlas.rotations[windows.photo.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
-    return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous())
+    return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous(), length_deg)
 
 
 def _gradients(windows: PhotoWindows) -> tuple[Tensor, Tensor, Tensor]:

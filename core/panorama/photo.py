@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.camera.camera import Camera
-from core.camera.lens import project_to_image
-from core.errors import PanoramaUnusableError
+from core.camera.lens import project_to_image, share_with_direction
+from core.errors import OptionsError, PanoramaUnusableError
 from core.panorama.panorama import Panorama
 
 _MIN_ROWS, _MAX_ROWS = 256, 1024  # of the sphere; refinement looks no closer than at 512
+_MIN_SIDE = 16  # pixels
+_MIN_WITH_DIRECTION = 0.5  # of a photo; of real lenses nearly all of it has one
 _MIN_SHARE = 0.001  # of the sphere; what shows less says nothing about where it was taken
 _LARGEST_STEP = 2.0  # pixels of the photo to one of the sphere; more would skip some
 FINEST_PX_PER_RAD = _LARGEST_STEP * _MAX_ROWS / math.pi
@@ -36,7 +38,18 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
 
 
 def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
-    """Raise PanoramaUnusableError where next to nothing of the sphere is visible in a photo with the valid pixels (h, w)."""
+    """Raise PanoramaUnusableError where next to nothing of the sphere is visible in a photo with the valid pixels (h, w), and OptionsError
+    where most of the photo has no direction."""
+    if min(valid.shape) < _MIN_SIDE:
+        raise PanoramaUnusableError(
+            f"image: expected a photo of at least {_MIN_SIDE} pixels a side, got {valid.shape[1]} x {valid.shape[0]}"
+        )
+    with_direction = share_with_direction(camera)
+    if with_direction < _MIN_WITH_DIRECTION:
+        raise OptionsError(
+            f"distortion: expected coefficients that hold for most of the image, got some that turn back on themselves and leave "
+            f"{with_direction:.0%} of it a direction; check their order and signs, and that the intrinsics belong to this image"
+        )
     rows = _MIN_ROWS
     u, v, shown = project_to_image(camera, _directions(rows))
     column, row = u[shown].astype(np.int64), v[shown].astype(np.int64)

@@ -12,6 +12,9 @@ from core.geometry.projection import project, sample_bilinear
 from core.geometry.rotations import rotation_from_vector
 from core.paper.score_maps import sample_patch_map
 
+_LEAST = 1e-12
+_NOTHING_IN_VIEW = 2.0  # weights are at most one, and colours differ by no more than the root of three
+
 
 @dataclass(frozen=True)
 class SamplingProblem:
@@ -34,7 +37,7 @@ def sampling_loss(problem: SamplingProblem, rotation: Tensor, position: Tensor) 
     """Return ‖½ (M_3D + S_2D) ⊙ [Γ(Π(R X + t)) − C]‖, divided by the square root of the number of points in view.
 
     rotation: (3, 3) map_from_camera; position: (3,). Differentiable in both. Deviation: the division makes losses comparable when a mask
-    leaves different numbers of points.
+    leaves different numbers of points. Where none is in view, as a photo may drift off the scan, the loss is larger than any other.
     """
     in_camera = (problem.positions - position) @ rotation
     height, width = problem.image.shape[1:]
@@ -44,7 +47,10 @@ def sampling_loss(problem: SamplingProblem, rotation: Tensor, position: Tensor) 
     patch = sample_patch_map(problem.patch_scores, problem.grid, in_camera.detach())
     weights = 0.5 * (problem.point_weights + patch) * in_view
     residual = (sampled - problem.colors) * weights[:, None]
-    return residual.square().sum().sqrt() / in_view.sum().clamp_min(1).sqrt()
+    count = in_view.sum()
+    # The root of nothing has no slope; floored, its slope is zero.
+    loss = residual.square().sum().clamp_min(_LEAST).sqrt() / count.clamp_min(1).sqrt()
+    return torch.where(count > 0, loss, _NOTHING_IN_VIEW)
 
 
 def minimize_by_adam(

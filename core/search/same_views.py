@@ -40,8 +40,8 @@ def search_same_views(
     is_turned = torch.minimum(angles, 2 * math.pi - angles) > math.radians(search.same_view_turned_deg)
     view = _View(own, position, turns, config)
     is_beside = (own.starts - position).norm(dim=1) < config.search.elsewhere.distance_m
-    beside = view.scores(own, is_beside.nonzero()[:, 0])[:, ~is_turned]
-    reference = float(beside.max()) if len(beside) else math.inf
+    beside = is_beside.nonzero()[:, 0]  # none where starts are farther apart than that
+    reference = float(view.scores(own, beside)[:, ~is_turned].max()) if len(beside) else math.inf
     least = min(search.same_view_share * reference, search.same_view_least)
     found = []
     for index, limits in maps:

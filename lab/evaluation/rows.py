@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from core.errors import CoreError
+from core.judge.confidence import RIGHT_DEG, RIGHT_M
 
-TIGHT, RIGHT, WRONG = (0.05, 5.0), (0.3, 10.0), (0.5, 15.0)  # metres, degrees
+TIGHT, RIGHT, WRONG = (0.05, 5.0), (RIGHT_M, RIGHT_DEG), (0.5, 15.0)  # metres, degrees
 
 RowKey = tuple[str, str, str, str]
 

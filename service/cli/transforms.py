@@ -169,6 +169,8 @@ def _pose(given: Any, frame: Frame) -> tuple[list[float], list[float]]:
 
 
 def _check_rotation(rotation: Matrix) -> None:
+    if not all(math.isfinite(value) for row in rotation for value in row):
+        raise TransformsError("transform_matrix: expected finite numbers, got NaN or infinity; was the frame tracked?")
     square = _product(_transposed(rotation), rotation)
     off = max(abs(square[row][column] - _SAME[row][column]) for row in range(3) for column in range(3))
     (a, b, c), (d, e, f), (g, h, i) = rotation

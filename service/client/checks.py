@@ -10,8 +10,17 @@ _KEY = re.compile(r"[!-~]+")
 
 def check_url(url: str) -> None:
     """Raise InvalidUrlError for what is no address of a service."""
-    if urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).hostname:
+    if not _is_address(url):
         raise InvalidUrlError(f"Expected a URL such as http://127.0.0.1:8000, got {url!r}; set --url or PANOLOC_URL.")
+
+
+def _is_address(url: str) -> bool:
+    """Tell whether a URL has a host, and a port that is a number where it has one."""
+    try:
+        parts = urlsplit(url)
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False
 
 
 def check_key(key: str | None) -> None:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.config import LocalizerConfig
+from core.config import JudgeConfig, LocalizerConfig
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
+from core.judge.doubts import Doubts
 from core.localizer import Localizer
 from core.options import Status
 from core.results import Candidate, Evidence, Localization, SearchSummary
@@ -30,7 +31,7 @@ def found(confidence: float, compared: float, status: Status = "localized") -> L
     ],
 )
 def test_little_that_fits_hardly_is_not_enough(confidence: float, compared: float, status: Status) -> None:
-    answer = Localizer(device="cpu")._unless_seen_little_of(found(confidence, compared))
+    answer = Doubts(JudgeConfig(), 0.6).unless_seen_little_of(found(confidence, compared))
     assert answer.status == status
     assert answer.best is not None
     assert (answer.best.confidence < 0.5) == (status == "not_localized")
@@ -41,7 +42,7 @@ def test_little_that_fits_hardly_is_not_enough(confidence: float, compared: floa
 @pytest.mark.parametrize("status", ["ambiguous", "not_localized"])
 def test_who_says_nothing_for_sure_needs_no_warning(status: Status) -> None:
     before = found(0.3, 0.1, status)
-    assert Localizer(device="cpu")._unless_seen_little_of(before) is before
+    assert Doubts(JudgeConfig(), 0.6).unless_seen_little_of(before) is before
 
 
 def test_frames_are_asked_for_how_much_of_them_the_scan_has(localizer: Localizer, box_index: MapIndex) -> None:

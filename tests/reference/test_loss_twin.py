@@ -1,5 +1,7 @@
 """The sampling loss, its gradient, and the Jacobian of the second-order refinement against finite differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,7 +11,7 @@ from core.describe.spherical_patches import PatchGrid
 from core.geometry.projection import pixel_directions
 from core.geometry.rotations import rotation_from_vector, uniform_rotations
 from core.panorama.image_level import prepare_level
-from core.paper.sampling_loss import SamplingProblem, sampling_loss
+from core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from core.refine import gauss_newton, point_sampling
 from tests.reference import loss_twin
 from tests.reference.spherical_twin import direction_of
@@ -62,6 +64,22 @@ def test_the_sampling_loss_agrees_with_a_loop_over_points(problem: tuple[Samplin
     made, image = problem
     found = sampling_loss(made, torch.from_numpy(ROTATION), torch.from_numpy(POSITION))
     assert abs(float(found) - twin_loss(made, image, np.zeros(6))) < 1e-9
+
+
+def test_where_nothing_is_in_view_the_loss_is_larger_than_any_other_and_flat(
+    problem: tuple[SamplingProblem, np.ndarray],
+) -> None:
+    blind = replace(problem[0], valid=torch.zeros_like(problem[0].valid))
+    move = torch.zeros(3, dtype=torch.float64, requires_grad=True)
+    loss = sampling_loss(blind, torch.from_numpy(ROTATION), torch.from_numpy(POSITION) + move)
+    loss.backward()  # type: ignore[no-untyped-call]
+    assert float(loss.detach()) > 3**0.5
+    assert move.grad is not None
+    assert move.grad.tolist() == [0, 0, 0]
+    named = ("image", "valid", "positions", "colors", "point_weights", "patch_scores")
+    single = replace(blind, **{name: getattr(blind, name).float() for name in named})
+    found = minimize_by_adam(single, torch.eye(3), torch.zeros(3), replace(PaperConfig(), iterations=3))
+    assert all(torch.isfinite(each).all() for each in found[:2])
 
 
 def test_the_gradient_of_the_sampling_loss_agrees_with_finite_differences(

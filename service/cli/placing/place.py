@@ -27,8 +27,8 @@ from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.client import ApiProblemError, JsonObject, PanolocClient
 from service.jobs import MAX_SAMPLE_POINTS, QueryOptions
 
-# What says nothing of the photo: the key, the map, the service.
-_NOT_OF_THE_PHOTO = (401, 403, 404, 409, 500)
+# What says nothing of the photo: the key, the map.
+_NOT_OF_THE_PHOTO = (401, 403, 404, 409)
 _ONLY_TIME = (429, 503)
 _PATIENCE_S = 600.0
 

@@ -10,6 +10,7 @@ from service.http.schemas.geometry import Model
 from service.http.schemas.session import SessionFromCamera
 
 _Pixels = Annotated[int, Field(ge=1, le=65_535)]
+_Number = Annotated[float, Field(strict=True)]  # neither text nor true, which would be one degree
 
 
 class Camera(Model):
@@ -25,21 +26,21 @@ class Camera(Model):
     )
     width_px: _Pixels | None = Field(None, description="Of the image that the intrinsics belong to.")
     height_px: _Pixels | None = None
-    fx_px: float | None = Field(
+    fx_px: _Number | None = Field(
         None, description="Focal length; of `cylindrical` and `equirectangular` pixels per radian across."
     )
-    fy_px: float | None = Field(None, description="`fx_px` when left out.")
-    cx_px: float | None = Field(None, description="The middle when left out.")
-    cy_px: float | None = Field(None, description="The middle when left out.")
-    distortion: list[float] = Field(
+    fy_px: _Number | None = Field(None, description="`fx_px` when left out.")
+    cx_px: _Number | None = Field(None, description="The middle when left out.")
+    cy_px: _Number | None = Field(None, description="The middle when left out.")
+    distortion: list[_Number] = Field(
         default_factory=list,
         max_length=8,
         description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
     )
-    hfov_deg: float | None = Field(
+    hfov_deg: _Number | None = Field(
         None, description="Degrees from the left edge to the right one, in place of `fx_px` ... `cy_px`."
     )
-    hfov_range_deg: tuple[float, float] | None = Field(
+    hfov_range_deg: tuple[_Number, _Number] | None = Field(
         None,
         description="Of a single `pinhole` photo whose field of view nobody knows: bounds within which it is searched, such as `[45, 85]`; "
         "takes several times as long. `images[0].camera` says what was found.",

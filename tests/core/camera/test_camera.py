@@ -23,6 +23,7 @@ GOOD = Camera("opencv", 1920, 1440, 1450.0, 1450.0, 960.0, 720.0, (0.1, -0.2, 0.
         ({"fx_px": math.nan}, "fx_px"),
         ({"fy_px": 0.0}, "fy_px"),
         ({"fx_px": math.inf}, "fx_px"),
+        ({"fx_px": 1.0}, "fx_px"),  # more than 170 degrees, as of a focal length in millimetres
         ({"cx_px": math.nan}, "cx_px"),
         ({"cy_px": 5000.0}, "cy_px"),
         ({"distortion": (0.1,)}, "distortion"),

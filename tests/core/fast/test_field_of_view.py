@@ -42,6 +42,15 @@ def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
 
 
 @pytest.mark.slow
+def test_a_photo_that_is_wider_than_its_bounds_is_not_localized_and_the_bound_is_named(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
+) -> None:
+    found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 76.0)), [box_index])
+    assert found.status == "not_localized"
+    assert any("76 degrees wide, a bound of hfov_range_deg" in words for words in found.warnings)
+
+
+@pytest.mark.slow
 def test_a_known_camera_stays_what_it_is(
     localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
 ) -> None:

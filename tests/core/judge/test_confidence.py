@@ -15,6 +15,7 @@ from core.judge.confidence import (
     features_of,
     formal_radii,
     load_confidence_model,
+    share_within,
 )
 from core.judge.hypotheses import Hypothesis
 
@@ -127,3 +128,11 @@ def test_formal_radii_are_those_of_independent_residuals() -> None:
     assert found is not None
     assert found[0] == pytest.approx(0.2 * math.sqrt(1 / 25 + 1 / 100 + 1 / 400), rel=1e-6)
     assert found[1] == pytest.approx(math.degrees(0.2 * math.sqrt(1 + 1 / 4 + 1 / 16)), rel=1e-6)
+
+
+def test_nothing_is_surer_to_be_right_than_its_radius_allows() -> None:
+    assert share_within(None, None) == 1.0
+    assert share_within(0.3, 1.0) == pytest.approx(0.68)
+    assert share_within(0.1, 10.0) == pytest.approx(0.68)
+    assert share_within(0.15, None) == pytest.approx(1 - 0.32**4)
+    assert share_within(1.2, 0.1) < 0.08

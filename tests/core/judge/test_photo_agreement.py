@@ -105,10 +105,10 @@ def test_one_that_shows_nothing_but_a_plain_thing_before_the_lens_contradicts_no
 @pytest.mark.parametrize(
     ("measured", "contradicts"),
     [
-        (PhotoAgreement(0.19, 0.19, 0.15), True),
-        (PhotoAgreement(0.2, 0.19, 0.15), False),
+        (PhotoAgreement(0.44, 0.19, 0.15), True),
+        (PhotoAgreement(0.45, 0.19, 0.15), False),
         (PhotoAgreement(0.19, 0.2, 0.15), False),
-        (PhotoAgreement(0.19, 0.19, 0.149), False),
+        (PhotoAgreement(0.44, 0.19, 0.149), False),
         (PhotoAgreement(-0.9, 0.0, 0.5), True),
     ],
 )

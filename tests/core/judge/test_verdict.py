@@ -102,3 +102,14 @@ def test_that_equals_resemble_each_other_does_not_count_against_them() -> None:
     assert found.together == pytest.approx(2 * found.confidences[0]) == pytest.approx(2 * found.confidences[1])
     as_far = replace(other, likeness=0.45)
     assert verdict([best, as_far, equal], MODEL, CONFIG).together < found.together
+
+
+def test_a_pose_whose_radius_is_wider_than_what_is_right_is_not_localized() -> None:
+    sharp, wide = (
+        replace(judged(0.0, 1.8, 0.9), hessian=torch.eye(6) * curvature, residual_scale=0.1)
+        for curvature in (1e4, 0.01)
+    )
+    assert verdict([sharp], MODEL, CONFIG).status == "localized"
+    found = verdict([wide], MODEL, CONFIG)
+    assert found.status == "not_localized"
+    assert found.confidences[0] < 0.3

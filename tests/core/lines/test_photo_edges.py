@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from core.camera.camera import Camera
-from core.config import LineConfig
+from core.config import JudgeConfig, LineConfig
 from core.geometry.pose import Pose
 from core.lines.photo_edges import Edges, edges_of_photos
 from core.panorama.photo_atlas import PhotoAtlas
@@ -96,3 +96,16 @@ def test_some_edges_are_spread_over_all() -> None:
     some = edges.some(10)
     assert 5 <= some.count <= 10
     assert edges.some(10_000).count == edges.count
+
+
+def test_edges_are_as_long_as_they_are_in_the_photo() -> None:
+    across = edges_of(photo(halves())).length_deg
+    assert 50 < across < 90  # from one side of a photo of 69 x 54 degrees to another, askew
+
+
+def test_a_wall_in_soft_light_has_no_edges_however_grainy() -> None:
+    rows, columns = np.mgrid[0 : CAMERA.height_px, 0 : CAMERA.width_px]
+    grain = np.random.default_rng(0).normal(0, 0.01, rows.shape)
+    soft = 0.6 + 0.15 * rows / CAMERA.height_px - 0.1 * columns / CAMERA.width_px
+    for wall in (soft, soft + grain):
+        assert edges_of(photo(wall.clip(0, 1))).length_deg < JudgeConfig().least_edges_deg / 2

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from core.camera.camera import CameraDescription
-from core.errors import MaskShapeError, OptionsError, PanoramaShapeError
+from core.errors import MaskShapeError, OptionsError, PanoramaShapeError, PanoramaUnusableError
 from core.panorama.reader import read_image, read_panorama
 from core.panorama.session import Photo
 from tests.core.panorama.picture_files import encoded, picture
@@ -71,6 +71,17 @@ def test_intrinsics_of_the_sensor_leave_a_portrait_photo_as_it_is_stored() -> No
 def test_a_photo_that_says_nothing_of_its_camera_is_refused_with_a_list_of_what_to_send() -> None:
     with pytest.raises(PanoramaShapeError, match=r"2:1 .* 640 x 480 .* EXIF .* options\.cameras .* hfov_deg"):
         read_panorama(encoded(picture(640, 480)))
+
+
+def test_a_distortion_that_leaves_most_of_the_photo_without_a_direction_is_refused() -> None:
+    wild = CameraDescription("opencv", 640, 480, 500.0, distortion=(-50.0, 1000.0, 0.0, 0.0))
+    with pytest.raises(OptionsError, match=r"^distortion: expected coefficients that hold .* leave \d+% of it"):
+        read_image(encoded(picture(640, 480)), camera=wild)
+
+
+def test_a_photo_of_a_few_pixels_is_refused_with_the_least_size() -> None:
+    with pytest.raises(PanoramaUnusableError, match="at least 16 pixels a side, got 20 x 8"):
+        read_image(encoded(picture(20, 8)), camera=CameraDescription("pinhole", hfov_deg=69.0))
 
 
 def test_a_camera_of_another_image_is_refused() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
@@ -71,3 +72,12 @@ def test_only_what_the_limits_allow_is_named(symmetric: MapIndex) -> None:
 def test_they_are_as_upright_as_the_pose(symmetric: MapIndex) -> None:
     for pose in poses(search(symmetric, symmetric), symmetric):
         np.testing.assert_allclose(pose.rotation[2], POSE.rotation[2], atol=1e-5)
+
+
+def test_a_place_far_from_every_start_has_no_starts_beside_it(other: MapIndex) -> None:
+    """As of starts three metres apart: nothing there says how alike the same place looks, and what looks alike by itself is still found."""
+    far = torch.tensor([0.0, 0.0, 1.0]) + other.starts.amax(0)
+    assert float((other.starts - far).norm(dim=1).min()) > 0
+    sparse = replace(CONFIG, search=replace(CONFIG.search, elsewhere=replace(CONFIG.search.elsewhere, distance_m=0.01)))
+    (found,) = search_same_views(other, ROTATION, far, [(other, PoseLimits())], sparse)
+    assert len(found.candidates) <= CONFIG.photo_search.same_views

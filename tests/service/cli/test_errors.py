@@ -72,7 +72,9 @@ def test_markup_in_a_message_is_shown_as_it_is(panoloc: Panoloc, fake: FakeServi
     assert "[min] and [/max], got [1]" in panoloc("maps").err
 
 
-@pytest.mark.parametrize("url", ["localhost", "localhost:8000", "ftp://127.0.0.1", "http://"])
+@pytest.mark.parametrize(
+    "url", ["localhost", "localhost:8000", "ftp://127.0.0.1", "http://", "http://127.0.0.1:no", "http://[::1"]
+)
 def test_a_url_that_is_none_is_explained(panoloc: Panoloc, url: str) -> None:
     done = panoloc("maps", "--url", url)
     assert done.code == ExitCode.ERROR

@@ -113,7 +113,7 @@ def test_the_lens_is_that_of_the_frame_or_else_of_the_file(
         (one_frame(transform_matrix=None), "transform_matrix: expected 4 x 4 numbers"),
         (one_frame(transform_matrix=(2 * np.eye(4)).tolist()), "take the scale out"),
         (one_frame(transform_matrix=np.diag([1.0, 1, -1, 1]).tolist()), "scales or mirrors"),
-        (one_frame(transform_matrix=np.full((4, 4), np.nan).tolist()), "scales or mirrors"),
+        (one_frame(transform_matrix=np.full((4, 4), np.nan).tolist()), "finite numbers"),
     ],
 )
 def test_what_a_file_lacks_is_said_with_its_place(tmp_path: Path, document: Any, says: str) -> None:

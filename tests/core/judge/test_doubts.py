@@ -1,0 +1,48 @@
+"""Doubts that turn an answer for photos into none, and say why."""
+
+import numpy as np
+import pytest
+
+from core.config import JudgeConfig
+from core.geometry.pose import Pose
+from core.judge.doubts import Doubts
+from core.options import Status
+from core.results import Candidate, Localization, SearchSummary
+
+DOUBTS = Doubts(JudgeConfig(), 0.6)
+
+
+def found(status: Status) -> Localization:
+    best = Candidate(Pose(np.eye(3), np.zeros(3)), 0, 0.95, 1.0, 0.1, "equalized", 40)
+    return Localization(status, SearchSummary("fast", 1, 10, 100, 1000), {}, best=best)
+
+
+@pytest.mark.parametrize("status", ["localized", "ambiguous"])
+def test_an_image_without_edges_is_nowhere(status: Status) -> None:
+    answer = DOUBTS.unless_plain(found(status), 20.0)
+    assert answer.status == "not_localized"
+    assert answer.best is not None
+    assert answer.best.confidence == 0.3
+    (words,) = answer.warnings
+    assert "plain wall" in words
+
+
+@pytest.mark.parametrize("edges_deg", [None, 400.0])
+def test_an_image_with_edges_or_of_labels_is_left_alone(edges_deg: float | None) -> None:
+    before = found("localized")
+    assert DOUBTS.unless_plain(before, edges_deg) is before
+
+
+def test_what_is_not_localized_needs_no_doubt() -> None:
+    before = found("not_localized")
+    assert DOUBTS.unless_plain(before, 0.0) is before
+
+
+@pytest.mark.parametrize("status", ["localized", "not_localized"])
+def test_a_bound_of_the_field_of_view_is_named(status: Status) -> None:
+    answer = DOUBTS.unless_at_bound(found(status), 80.0)
+    assert answer.status == "not_localized"
+    assert answer.warnings == (
+        "the photo fits best when it is 80 degrees wide, a bound of hfov_range_deg; widen the range",
+    )
+    assert DOUBTS.unless_at_bound(found(status), None).warnings == ()
