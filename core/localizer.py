@@ -156,6 +156,13 @@ class Localizer:
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(session.images, agreements, strict=True)
         ]
+        if len(session.images) > 1 and found.accuracy_position_m is not None:
+            wider = self.config.judge.session_radius_factors
+            found = replace(
+                found,
+                accuracy_position_m=wider[0] * found.accuracy_position_m,
+                accuracy_orientation_deg=min(wider[1] * (found.accuracy_orientation_deg or 0.0), 180.0),
+            )
         found = self._doubts.unless_seen_little_of(self._doubts.unless_contradicted(found, agreements))
         assert found.best is not None
         return replace(

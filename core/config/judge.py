@@ -35,6 +35,9 @@ class JudgeConfig:
     # poses of photos and frames two had less, 0.93 and 0.99 sure; two wrong ones that were localized, 0.60 and 0.74 sure, 0.23 and 0.32.
     least_compared: float = 0.35
     sure_of_little: float = 0.9
+    # Radii of several images are so many times wider than the curvature of their loss lets single ones be, of position and orientation:
+    # their poses in the session are off, too. Of 106 right sessions 0.49 and 0.42 were within their radii without it.
+    session_radius_factors: tuple[float, float] = (1.45, 1.8)
     # Images whose edges are together shorter than this show a plain wall. Of 127 photos of rooms the barest had 131 degrees, of 16 walls in
     # soft light, with and without grain, the richest 46; 20 degrees of a photo had 75 and were put elsewhere.
     least_edges_deg: float = 90.0

@@ -57,6 +57,24 @@ def in_axes(session: Session, axes: Pose) -> Session:
     return replace(session, images=tuple(images))
 
 
+def test_radii_of_several_photos_leave_room_for_errors_of_their_poses_in_the_session(
+    found: Localization, box_index: MapIndex
+) -> None:
+    bare = replace(CONFIG, judge=replace(CONFIG.judge, session_radius_factors=(1.0, 1.0)))
+    narrow = Localizer(bare, device="cpu").localize(session(), [box_index])
+    factors = CONFIG.judge.session_radius_factors
+    assert min(factors) > 1
+    for wide, single, factor in zip(
+        (found.accuracy_position_m, found.accuracy_orientation_deg),
+        (narrow.accuracy_position_m, narrow.accuracy_orientation_deg),
+        factors,
+        strict=True,
+    ):
+        assert wide is not None
+        assert single is not None
+        assert wide == pytest.approx(factor * single, rel=1e-3)
+
+
 # One photo.
 
 
