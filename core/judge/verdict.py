@@ -27,13 +27,16 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: Ju
     places = distinct(hypotheses, config.place)
     equals = [h for h in places if _is_equal(h, places[0], config)]
     unequal = [h for h in places if all(h is not other for other in equals)]
+    # Nothing is surer than its radius allows; of the other places, which are improbable anyhow, it is not worked out.
+    limit = share_within(*error_radii(formal_radii(places[0]), places[0].measures, model))
     # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-    alone = _probability(with_distinctness(places[0], unequal), 0.0, model, config)
+    alone = min(model.probability(features_of(with_distinctness(places[0], unequal), 0.0, config)), limit)
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:
         shared = [alone / len(equals)] * len(equals)
         others = [_confidence(place, places, model, config) for place in unequal]
         return Verdict([*equals, *unequal], shared + others, "ambiguous", alone)
     confidences = [_confidence(place, places, model, config) for place in places]
+    confidences[0] = min(confidences[0], limit)
     status: Status = "localized" if confidences[0] >= model.threshold else "not_localized"
     return Verdict(places, confidences, status, confidences[0])
 
@@ -54,11 +57,5 @@ def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
 def _confidence(place: Hypothesis, places: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> float:
     """Return the probability that a place is the right one, against the best of the others."""
     rival = max((h.score for h in places if h is not place), default=0.0)
-    probability = _probability(place, rival, model, config)
+    probability = model.probability(features_of(place, rival, config))
     return min(probability, model.threshold / 2) if place.is_held_back else probability
-
-
-def _probability(place: Hypothesis, rival: float, model: ConfidenceModel, config: JudgeConfig) -> float:
-    """Return how sure a place is against a rival of that score; no surer than its radius allows."""
-    radii = error_radii(formal_radii(place), place.measures, model)
-    return min(model.probability(features_of(place, rival, config)), share_within(*radii))

@@ -230,7 +230,7 @@ async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
     (results / "00000.json").write_text(json.dumps(json.loads((results / "00000.json").read_bytes())["result"]))
     async with running_service(tmp_path, redis_server.url) as again:
         page = (await again.client.get(f"/batches/{batch_id}")).json()
-        assert [item["status"] for item in page["items"]] == ["localized", "waiting", "waiting"]
+        assert page["items"][0]["status"] == "localized"  # the others wait, or are worked out by now: the jobs tell
         body = await done(again, batch_id)
         assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00001", f"{batch_id}-00002"]
         assert body["items"][0] == as_it_was["items"][0]
