@@ -73,10 +73,13 @@ class RunningService:
 
 @asynccontextmanager
 async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> AsyncIterator[RunningService]:
-    """Run an application in this event loop; changes: settings."""
+    """Run an application in this event loop; changes: settings, or is_held=True: no query is answered before the gate of the pool opens."""
+    is_held = changes.pop("is_held", False)
     settings = Settings(**{"data_dir": data_dir, "redis_url": redis_url, "drain_s": 0.2, **changes})
     storage = open_storage(settings.storage_url, settings.bucket_access)
     pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
+    if is_held:
+        pool.localize_gate.clear()
     app = create_app(settings, pool, Cache(redis_url, result_lifetime_s=settings.result_ttl_s), storage)
     transport = httpx.ASGITransport(app)
     async with (

@@ -228,9 +228,10 @@ async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
     (results / "00002.json").write_bytes(b'{"sta')
     # As they were stored before they had digests.
     (results / "00000.json").write_text(json.dumps(json.loads((results / "00000.json").read_bytes())["result"]))
-    async with running_service(tmp_path, redis_server.url) as again:
+    async with running_service(tmp_path, redis_server.url, is_held=True) as again:
         page = (await again.client.get(f"/batches/{batch_id}")).json()
-        assert page["items"][0]["status"] == "localized"  # the others wait, or are worked out by now: the jobs tell
+        assert [item["status"] for item in page["items"]] == ["localized", "waiting", "waiting"]
+        again.pool.localize_gate.set()
         body = await done(again, batch_id)
         assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00001", f"{batch_id}-00002"]
         assert body["items"][0] == as_it_was["items"][0]

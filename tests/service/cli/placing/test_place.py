@@ -161,33 +161,22 @@ def test_a_field_of_view_is_that_of_the_photos_and_not_of_the_panoramas_among_th
     assert photo_options(panorama, own, {"method": "fast"}) == {"method": "fast", "cameras": [own]}
 
 
+@pytest.mark.parametrize(("status", "title"), [(504, "No answer before the deadline"), (500, "The service failed")])
 def test_a_failure_that_is_not_of_the_photo_is_tried_again_by_the_next_run(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, status: int, title: str
 ) -> None:
     command = ("place", photos, "--map", "map_1", "--out", tmp_path / "out", "--parallel", "1")
     fake.refuse_file = "is rooms/b.png"
-    fake.refusal = problem(504, "No answer before the deadline", "allow more time")
+    fake.refusal = problem(status, title, "try again")
     assert panoloc(*command).code == EXIT_ERROR
     assert num_queries(fake) == 3
+    assert "rooms/b.png" in (tmp_path / "out" / "unplaced.txt").read_text()
     fake.refusal = problem(422, "The image is damaged", "send it whole")
     assert panoloc(*command).code == EXIT_ERROR
     assert num_queries(fake) == 4
     fake.refuse_file = None
     outcome = panoloc(*command)
     assert (outcome.code, num_queries(fake)) == (EXIT_ERROR, 4)
-
-
-def test_a_photo_at_which_the_service_fails_leaves_the_others_placed_and_is_tried_again(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
-) -> None:
-    command = ("place", photos, "--map", "map_1", "--out", tmp_path / "out", "--parallel", "1")
-    fake.refuse_file = "is rooms/b.png"
-    fake.refusal = problem(500, "The service failed", "tell the operator")
-    assert panoloc(*command).code == EXIT_ERROR
-    assert num_queries(fake) == 3
-    assert "rooms/b.png" in (tmp_path / "out" / "unplaced.txt").read_text()
-    fake.refuse_file = None
-    assert (panoloc(*command).code, num_queries(fake)) == (0, 4)
 
 
 def test_two_runs_do_not_share_a_folder_and_one_that_was_killed_holds_none(
