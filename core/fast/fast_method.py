@@ -131,9 +131,9 @@ class _Run:
             judged = by_score([*judged, *stages.roughly(around)], self.config.judge.distinct)
             hypotheses, comparison = self._finish(stages, judged, rough)
             hypotheses = with_same_views(hypotheses, same, self.config.search.elsewhere)
-        cloud = queries[hypotheses[0].map_number].cloud if hypotheses else None
-        picture = queries[0].picture
-        edges_deg = picture.edges_deg() if isinstance(picture, PreparedPhotos) else None
+        own = queries[hypotheses[0].map_number] if hypotheses else queries[0]
+        edges_deg = own.picture.edges_deg() if isinstance(own.picture, PreparedPhotos) else None
+        cloud = own.cloud if hypotheses else None
         return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses, edges_deg)
 
     def search_score(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> float:

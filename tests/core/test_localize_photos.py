@@ -75,6 +75,14 @@ def test_radii_of_several_photos_leave_room_for_errors_of_their_poses_in_the_ses
         assert wide == pytest.approx(factor * single, rel=1e-3)
 
 
+def test_photos_are_asked_for_their_edges(found: Localization, box_index: MapIndex) -> None:
+    assert found.status == "localized"
+    strict = replace(CONFIG, judge=replace(CONFIG.judge, least_edges_deg=1e6))
+    refused = Localizer(strict, device="cpu").localize(session(), [box_index])
+    assert refused.status == "not_localized"
+    assert any("next to no edges" in words for words in refused.warnings)
+
+
 # One photo.
 
 
