@@ -40,10 +40,6 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
 def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
     """Raise PanoramaUnusableError where next to nothing of the sphere is visible in a photo with the valid pixels (h, w), and OptionsError
     where most of the photo has no direction."""
-    if min(valid.shape) < _MIN_SIDE:
-        raise PanoramaUnusableError(
-            f"image: expected a photo of at least {_MIN_SIDE} pixels a side, got {valid.shape[1]} x {valid.shape[0]}"
-        )
     with_direction = share_with_direction(camera)
     if with_direction < _MIN_WITH_DIRECTION:
         raise OptionsError(
@@ -56,6 +52,11 @@ def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
     seen = shown.copy()
     seen[shown] = valid[np.minimum(row, valid.shape[0] - 1), np.minimum(column, valid.shape[1] - 1)]
     _check_share(seen, camera)
+    # Last: of one that shows next to nothing of the sphere little is left when it is made smaller.
+    if min(valid.shape) < _MIN_SIDE:
+        raise PanoramaUnusableError(
+            f"image: expected a photo of at least {_MIN_SIDE} pixels a side, got {valid.shape[1]} x {valid.shape[0]}"
+        )
 
 
 def _check_share(seen: NDArray[np.bool_], camera: Camera) -> None:

@@ -89,9 +89,8 @@ class _Squares:
         colors = planes.colors.index_select(0, at).view(count, size, -1)  # (G, N, 3 T)
         seen = planes.seen.index_select(0, at).view(count, size, -1)  # (G, N, T)
         squares = planes.squares.index_select(0, at).view(count, size, -1)
-        own = (
-            self._moments @ seen
-        )  # (G, 5, T): mass, and first and second moments of the photos where the scan shows something
+        # Mass, and first and second moments of the photos, where the scan shows something.
+        own = self._moments @ seen  # (G, 5, T)
         mass = own[:, 0]
         per = 1 / mass.clamp_min(1e-9)
         mean = (self._solid @ colors).view(count, 3, -1) * per[:, None]

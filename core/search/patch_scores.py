@@ -31,9 +31,8 @@ def patch_scores_of(
     """
     own = photos.roots @ views.basis  # (Q, D)
     weighted = own * photos.weights[:, None]
-    variance = (views.spreads * (own.T @ weighted)).sum(
-        (1, 2)
-    )  # Σ w (q · v)² over patches of the photos and of the view
+    # Σ w (q · v)² over patches of the photos and of the view.
+    variance = (views.spreads * (own.T @ weighted)).sum((1, 2))
     towards = _met_patches(photos, rotations, grid)[rotation]  # (K, Q)
     met = views.steps.flatten(0, 1).index_select(0, (start[:, None] * len(grid) + towards).flatten())
     met = met.view(len(start), -1).float()
