@@ -88,6 +88,7 @@ class Localizer:
                 raise OptionsError(f"method: expected fast or paper, got {method!r}")
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
+        answer = self._with_radii_of(answer, len(query.images) if isinstance(query, Session) else None)
         if isinstance(query, Session):
             answer = self._for_session(answer, query, result.comparison)
             answer = self._doubts.unless_at_bound(self._doubts.unless_plain(answer, result.edges_deg), bound_deg)
@@ -140,6 +141,17 @@ class Localizer:
             evidence=Evidence(places[0].measures, max((h.score for h in places[1:]), default=None), formal),
         )
 
+    def _with_radii_of(self, found: Localization, num_images: int | None) -> Localization:
+        """Return the answer with the radii of a session of so many images, of a panorama where it is None."""
+        if found.accuracy_position_m is None or found.accuracy_orientation_deg is None:
+            return found
+        position, orientation = self.config.judge.radius_factors(num_images)
+        return replace(
+            found,
+            accuracy_position_m=position * found.accuracy_position_m,
+            accuracy_orientation_deg=min(orientation * found.accuracy_orientation_deg, 180.0),
+        )
+
     def _for_session(self, found: Localization, session: Session, comparison: Comparison | None) -> Localization:
         """Return the answer with poses of the first image, and those of all images at the best pose."""
         if found.best is None:
@@ -156,13 +168,6 @@ class Localizer:
             FoundImage(map_from_session.after(image.session_from_camera), agrees.correlation if agrees else None)
             for image, agrees in zip(session.images, agreements, strict=True)
         ]
-        if len(session.images) > 1 and found.accuracy_position_m is not None:
-            wider = self.config.judge.session_radius_factors
-            found = replace(
-                found,
-                accuracy_position_m=wider[0] * found.accuracy_position_m,
-                accuracy_orientation_deg=min(wider[1] * (found.accuracy_orientation_deg or 0.0), 180.0),
-            )
         found = self._doubts.unless_seen_little_of(self._doubts.unless_contradicted(found, agreements))
         assert found.best is not None
         return replace(

@@ -109,11 +109,15 @@ class MapQuery:
         return judged, comparison
 
     def _as_lines_agree(self, group: list[Hypothesis]) -> list[Hypothesis]:
-        """Return hypotheses with a smaller score the less lines agree with their rotations."""
+        """Return hypotheses with a smaller score the less lines agree with their rotations, and how well they do among the measures."""
         if self.lines is None or not group:
             return group
-        kept = 1 - self.config.judge.lines_share * self.lines.missed(stacked_poses(group)[0])
-        return [replace(h, score=h.score * share) for h, share in zip(group, kept.tolist(), strict=True)]
+        agreeing = (1 - self.lines.missed(stacked_poses(group)[0])).tolist()
+        lost = self.config.judge.lines_share
+        return [
+            replace(h, score=h.score * (1 - lost * (1 - share)), measures=h.measures | {"lines": share})
+            for h, share in zip(group, agreeing, strict=True)
+        ]
 
     def points_from_starts(self, group: Sequence[Hypothesis], coarse: bool) -> CandidatePoints:
         """Return what the starts of the hypotheses see, with colours of half the views' resolution or all of it."""

@@ -71,10 +71,9 @@ class Camera:
                 )
         allowed = _NUM_COEFFICIENTS.get(self.model, ())
         if self.distortion and len(self.distortion) not in allowed:
-            wanted = " or ".join(map(str, allowed)) or "none"
-            raise OptionsError(
-                f"distortion: expected {wanted} coefficients for {self.model}, got {len(self.distortion)}"
-            )
+            many = f"{' or '.join(map(str, allowed))} coefficients" if allowed else "none"
+            hint = "" if allowed else "; opencv and opencv_fisheye have them"
+            raise OptionsError(f"distortion: expected {many} for {self.model}, got {len(self.distortion)}{hint}")
         if not all(math.isfinite(value) for value in self.distortion):
             raise OptionsError(f"distortion: expected finite numbers, got {list(self.distortion)}")
 

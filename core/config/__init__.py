@@ -8,7 +8,7 @@ from core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, Sta
 from core.config.judge import ChangeConfig, JudgeConfig
 from core.config.lines import LineConfig
 from core.config.localizer import LocalizerConfig, PaperConfig
-from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
+from core.config.refinement import HalvesConfig, PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
 from core.config.search import FieldOfViewConfig, PhotoSearchConfig, PoseDistance, SearchConfig
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "DescriptorConfig",
     "FieldOfViewConfig",
     "FineViewConfig",
+    "HalvesConfig",
     "IndexConfig",
     "JudgeConfig",
     "LightFitConfig",

@@ -44,6 +44,16 @@ class StepConfig:
 
 
 @dataclass(frozen=True)
+class HalvesConfig:
+    """Whether halves of a picture, refined apart from the pose found, meet at one (see `core.refine.halves`)."""
+
+    square_deg: float = 11.25  # of the chessboard that parts them
+    rows: int = 128  # of the level they are refined on: finer ones hold them where they are
+    every: int = 2  # of the points; with a quarter of them halves of right poses end twice as far apart
+    iterations: int = 6
+
+
+@dataclass(frozen=True)
 class RefinementConfig:
     """Refinement coarse to fine (see `core.fast.fast_method`). Iterations: at most; heights: rows of an image."""
 
@@ -78,6 +88,7 @@ class RefinementConfig:
     finest_height: int = 512
     finest_points: int = 24_000
     finest_iterations: int = 4
+    halves: HalvesConfig = HalvesConfig()
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from core.config import LocalizerConfig
 from core.fast.refinement_steps import RefinementSteps
@@ -10,8 +10,21 @@ from core.judge.agreement import likeness
 from core.judge.hypotheses import Hypothesis, by_map, by_score, distinct, merged, with_distinctness
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery
+from core.refine.refinement import CandidatePoints
 from core.stage_clock import StageClock
 from core.views.comparison import Comparison
+
+
+@dataclass
+class _Full:
+    """A settled hypothesis; itself refined fully and judged, and how the scan compares there; the points that it was refined on; and
+    whether halves of the picture were asked."""
+
+    settled: Hypothesis
+    final: Hypothesis
+    comparison: Comparison
+    points: CandidatePoints
+    has_halves: bool = False
 
 
 class CandidateStages:
@@ -22,8 +35,7 @@ class CandidateStages:
         self.refined = RefinementSteps(config, clock)
         self.settled: list[Hypothesis] = []
         self._rough: list[Hypothesis] = []  # those settled, as they were before
-        # Settled ones, each with itself refined fully and the comparison there.
-        self._full: list[tuple[Hypothesis, tuple[Hypothesis, Comparison]]] = []
+        self._full: list[_Full] = []
 
     def roughly(self, candidates: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine candidates on what their starts see and return them judged, by score."""
@@ -57,36 +69,45 @@ class CandidateStages:
 
         judged: poses judged before any was settled, by score.
         """
-        finals = sorted(self._refined_fully(chosen), key=lambda final: -final[0].score)
+        finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
         others = [h for h in self.settled if all(h is not other for other in chosen)]
         if not finals:
             return others, None
-        best, place = finals[0][0], self.config.judge.place
+        best, comparison, place = self._with_halves(finals[0]), finals[0].comparison, self.config.judge.place
         with self.clock.stage("judge"):
-            known = sum(not h.is_near(best, place) for h, _ in finals)
+            known = sum(not full.final.is_near(best, place) for full in finals)
             rivals, others = self._rivals(best, others, judged, self.config.judge.rivals - known)
-            compared = [*finals[1:], *(self.queries[h.map_number].judge_alone(h) for h in rivals)]
-            beside = [self._beside(finals[0], *final) for final in compared]
+            compared = [(full.final, full.comparison) for full in finals[1:]]
+            compared += [self.queries[h.map_number].judge_alone(h) for h in rivals]
+            beside = [self._beside((best, comparison), *each) for each in compared]
         elsewhere = [h for h in beside if not h.is_near(best, place)]
         # The rest was judged on smaller renderings, where scores are larger: none of it is better than what came before it.
         least = min((h.score for h in elsewhere), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]
-        return [with_distinctness(best, elsewhere), *beside, *others], finals[0][1]
+        return [with_distinctness(best, elsewhere), *beside, *others], comparison
 
-    def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Comparison]]:
-        """Return settled ones refined at full resolution and judged, with the comparison; each only once in a query, for the best of
-        a first portion are often among those of the next."""
+    def _with_halves(self, best: "_Full") -> Hypothesis:
+        """Return the best hypothesis with how far apart the halves of the picture end from there, which is asked only once of each."""
+        if not best.has_halves:
+            with self.clock.stage("refine"):
+                best.final = self.refined.with_halves(self.queries[best.final.map_number], best.final, best.points)
+            best.has_halves = True
+        return best.final
+
+    def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list["_Full"]:
+        """Return settled ones refined at full resolution and judged; each only once in a query, for the best of a first portion are often
+        among those of the next."""
         finals = []
         for hypothesis in chosen:
             query = self.queries[hypothesis.map_number]
-            known = next((final for settled, final in self._full if settled is hypothesis), None)
+            known = next((full for full in self._full if full.settled is hypothesis), None)
             if known is None:
                 with self.clock.stage("refine"):
-                    refined = self.refined.fully(query, hypothesis)
+                    refined, points = self.refined.fully(query, hypothesis)
                 with self.clock.stage("judge"):
-                    known = query.judge_alone(refined)
-                self._full.append((hypothesis, known))
-            if query.allows(known[0]):
+                    known = _Full(hypothesis, *query.judge_alone(refined), points)
+                self._full.append(known)
+            if query.allows(known.final):
                 finals.append(known)
         return finals
 

@@ -1,5 +1,6 @@
 """The refinement steps of the `fast` method: on what starts see, on what poses see, and at full resolution."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, by_colors, within_limits
 from core.refine.focal_refinement import FocalRefined, refine_with_focal
+from core.refine.halves import halves_apart
 from core.refine.refinement import CandidatePoints, joined, refine
 from core.refine.rig_level import RigLevel
 from core.stage_clock import StageClock
@@ -75,8 +77,8 @@ class RefinementSteps:
             return step
         return replace(step, damping=sizes.rough_damping, relaxation=1.0, max_relaxation=sizes.rough_max_relaxation)
 
-    def fully(self, query: MapQuery, hypothesis: Hypothesis) -> Hypothesis:
-        """Refine at full resolution, with all points and the colours of this pose alone."""
+    def fully(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, CandidatePoints]:
+        """Refine at full resolution, with all points and the colours of this pose alone; return these points as well."""
         self.clock.check()
         sizes, share = self.config.refinement, self.config.refinement.fine_contrast_share
         comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
@@ -92,7 +94,20 @@ class RefinementSteps:
             # How sharp the loss of single points is there says how far off the pose may be.
             (there,) = self._refine(query.picture, level, replace(points, patches=None), [hypothesis], 1, None)
             hypothesis = replace(there, rotation=hypothesis.rotation, position=hypothesis.position)
-        return query.within_limits(hypothesis)
+        return query.within_limits(hypothesis), points
+
+    def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: CandidatePoints) -> Hypothesis:
+        """Return a hypothesis that was refined fully, with how far apart the halves of the picture end from there among its measures."""
+        sizes, photos = self.config.refinement, self.config.photos
+        share = sizes.contrast_share if points.patches is None else photos.patch_contrast_share
+        level = query.picture.canonical_level(sizes.halves.rows, share)
+        step = self._suited(query.picture, self.config.step if points.patches is None else photos.patch_step)
+        apart = halves_apart(level, points, hypothesis.rotation, hypothesis.position, step, sizes.halves)
+        distance, angle = apart.tolist()
+        return replace(
+            hypothesis,
+            measures=hypothesis.measures | {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)},
+        )
 
     def with_focal(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
         """Refine a pose with the focal length of the only photo; also return by which factor that grows."""

@@ -17,7 +17,7 @@ from core.judge.hypotheses import Hypothesis
 
 RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
 _HELD = 0.68  # of the poses are within their radii
-FEATURES = ("patch_correlation", "margin", "relative_margin", "distinctness")
+FEATURES = ("patch_correlation", "relative_margin", "distinctness", "halves", "sharpness", "lines")
 
 
 @dataclass(frozen=True)
@@ -62,19 +62,37 @@ def load_confidence_model() -> ConfidenceModel:
     )
 
 
-def features_of(hypothesis: Hypothesis, best_elsewhere: float, config: JudgeConfig) -> dict[str, float]:
-    """Return the signs of confidence of a hypothesis; `best_elsewhere`: the judge's score of the best candidate at
-    another place, 0 where there is none."""
+def features_of(
+    hypothesis: Hypothesis, best_elsewhere: float, formal: tuple[float, float] | None, config: JudgeConfig
+) -> dict[str, float]:
+    """Return the signs of confidence of a hypothesis.
+
+    best_elsewhere: the judge's score of the best candidate at another place, 0 where there is none. formal: its `formal_radii`, None where
+    nobody asked.
+    """
     measures, score = hypothesis.measures, hypothesis.score
-    has_rival = best_elsewhere > 0
+    halves, sharpness = config.unknown_halves, config.unknown_sharpness
+    if "halves_apart_m" in measures:
+        apart = math.hypot(measures["halves_apart_m"] / RIGHT_M, measures["halves_apart_deg"] / RIGHT_DEG)
+        halves = _times_nearer(apart, config.halves_range)
+    if formal is not None:
+        sharpness = _times_nearer(formal[1] / RIGHT_DEG, config.sharpness_range)
     return {
         "patch_correlation": measures["patch_correlation"],
-        "margin": min(score - best_elsewhere, config.max_margin) if has_rival else config.unknown_margin,
         "relative_margin": 1 - best_elsewhere / max(score, best_elsewhere)
-        if has_rival
+        if best_elsewhere > 0
         else config.unknown_relative_margin,
         "distinctness": measures.get("distinctness", config.unknown_distinctness),
+        "halves": halves,
+        "sharpness": sharpness,
+        "lines": measures.get("lines", config.unknown_lines),
     }
+
+
+def _times_nearer(share: float, limits: tuple[float, float]) -> float:
+    """Return the logarithm of how many times nearer than what is right something is that is a `share` of that apart."""
+    lowest, highest = limits
+    return min(max(-math.log(max(share, 1e-9)), lowest), highest)
 
 
 def formal_radii(hypothesis: Hypothesis) -> tuple[float, float] | None:

@@ -28,15 +28,16 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: Ju
     equals = [h for h in places if _is_equal(h, places[0], config)]
     unequal = [h for h in places if all(h is not other for other in equals)]
     # Nothing is surer than its radius allows; of the other places, which are improbable anyhow, it is not worked out.
-    limit = share_within(*error_radii(formal_radii(places[0]), places[0].measures, model))
+    formal = formal_radii(places[0])
+    limit = share_within(*error_radii(formal, places[0].measures, model))
     # Would it be sure if the equals were not there? Otherwise nothing fits, and a wrong scan is not an ambiguous one.
-    alone = min(model.probability(features_of(with_distinctness(places[0], unequal), 0.0, config)), limit)
+    alone = min(model.probability(features_of(with_distinctness(places[0], unequal), 0.0, formal, config)), limit)
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:
         shared = [alone / len(equals)] * len(equals)
         others = [_confidence(place, places, model, config) for place in unequal]
         return Verdict([*equals, *unequal], shared + others, "ambiguous", alone)
-    confidences = [_confidence(place, places, model, config) for place in places]
-    confidences[0] = min(confidences[0], limit)
+    confidences = [min(_confidence(places[0], places, model, config, formal), limit)]
+    confidences += [_confidence(place, places, model, config) for place in places[1:]]
     status: Status = "localized" if confidences[0] >= model.threshold else "not_localized"
     return Verdict(places, confidences, status, confidences[0])
 
@@ -54,8 +55,15 @@ def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
     return behind < min(config.ambiguous_margin, config.ambiguous_share * best.score)
 
 
-def _confidence(place: Hypothesis, places: Sequence[Hypothesis], model: ConfidenceModel, config: JudgeConfig) -> float:
-    """Return the probability that a place is the right one, against the best of the others."""
+def _confidence(
+    place: Hypothesis,
+    places: Sequence[Hypothesis],
+    model: ConfidenceModel,
+    config: JudgeConfig,
+    formal: tuple[float, float] | None = None,
+) -> float:
+    """Return the probability that a place is the right one, against the best of the others. formal: its radii by the curvature of the loss,
+    where they were worked out."""
     rival = max((h.score for h in places if h is not place), default=0.0)
-    probability = model.probability(features_of(place, rival, config))
+    probability = model.probability(features_of(place, rival, formal, config))
     return min(probability, model.threshold / 2) if place.is_held_back else probability

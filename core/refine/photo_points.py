@@ -13,6 +13,7 @@ from core.light.color_equalization import apply_tables, equalization_tables
 from core.light.local_contrast import local_contrast
 from core.panorama.photo_atlas import PhotoAtlas
 from core.refine.refinement import CandidatePoints
+from core.refine.sphere_squares import patch_numbers
 from core.views.comparison import Comparison
 from core.views.photo_comparison import RigView
 from core.views.render_cloud import RenderCloud
@@ -40,18 +41,6 @@ def look_directions(atlas: PhotoAtlas, count: int, margin_deg: float) -> LookDir
     every = even_directions(max(16, round(count / max(share, 1e-3)))).to(device)
     chosen = every[atlas.shows(every, margin)]
     return LookDirections(chosen, atlas.shows(chosen))
-
-
-def patch_numbers(directions: Tensor, side_deg: float) -> Tensor:
-    """Return the number (N,) int64 of the patch, about `side_deg` degrees high and wide at the horizon, of each direction (N, 3)."""
-    x, y, z = directions.unbind(-1)
-    side = math.radians(side_deg)
-    row = torch.div(torch.asin(z.clamp(-1, 1)), side, rounding_mode="floor")
-    # Towards the poles patches span more of the azimuth, so that they stay as wide.
-    middle = ((row + 0.5) * side).cos().clamp_min(0.1)
-    column = torch.div(torch.atan2(y, x) * middle, side, rounding_mode="floor")
-    numbers: Tensor = torch.unique(row * 1000 + column, return_inverse=True)[1]
-    return numbers
 
 
 def _by_patch(look: LookDirections, side_deg: float | None) -> tuple[LookDirections, Tensor | None]:

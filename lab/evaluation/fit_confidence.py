@@ -121,7 +121,9 @@ def features_of_row(row: Row) -> list[float]:
     """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
     search = row.search
     judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=search["score"], measures=search["measures"])
-    values = features_of(judged, search.get("runner_up_score") or 0.0, JudgeConfig())
+    radii = row.formal_position_m, row.formal_orientation_deg
+    formal = None if radii[0] is None or radii[1] is None else (radii[0], radii[1])
+    values = features_of(judged, search.get("runner_up_score") or 0.0, formal, JudgeConfig())
     return [float(values[name]) for name in FEATURES]
 
 

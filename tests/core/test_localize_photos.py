@@ -63,7 +63,7 @@ def test_radii_of_several_photos_leave_room_for_errors_of_their_poses_in_the_ses
     bare = replace(CONFIG, judge=replace(CONFIG.judge, session_radius_factors=(1.0, 1.0)))
     narrow = Localizer(bare, device="cpu").localize(session(), [box_index])
     factors = CONFIG.judge.session_radius_factors
-    assert min(factors) > 1
+    assert min(factors) > max(CONFIG.judge.photo_radius_factors) > max(CONFIG.judge.panorama_radius_factors)
     for wide, single, factor in zip(
         (found.accuracy_position_m, found.accuracy_orientation_deg),
         (narrow.accuracy_position_m, narrow.accuracy_orientation_deg),

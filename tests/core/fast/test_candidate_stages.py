@@ -26,15 +26,20 @@ class Refinement:
     """Stands for the refinement steps: leaves poses as they are and counts them."""
 
     def __init__(self) -> None:
-        self.settled, self.full = list[Hypothesis](), list[Hypothesis]()
+        self.settled, self.full, self.halved = list[Hypothesis](), list[Hypothesis](), list[Hypothesis]()
 
     def on_poses(self, queries: Sequence[MapQuery], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         self.settled += hypotheses
         return list(hypotheses)
 
-    def fully(self, query: MapQuery, hypothesis: Hypothesis) -> Hypothesis:
+    def fully(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
         self.full.append(hypothesis)
-        return hypothesis
+        return hypothesis, f"points of {hypothesis.score}"
+
+    def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: Any) -> Hypothesis:
+        self.halved.append(hypothesis)
+        assert points == f"points of {hypothesis.score / SMALLER}"
+        return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": 0.01})
 
 
 def stages_of(rivals: int) -> tuple[CandidateStages, Refinement]:
@@ -62,7 +67,18 @@ def test_what_was_settled_or_refined_fully_is_not_again() -> None:
     for _ in range(2):
         stages.finals(stages.settled[:1], ranked)
     assert refinement.full == ranked[:1]
+    assert [h.score for h in refinement.halved] == [0.5]
     assert [h.score for h in stages.settled] == [1.0, 0.8]
+
+
+def test_halves_are_asked_of_the_best_alone() -> None:
+    stages, refinement = stages_of(rivals=1)
+    ranked = [placed(0.0, 1.0), placed(3.0, 0.9)]
+    stages.settle(ranked)
+    found, _ = stages.finals(stages.settled, ranked)
+    assert len(refinement.full) == 2
+    assert ["halves_apart_m" in h.measures for h in found] == [True, False]
+    assert len(refinement.halved) == 1
 
 
 def test_what_comes_back_to_a_place_that_it_was_sought_apart_from_is_no_rival() -> None:

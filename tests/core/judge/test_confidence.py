@@ -61,20 +61,6 @@ def judged(score: float = 1.2, **measures: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("best_elsewhere", "margin"),
-    [
-        (1.1, 0.1),
-        (1.3, -0.1),  # the other place is the better one
-        (0.4, 0.5),  # further behind says nothing more
-        (0.0, 0.2),  # nobody knows: neither a good sign nor a bad one
-        (1e-6, 0.5),
-    ],
-)
-def test_the_margin_is_what_the_best_other_place_is_behind(best_elsewhere: float, margin: float) -> None:
-    assert features_of(judged(), best_elsewhere, JudgeConfig())["margin"] == pytest.approx(margin)
-
-
-@pytest.mark.parametrize(
     ("score", "best_elsewhere", "share"),
     [
         (0.5, 0.4, 0.2),
@@ -87,16 +73,44 @@ def test_the_margin_is_what_the_best_other_place_is_behind(best_elsewhere: float
 def test_the_relative_margin_is_the_share_that_the_best_other_place_is_behind(
     score: float, best_elsewhere: float, share: float
 ) -> None:
-    found = features_of(judged(score), best_elsewhere, JudgeConfig())
+    found = features_of(judged(score), best_elsewhere, None, JudgeConfig())
     assert found["relative_margin"] == pytest.approx(share)
 
 
-def test_the_signs_of_confidence_are_agreement_inside_patches_margins_and_distinctness() -> None:
-    found = features_of(judged(), 0.9, JudgeConfig())
+def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
+    found, config = features_of(judged(), 0.9, None, JudgeConfig()), JudgeConfig()
     assert tuple(found) == FEATURES
     assert found["patch_correlation"] == pytest.approx(0.2)
-    assert found["distinctness"] == JudgeConfig().unknown_distinctness
-    assert features_of(judged(distinctness=0.8), 0.9, JudgeConfig())["distinctness"] == pytest.approx(0.8)
+    assert found["distinctness"] == config.unknown_distinctness
+    assert found["halves"] == config.unknown_halves
+    assert found["sharpness"] == config.unknown_sharpness
+    assert found["lines"] == config.unknown_lines
+
+
+def test_what_was_measured_is_a_sign() -> None:
+    found = features_of(judged(distinctness=0.8, lines=0.3), 0.9, None, JudgeConfig())
+    assert (found["distinctness"], found["lines"]) == (0.8, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("apart_m", "apart_deg", "sign"),
+    [
+        (0.3, 0.0, 0.0),  # as far apart as a right pose may be off
+        (0.0, 10.0, 0.0),
+        (0.03, 0.0, math.log(10)),
+        (0.018, 0.8, math.log(10)),  # both together
+        (1.0, 90.0, -1.0),  # further says nothing more
+        (0.0, 0.0, 7.0),
+    ],
+)
+def test_halves_that_meet_nearer_are_a_better_sign(apart_m: float, apart_deg: float, sign: float) -> None:
+    measures = {"halves_apart_m": apart_m, "halves_apart_deg": apart_deg}
+    assert features_of(judged(**measures), 0.9, None, JudgeConfig())["halves"] == pytest.approx(sign)
+
+
+@pytest.mark.parametrize(("formal_deg", "sign"), [(10.0, 0.0), (0.1, math.log(100)), (90.0, -1.0), (0.0, 9.0)])
+def test_a_sharper_loss_is_a_better_sign(formal_deg: float, sign: float) -> None:
+    assert features_of(judged(), 0.9, (0.01, formal_deg), JudgeConfig())["sharpness"] == pytest.approx(sign)
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:

@@ -13,39 +13,24 @@ from core.geometry.pose import Pose
 from core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
 from core.lines.line_hold import LineHold
 from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import equalized_windows
-from core.panorama.session import Session
 from core.refine.gauss_newton import initial_history
 from core.refine.patch_step import PatchStep, patch_step
-from core.refine.photo_points import look_directions, patch_numbers
+from core.refine.photo_points import look_directions
 from core.refine.refinement import CandidatePoints, refine
 from core.refine.rig_level import RigLevel
+from core.refine.sphere_squares import patch_numbers
 from tests.core.lines.made_edges import edges_along
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import photo_of, session_of
+from tests.core.panorama.painted_photos import session_of
+from tests.core.refine.painted_scene import POSE, POSITION, ROTATION, photo_with_points
 
-POSE = Pose(rotation_of(25.0, 5.0, -3.0), np.array([1.6, 2.1, 1.4]))
-ROTATION, POSITION = (torch.tensor(part, dtype=torch.float32)[None] for part in (POSE.rotation, POSE.position))
 PLAIN = PhotoRefinementConfig().patch_step
 RULES = replace(PLAIN, patch_robust_scale=2.0)
 
 
 @pytest.fixture(scope="module")
 def scene() -> tuple[RigLevel, CandidatePoints]:
-    """A photo, and what it shows with the colours that the level has there: at the true pose nothing is left over."""
-    box = PaintedBox(seed=3)
-    atlas = PhotoAtlas(
-        Session.of_photo(photo_of(box, Camera.from_hfov("pinhole", 640, 480, 80.0), POSE)), 512, None, "cpu"
-    )
-    windows = atlas.windows(128)
-    level = RigLevel(windows.level(equalized_windows(windows)), atlas.rotations, atlas.centers)
-    look = look_directions(atlas, 2000, 0.0).directions
-    patches, order = patch_numbers(look, 15.0).sort(stable=True)
-    look = look[order]
-    place = torch.tensor(box.points_along(POSE.position, look.double().numpy() @ POSE.rotation.T), dtype=torch.float32)
-    seen, inside = level.sample_points(place.T[None], None, ROTATION, POSITION)
-    colors = seen.color.transpose(1, 2).clone()
-    return level, CandidatePoints(place[None], colors, inside.float(), None, patches)
+    return photo_with_points(PaintedBox(seed=3))
 
 
 def moved(turn: tuple[float, float, float], move: tuple[float, float, float]) -> tuple[Tensor, Tensor]:

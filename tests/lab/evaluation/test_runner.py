@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from core.config import JudgeConfig
 from core.judge.confidence import load_confidence_model
 from lab.evaluation import Evaluation, Row, RowsFile, RunOptions, ScanCases, compared_method, folder_scans, limited
 from lab.evaluation.fit_confidence import features_of_row
@@ -51,7 +52,7 @@ def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tu
         assert row.confidence == pytest.approx(model.probability(features), abs=1e-6)
         assert row.formal_position_m is not None
         radius = model.position_radius.radius(row.formal_position_m, row.search["measures"]["patch_correlation"])
-        assert row.accuracy_position_m == pytest.approx(radius)
+        assert row.accuracy_position_m == pytest.approx(JudgeConfig().panorama_radius_factors[0] * radius)
 
 
 @pytest.mark.slow

@@ -1,0 +1,66 @@
+"""Whether halves of a picture, refined apart, meet at one pose.
+
+At the right pose all parts of a picture say the same, however little some of them still agree. At a wrong one what fits does so by chance,
+and each half alone fits better elsewhere: by decimetres and degrees in rooms as bare as they come, where all other signs may be taken in
+(docs/confidence.md).
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from core.config import HalvesConfig, StepConfig
+from core.geometry.rotations import rotation_angle
+from core.panorama.image_level import ImageLevel
+from core.refine.refinement import CandidatePoints, refine
+from core.refine.rig_level import RigLevel
+from core.refine.sphere_squares import on_black_squares
+
+_NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
+
+
+def halves_apart(
+    level: ImageLevel | RigLevel,
+    points: CandidatePoints,
+    rotation: Tensor,
+    position: Tensor,
+    step: StepConfig,
+    config: HalvesConfig,
+) -> Tensor:
+    """Return how far apart (2,), metres and radians, the poses are that the two halves of a picture lead to from one pose.
+
+    The halves are the black and the white squares of a chessboard on the sphere. points: of that one pose. rotation: (3, 3)
+    map_from_camera; position: (3,) metres.
+    """
+    some = _thinned(points, config.every)
+    directions = torch.nn.functional.normalize((some.positions[0] - position) @ rotation, dim=-1)
+    is_black = on_black_squares(directions, config.square_deg)
+    weights = some.weights[0] * torch.stack((is_black, ~is_black))
+    both = CandidatePoints(
+        some.positions.expand(2, -1, -1),
+        some.colors.expand(2, -1, -1),
+        weights,
+        None if some.photos is None else some.photos.expand(2, -1),
+        some.patches,
+    )
+    found = refine(level, both, rotation.expand(2, 3, 3), position.expand(2, 3), config.iterations, step)
+    distance = (found.positions[0] - found.positions[1]).norm()
+    angle = rotation_angle(found.rotations[0], found.rotations[1])
+    # Halves in which nothing agrees stay where they are, which is no agreement.
+    is_blind = (found.hessian.diagonal(dim1=1, dim2=2).sum(-1) <= 0).any()
+    return torch.stack((torch.where(is_blind, _NOWHERE_M, distance), torch.where(is_blind, _NOWHERE_RAD, angle)))
+
+
+def _thinned(points: CandidatePoints, stride: int) -> CandidatePoints:
+    """Return every so-manieth point; lines, which both halves share, are left out: what they hold together says nothing."""
+    patches = None
+    if points.patches is not None:
+        patches = torch.unique(points.patches[::stride], return_inverse=True)[1]
+    return CandidatePoints(
+        points.positions[:, ::stride],
+        points.colors[:, ::stride],
+        points.weights[:, ::stride],
+        None if points.photos is None else points.photos[:, ::stride],
+        patches,
+    )
