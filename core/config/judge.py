@@ -48,6 +48,9 @@ class JudgeConfig:
     photo_patch_rows: int = 16  # from pole to pole: patches of 11 degrees, for each image alone
     rivals: int = 1  # places elsewhere that are judged as the best one is
     photo_rivals: int = 3  # likewise, of photos
+    weighed_places: int = (
+        6  # of photos that nothing is sure of, which all signs of confidence rank in place of the score
+    )
     # Two places that both fit well are equals when their scores differ by less than both: of the score, and of the better one a share.
     ambiguous_margin: float = 0.1
     ambiguous_share: float = 0.15

@@ -1,7 +1,7 @@
 """Candidates on their way through refinement and judgement: what earlier portions of them have come to is not worked out again."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from core.config import LocalizerConfig
@@ -28,12 +28,17 @@ class _Full:
 
 
 class CandidateStages:
-    """The candidates of one query. settled: all that were refined on what they see, by score."""
+    """The candidates of one query.
+
+    settled: all that were refined on what they see, by score. evidence: what more of them are refined fully for, and ranked by in place of
+    the score, where that leaves doubts; None: where it does not.
+    """
 
     def __init__(self, queries: Sequence[MapQuery], config: LocalizerConfig, clock: StageClock) -> None:
         self.queries, self.config, self.clock = queries, config, clock
         self.refined = RefinementSteps(config, clock)
         self.settled: list[Hypothesis] = []
+        self.evidence: Callable[[Hypothesis], float] | None = None
         self._rough: list[Hypothesis] = []  # those settled, as they were before
         self._full: list[_Full] = []
 
@@ -69,7 +74,8 @@ class CandidateStages:
 
         judged: poses judged before any was settled, by score.
         """
-        finals = sorted(self._refined_fully(chosen), key=lambda full: -full.final.score)
+        chosen = self._with_more(chosen)
+        finals = sorted(self._refined_fully(chosen), key=lambda full: -self._rank_of(full))
         others = [h for h in self.settled if all(h is not other for other in chosen)]
         if not finals:
             return others, None
@@ -86,13 +92,24 @@ class CandidateStages:
         others = [replace(h, score=min(h.score, least)) for h in others]
         return [with_distinctness(best, elsewhere), *beside, *others], comparison
 
-    def _with_halves(self, best: "_Full") -> Hypothesis:
-        """Return the best hypothesis with how far apart the halves of the picture end from there, which is asked only once of each."""
-        if not best.has_halves:
+    def _with_more(self, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return the chosen, and where evidence ranks the best settled ones of more places."""
+        if self.evidence is None:
+            return list(chosen)
+        judge = self.config.judge
+        best = distinct(self.settled, judge.place)[: judge.weighed_places]
+        return [*chosen, *(h for h in best if all(h is not other for other in chosen))]
+
+    def _rank_of(self, full: "_Full") -> float:
+        return full.final.score if self.evidence is None else self.evidence(self._with_halves(full))
+
+    def _with_halves(self, full: "_Full") -> Hypothesis:
+        """Return a hypothesis with how far apart the halves of the picture end from there, which is asked only once of each."""
+        if not full.has_halves:
             with self.clock.stage("refine"):
-                best.final = self.refined.with_halves(self.queries[best.final.map_number], best.final, best.points)
-            best.has_halves = True
-        return best.final
+                full.final = self.refined.with_halves(self.queries[full.final.map_number], full.final, full.points)
+            full.has_halves = True
+        return full.final
 
     def _refined_fully(self, chosen: Sequence[Hypothesis]) -> list["_Full"]:
         """Return settled ones refined at full resolution and judged; each only once in a query, for the best of a first portion are often

@@ -17,12 +17,13 @@ from core.fast.candidate_stages import CandidateStages
 from core.fast.candidates import best_candidates, portions
 from core.fast.refinement_steps import RefinementSteps
 from core.index.map_index import MapIndex
-from core.judge.confidence import ConfidenceModel
+from core.judge.confidence import ConfidenceModel, features_of, formal_radii
 from core.judge.hypotheses import (
     Hypothesis,
     MethodResult,
     by_score,
     with_close_rival,
+    with_distinctness,
     with_same_views,
     within_margin,
 )
@@ -79,6 +80,11 @@ class FastMethod:
         found = verdict(hypotheses, self.confidence, self.config.judge)
         return found.together if found.status == "localized" else 0.0
 
+    def evidence(self, hypothesis: Hypothesis) -> float:
+        """Return how sure a hypothesis that was refined fully would be if nothing was elsewhere."""
+        alone = with_distinctness(hypothesis, [])
+        return self.confidence.probability(features_of(alone, 0.0, formal_radii(alone), self.config.judge))
+
     def is_sure(self, hypotheses: Sequence[Hypothesis], is_last: bool = False) -> bool:
         """Return whether the best hypothesis leaves nothing to search for. is_last: no candidate of the search is left."""
         if not hypotheses:
@@ -120,6 +126,10 @@ class _Run:
                     break
             if self.method.is_sure(hypotheses, is_last=True):
                 break
+        if isinstance(queries[0].picture, PreparedPhotos) and not self.method.is_sure(hypotheses, is_last=True):
+            # The score alone is not worth much then.
+            stages.evidence = self.method.evidence
+            hypotheses, comparison = self._finish(stages, judged)
         same, alike = self._lookalikes(queries, hypotheses)
         rough = stages.roughly([*same, *alike]) if same else []
         # The place that they were sought from is one of those that look the same: another may fit better yet.

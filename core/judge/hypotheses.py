@@ -136,14 +136,13 @@ def with_same_views(
     hypotheses: Sequence[Hypothesis], same: Sequence[Hypothesis], near: PoseDistance
 ) -> list[Hypothesis]:
     """Return hypotheses, best first, with those marked that are at one of the places `same`, from all of which the scan looks the same,
-    where the best is at another of them."""
+    where the best is at another of them. What is near the best is not elsewhere, however near it is to one of them as well."""
     if not hypotheses or not any(hypotheses[0].is_near(place, near) for place in same):
         return list(hypotheses)
-    others = [place for place in same if not place.is_near(hypotheses[0], near)]
-    return [
-        *hypotheses[:1],
-        *(replace(h, is_same_view=any(h.is_near(other, near) for other in others)) for h in hypotheses[1:]),
-    ]
+    best, *rest = hypotheses
+    others = [place for place in same if not place.is_near(best, near)]
+    is_same = (not h.is_near(best, near) and any(h.is_near(other, near) for other in others) for h in rest)
+    return [best, *(replace(h, is_same_view=flag) for h, flag in zip(rest, is_same, strict=True))]
 
 
 def distinct(hypotheses: Sequence[Hypothesis], near: PoseDistance) -> list[Hypothesis]:

@@ -42,7 +42,7 @@ class Refinement:
         return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": 0.01})
 
 
-def stages_of(rivals: int) -> tuple[CandidateStages, Refinement]:
+def stages_of(rivals: int, weighed_places: int = 6) -> tuple[CandidateStages, Refinement]:
     """Return stages with one map, which allows everything, whose judge halves scores at the end."""
 
     def judge_alone(hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
@@ -51,7 +51,7 @@ def stages_of(rivals: int) -> tuple[CandidateStages, Refinement]:
     query = SimpleNamespace(
         judge=lambda group, height: list(group), judge_alone=judge_alone, allows=lambda h: True, picture=None
     )
-    config = replace(LocalizerConfig(), judge=JudgeConfig(rivals=rivals))
+    config = replace(LocalizerConfig(), judge=JudgeConfig(rivals=rivals, weighed_places=weighed_places))
     stages = CandidateStages([cast(MapQuery, query)], config, StageClock(None, torch.device("cpu")))
     refinement = Refinement()
     stages.refined = cast(Any, refinement)
@@ -79,6 +79,18 @@ def test_halves_are_asked_of_the_best_alone() -> None:
     assert len(refinement.full) == 2
     assert ["halves_apart_m" in h.measures for h in found] == [True, False]
     assert len(refinement.halved) == 1
+
+
+def test_where_evidence_ranks_more_places_are_refined_fully_and_the_score_does_not_choose() -> None:
+    stages, refinement = stages_of(rivals=1, weighed_places=3)
+    ranked = [placed(0.0, 1.0), placed(0.2, 0.9), placed(3.0, 0.8), placed(6.0, 0.7), placed(9.0, 0.6)]
+    stages.settle(ranked)
+    stages.evidence = lambda h: float(h.position[0]) + h.measures["halves_apart_m"]
+    found, _ = stages.finals(stages.settled[:1], ranked)
+    # One of each place: what is 0.2 m beside the best says nothing new.
+    assert refinement.full == [ranked[0], ranked[2], ranked[3]]
+    assert [round(float(h.position[0]), 1) for h in found] == [6.0, 3.0, 0.0, 0.2, 9.0]
+    assert len(refinement.halved) == 3
 
 
 def test_what_comes_back_to_a_place_that_it_was_sought_apart_from_is_no_rival() -> None:

@@ -75,6 +75,45 @@ def test_the_less_sure_an_answer_is_the_more_is_looked_at(
     assert (done["searches"], done["verdicts"]) == (searches, portions)
 
 
+@pytest.mark.parametrize(("together", "is_weighed"), [(SEARCH.sure, False), (SEARCH.sure_at_end - 0.01, True)])
+def test_all_evidence_ranks_places_where_nothing_is_sure(
+    box: PaintedBox,
+    box_index: MapIndex,
+    box_pose: Pose,
+    monkeypatch: pytest.MonkeyPatch,
+    together: float,
+    is_weighed: bool,
+) -> None:
+    asked: list[Hypothesis] = []
+    monkeypatch.setattr(
+        "core.fast.fast_method.verdict",
+        lambda hypotheses, *_: Verdict(list(hypotheses), [together], "localized", together),
+    )
+
+    def evidence(_: FastMethod, hypothesis: Hypothesis) -> float:
+        asked.append(hypothesis)
+        return hypothesis.score
+
+    monkeypatch.setattr(FastMethod, "evidence", evidence)
+    method = FastMethod(replace(CONFIG, photo_search=SEARCH), CPU, load_confidence_model())
+    photo = Session.of_photo(photo_of(box, UPRIGHT, box_pose))
+    assert method.run(photo, [box_index], None, StageClock(None, CPU)).hypotheses
+    assert bool(asked) == is_weighed
+
+
+def test_evidence_grows_with_what_speaks_for_a_pose() -> None:
+    method = FastMethod(CONFIG, CPU, load_confidence_model())
+    measures = {"patch_correlation": 0.3, "halves_apart_m": 0.1, "halves_apart_deg": 2.0, "lines": 0.8}
+    usual = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=0.2, measures=measures)
+
+    def with_one(**other: float) -> float:
+        return method.evidence(replace(usual, measures=measures | other))
+
+    assert with_one(patch_correlation=0.4) > with_one() > with_one(halves_apart_m=0.3)
+    assert with_one(lines=1.0) > with_one()
+    assert with_one(distinctness=0.0) == with_one()  # that is of the place and the others
+
+
 @pytest.mark.parametrize(
     ("camera", "together", "explained", "is_held_back", "looks"),
     [

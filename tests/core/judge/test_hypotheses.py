@@ -141,6 +141,13 @@ def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -
     assert with_same_views([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []
 
 
+def test_what_is_near_the_best_is_no_equal_however_near_it_is_to_one() -> None:
+    # 0.8 m beside the best, and as far from a place that looks the same.
+    hypotheses = [placed(0.0), placed(0.8), placed(1.7)]
+    marked = with_same_views(hypotheses, [placed(0.0), placed(1.6)], PoseDistance(1.0, 30.0))
+    assert [h.is_same_view for h in marked] == [False, False, True]
+
+
 def test_the_place_that_equals_were_sought_from_is_one_of_them_where_another_fits_better() -> None:
     sought_from, equal = placed(0.0), placed(4.5)
     ranked = [placed(4.4, 0.9), placed(0.1, 0.8), placed(9.0, 0.7)]
