@@ -57,6 +57,8 @@ class MapQuery:
 
     def within_limits(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return the hypothesis, turned back where it tilts more than the hints allow."""
+        if not self.limits.bounds_tilts:  # the usual case, in which a GPU need not be waited for
+            return replace(hypothesis, is_held_back=False)
         rotation = self.limits.nearest_rotations(hypothesis.rotation[None])[0]
         is_held_back = float(rotation_angle(rotation, hypothesis.rotation)) > _HELD_BACK
         return replace(hypothesis, rotation=rotation, is_held_back=is_held_back)

@@ -48,9 +48,11 @@ class JudgeConfig:
     photo_patch_rows: int = 16  # from pole to pole: patches of 11 degrees, for each image alone
     rivals: int = 1  # places elsewhere that are judged as the best one is
     photo_rivals: int = 3  # likewise, of photos
-    weighed_places: int = (
-        6  # of photos that nothing is sure of, which all signs of confidence rank in place of the score
-    )
+    # Below this confidence, of photos below the second, so many places are refined fully, and ranked by all signs of confidence in place
+    # of the score. Of panoramas, whose second best place is refined fully in any case, that costs next to nothing.
+    weighed_below: float = 0.97
+    photos_weighed_below: float = 0.7
+    weighed_places: int = 6
     # Two places that both fit well are equals when their scores differ by less than both: of the score, and of the better one a share.
     ambiguous_margin: float = 0.1
     ambiguous_share: float = 0.15

@@ -92,6 +92,7 @@ class LocalizerConfig:
                 patch_rows=finer * judge.patch_rows,
                 ranks_by_explained=True,
                 rivals=judge.photo_rivals,
+                weighed_below=judge.photos_weighed_below,
                 shifted_patches=True,
             ),
         )

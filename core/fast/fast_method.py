@@ -126,7 +126,7 @@ class _Run:
                     break
             if self.method.is_sure(hypotheses, is_last=True):
                 break
-        if isinstance(queries[0].picture, PreparedPhotos) and not self.method.is_sure(hypotheses, is_last=True):
+        if hypotheses and self.method.confidence_of_answer(hypotheses) < self.config.judge.weighed_below:
             # The score alone is not worth much then.
             stages.evidence = self.method.evidence
             hypotheses, comparison = self._finish(stages, judged)

@@ -77,6 +77,11 @@ class PoseLimits:
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
         return allowed
 
+    @property
+    def bounds_tilts(self) -> bool:
+        """Return whether rotations may have to be turned back."""
+        return self.max_rig_tilt is not None or self.max_tilt is not None
+
     def nearest_rotations(self, rotations: Tensor) -> Tensor:
         """Return rotations (K, 3, 3) turned back, by no more than it takes, to where they tilt as much as the limits allow.
 

@@ -75,7 +75,9 @@ def test_the_less_sure_an_answer_is_the_more_is_looked_at(
     assert (done["searches"], done["verdicts"]) == (searches, portions)
 
 
-@pytest.mark.parametrize(("together", "is_weighed"), [(SEARCH.sure, False), (SEARCH.sure_at_end - 0.01, True)])
+@pytest.mark.parametrize(
+    ("together", "is_weighed"), [(SEARCH.sure, False), (CONFIG.judge.photos_weighed_below - 0.01, True)]
+)
 def test_all_evidence_ranks_places_where_nothing_is_sure(
     box: PaintedBox,
     box_index: MapIndex,
