@@ -31,6 +31,14 @@ from core.views.comparison import Comparison
 _HINTS_MAY_BE_WRONG = (
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"
 )
+_CAMERA_MAY_BE_WRONG = (
+    "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
+    "(a crop, a zoom): let it be searched with hfov_range_deg"
+)
+_CAMERAS_MAY_BE_WRONG = (
+    "no pose fits the images well enough; if they show this place, much of what they show has changed, "
+    "or cameras, session_from_camera or frame are not as given"
+)
 
 
 class Localizer:
@@ -96,8 +104,8 @@ class Localizer:
             answer = with_focal_uncertainty(answer, result.comparison, uncertainty) if uncertainty else answer
         if found_camera is not None:
             answer = replace(answer, found_camera=found_camera)
-        if answer.status == "not_localized" and hints is not None and not answer.warnings:
-            answer = replace(answer, warnings=(_HINTS_MAY_BE_WRONG,))
+        if answer.status == "not_localized" and not answer.warnings:
+            answer = replace(answer, warnings=_why_nothing_fits(query, hints))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))
 
     def _answer(
@@ -177,6 +185,14 @@ class Localizer:
             map_from_session=map_from_session,
             images=tuple(images),
         )
+
+
+def _why_nothing_fits(query: Panorama | Session, hints: Hints | None) -> tuple[str, ...]:
+    """Say what may be wrong with a query that no pose fits well."""
+    reasons = [] if hints is None else [_HINTS_MAY_BE_WRONG]
+    if isinstance(query, Session):
+        reasons.append(_CAMERA_MAY_BE_WRONG if len(query.images) == 1 else _CAMERAS_MAY_BE_WRONG)
+    return tuple(reasons)
 
 
 def _candidate(hypothesis: Hypothesis, confidence: float, maps: Sequence[MapIndex]) -> Candidate:

@@ -64,19 +64,21 @@ class Doubts:
         within: it may lie beyond."""
         if bound_deg is None:
             return found
-        warning = (
-            f"the photo fits best when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg; widen the range"
-        )
+        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg"
         if found.status == "not_localized":
-            return replace(found, warnings=(*found.warnings, warning))
+            lost = f"nothing fits well enough; what fits best does so {at_bound}: widen the range if the photo may lie beyond"
+            return replace(found, warnings=(*found.warnings, lost))
+        warning = f"the photo fits best {at_bound}; widen the range"
         return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
 
     def _refused(self, found: Localization, confidence: float, warning: str | None = None) -> Localization:
-        """Return the answer as one that is not localized, no surer than that and half the threshold."""
+        """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""
         assert found.best is not None
-        best = replace(found.best, confidence=min(confidence, self._threshold / 2))
+        most = min(confidence, self._threshold / 2)
+        others = tuple(replace(other, confidence=min(other.confidence, most)) for other in found.alternatives)
         warnings = found.warnings if warning is None else (*found.warnings, warning)
-        return replace(found, status="not_localized", best=best, warnings=warnings)
+        best = replace(found.best, confidence=most)
+        return replace(found, status="not_localized", best=best, alternatives=others, warnings=warnings)
 
 
 def _contradiction(doubtful: Sequence[int], count: int) -> str:
@@ -89,4 +91,5 @@ def _contradiction(doubtful: Sequence[int], count: int) -> str:
             f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
             "their session_from_camera and cameras",
         )
-    return f"{said} not agree with the pose that fits the others; check {whose}, and frame"
+    unless = "unless much of what is seen there has changed"
+    return f"{said} not agree with the pose that fits the others; check {whose}, and frame, {unless}"

@@ -35,11 +35,11 @@ def verdict(hypotheses: Sequence[Hypothesis], model: ConfidenceModel, config: Ju
     if len(equals) > 1 and alone >= model.threshold and not places[0].is_held_back:
         shared = [alone / len(equals)] * len(equals)
         others = [_confidence(place, places, model, config) for place in unequal]
-        return Verdict([*equals, *unequal], shared + others, "ambiguous", alone)
-    confidences = [min(_confidence(places[0], places, model, config, formal), limit)]
-    confidences += [_confidence(place, places, model, config) for place in places[1:]]
-    status: Status = "localized" if confidences[0] >= model.threshold else "not_localized"
-    return Verdict(places, confidences, status, confidences[0])
+        return Verdict([*equals, *unequal], shared + _left_over(others, alone, shared[0]), "ambiguous", alone)
+    best = min(_confidence(places[0], places, model, config, formal), limit)
+    others = [_confidence(place, places, model, config) for place in places[1:]]
+    status: Status = "localized" if best >= model.threshold else "not_localized"
+    return Verdict(places, [best, *_left_over(others, best, best)], status, best)
 
 
 def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
@@ -53,6 +53,16 @@ def _is_equal(place: Hypothesis, best: Hypothesis, config: JudgeConfig) -> bool:
         if alike >= config.alike_share * best.score:
             return behind < config.alike_ambiguous_share * best.score
     return behind < min(config.ambiguous_margin, config.ambiguous_share * best.score)
+
+
+def _left_over(confidences: Sequence[float], together: float, most: float) -> list[float]:
+    """Return confidences of places that come after the best ones: none above `most`, which those have, and no more in all than is left.
+
+    Of each place less was measured than of the best, and only one of them is right.
+    """
+    capped = [min(confidence, most) for confidence in confidences]
+    share = min(1.0, (1 - together) / max(sum(capped), 1e-12))
+    return [share * confidence for confidence in capped]
 
 
 def _confidence(

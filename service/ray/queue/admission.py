@@ -97,8 +97,9 @@ class Admission:
         needed_s = self._CAUTION * (self._work_ahead_s() + duration_s)
         if needed_s > remaining_s:
             retry_after_s = self._within_reason(needed_s - remaining_s)
+            before = "1 request is" if self.num_admitted == 1 else f"{self.num_admitted} requests are"
             raise QueueFullError(
-                f"expected an answer within the {remaining_s:.0f} s of timeout_s, but {self.num_admitted} requests are before this one "
+                f"expected an answer within the {remaining_s:.1f} s of timeout_s, but {before} before this one "
                 f"and it would take about {needed_s:.0f} s; try again in {retry_after_s} s, or allow more time",
                 retry_after_s,
                 "deadline",

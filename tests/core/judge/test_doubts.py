@@ -1,5 +1,7 @@
 """Doubts that turn an answer for photos into none, and say why."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,11 +40,24 @@ def test_what_is_not_localized_needs_no_doubt() -> None:
     assert DOUBTS.unless_plain(before, 0.0) is before
 
 
-@pytest.mark.parametrize("status", ["localized", "not_localized"])
-def test_a_bound_of_the_field_of_view_is_named(status: Status) -> None:
-    answer = DOUBTS.unless_at_bound(found(status), 80.0)
+def test_a_bound_of_the_field_of_view_is_named() -> None:
+    answer = DOUBTS.unless_at_bound(found("localized"), 80.0)
     assert answer.status == "not_localized"
     assert answer.warnings == (
         "the photo fits best when it is 80 degrees wide, a bound of hfov_range_deg; widen the range",
     )
-    assert DOUBTS.unless_at_bound(found(status), None).warnings == ()
+    assert DOUBTS.unless_at_bound(found("localized"), None).warnings == ()
+
+
+def test_of_what_fits_nowhere_a_bound_is_no_reason_but_a_hint() -> None:
+    (words,) = DOUBTS.unless_at_bound(found("not_localized"), 80.0).warnings
+    assert words.startswith("nothing fits well enough")
+    assert "80 degrees" in words
+
+
+def test_an_answer_that_is_refused_is_no_less_sure_than_its_alternatives() -> None:
+    best = found("localized").best
+    assert best is not None
+    answer = DOUBTS.unless_plain(replace(found("localized"), alternatives=(replace(best, confidence=0.5),)), 0.0)
+    assert answer.best is not None
+    assert answer.alternatives[0].confidence == answer.best.confidence == 0.3

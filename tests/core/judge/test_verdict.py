@@ -113,3 +113,13 @@ def test_a_pose_whose_radius_is_wider_than_what_is_right_is_not_localized() -> N
     found = verdict([wide], MODEL, CONFIG)
     assert found.status == "not_localized"
     assert found.confidences[0] < 0.3
+
+
+@pytest.mark.parametrize("fits", [0.3, 0.6, 0.9])
+def test_no_other_place_is_surer_than_the_answer_and_together_they_are_one(fits: float) -> None:
+    # The best place by other signs than those of which the rest is measured.
+    others = [judged(3.0 * k, 1.9 - 0.3 * k, 0.95) for k in (1, 2, 3)]
+    for best in (judged(0.0, 1.8, fits), replace(judged(0.0, 1.8, fits), is_held_back=True)):
+        found = verdict([best, *others], MODEL, CONFIG)
+        assert max(found.confidences) == found.confidences[0]
+        assert sum(found.confidences) <= 1 + 1e-9
