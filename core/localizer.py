@@ -105,7 +105,7 @@ class Localizer:
         if found_camera is not None:
             answer = replace(answer, found_camera=found_camera)
         if answer.status == "not_localized" and not answer.warnings:
-            answer = replace(answer, warnings=_why_nothing_fits(query, hints))
+            answer = replace(answer, warnings=why_nothing_fits(query, hints))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))
 
     def _answer(
@@ -187,7 +187,7 @@ class Localizer:
         )
 
 
-def _why_nothing_fits(query: Panorama | Session, hints: Hints | None) -> tuple[str, ...]:
+def why_nothing_fits(query: Panorama | Session, hints: Hints | None) -> tuple[str, ...]:
     """Say what may be wrong with a query that no pose fits well."""
     reasons = [] if hints is None else [_HINTS_MAY_BE_WRONG]
     if isinstance(query, Session):

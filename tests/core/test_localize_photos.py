@@ -16,7 +16,7 @@ from core.geometry.rotations import rotation_angle
 from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis
-from core.localizer import Localizer
+from core.localizer import Localizer, why_nothing_fits
 from core.options import MAX_SESSION_TILT_DEG, ColorKind, Hints, IndexOptions
 from core.panorama.photo import photo_on_sphere
 from core.panorama.session import Session, SessionImage
@@ -307,3 +307,12 @@ def test_a_photo_of_another_place_among_right_ones_is_told_by_its_agreement(
 
 def test_photos_of_another_place_are_never_localized(localizer: Localizer, other_box_index: MapIndex) -> None:
     assert localizer.localize(session(), [other_box_index]).status == "not_localized"
+
+
+def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:
+    several = session()
+    one = Session.of_photo(several.images[0].photo)
+    (of_one,), (of_several,) = why_nothing_fits(one, None), why_nothing_fits(several, None)
+    assert "hfov_range_deg" in of_one
+    assert "session_from_camera" in of_several
+    assert len(why_nothing_fits(one, Hints(upright=True))) == 2
