@@ -1,10 +1,13 @@
 """A query made ready for a map: where its poses may end."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose
+from core.geometry.rotations import rotation_angle, rotation_from_vector
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis
 from core.options import Hints
@@ -34,3 +37,15 @@ def test_a_pose_outside_of_the_room_is_none_unless_a_hint_names_the_place(box: P
     there = at(box_index, 2.0)
     x, y, z = (there.position.double().numpy() + box_index.origin_offset).tolist()
     assert prepared(box, box_index, Hints(position_m=(x, y, z), radius_m=0.5)).allows(there)
+
+
+def test_a_pose_that_tilts_more_than_hints_allow_is_turned_back_and_others_are_left(
+    box: PaintedBox, box_index: MapIndex
+) -> None:
+    tilted = replace(at(box_index, 0.0), rotation=rotation_from_vector(torch.tensor([0.0, 0.5, 0.0])))
+    free, bound = prepared(box, box_index), prepared(box, box_index, Hints(upright=True))
+    assert free.within_limits(replace(tilted, is_held_back=True)) == tilted
+    held = bound.within_limits(tilted)
+    assert held.is_held_back
+    assert float(rotation_angle(held.rotation, tilted.rotation)) > 0.2
+    assert not bound.within_limits(at(box_index, 0.0)).is_held_back

@@ -84,13 +84,15 @@ def test_the_score_falls_with_what_a_rotation_misses() -> None:
     start = int((index().starts - torch.tensor(POSE.position - index().origin_offset).float()).norm(dim=1).argmin())
     place = torch.tensor(POSE.position - index().origin_offset).float()
     asked = [Hypothesis(0, start, rotation, place) for rotation in (right, around)]
-    with_lines = [query.judge([h], 64)[0].score for h in asked]
+    judged = [query.judge([h], 64)[0] for h in asked]
+    with_lines = [h.score for h in judged]
     plain = query_of(config=replace(CONFIG, judge=replace(CONFIG.judge, lines_share=0.0)))
     without = [plain.judge([h], 64)[0].score for h in asked]
     missed = evidence_of(query).missed(torch.stack((right, around))).tolist()
     shares = [1 - CONFIG.judge.lines_share * m for m in missed]
     assert with_lines == pytest.approx([s * share for s, share in zip(without, shares, strict=True)], rel=1e-4)
     assert shares[0] > 0.95 > shares[1] + 0.1
+    assert [h.measures["lines"] for h in judged] == pytest.approx([1 - m for m in missed], abs=1e-4)
 
 
 def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
