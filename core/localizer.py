@@ -105,7 +105,7 @@ class Localizer:
         if found_camera is not None:
             answer = replace(answer, found_camera=found_camera)
         if answer.status == "not_localized" and not answer.warnings:
-            answer = replace(answer, warnings=why_nothing_fits(query, hints))
+            answer = replace(answer, warnings=why_nothing_fits(query, hints, range_deg is not None))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))
 
     def _answer(
@@ -187,10 +187,10 @@ class Localizer:
         )
 
 
-def why_nothing_fits(query: Panorama | Session, hints: Hints | None) -> tuple[str, ...]:
-    """Say what may be wrong with a query that no pose fits well."""
+def why_nothing_fits(query: Panorama | Session, hints: Hints | None, was_searched: bool) -> tuple[str, ...]:
+    """Say what may be wrong with a query that no pose fits well. was_searched: whether its field of view was."""
     reasons = [] if hints is None else [_HINTS_MAY_BE_WRONG]
-    if isinstance(query, Session):
+    if isinstance(query, Session) and not was_searched:
         reasons.append(_CAMERA_MAY_BE_WRONG if len(query.images) == 1 else _CAMERAS_MAY_BE_WRONG)
     return tuple(reasons)
 

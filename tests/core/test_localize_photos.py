@@ -312,7 +312,8 @@ def test_photos_of_another_place_are_never_localized(localizer: Localizer, other
 def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:
     several = session()
     one = Session.of_photo(several.images[0].photo)
-    (of_one,), (of_several,) = why_nothing_fits(one, None), why_nothing_fits(several, None)
+    (of_one,), (of_several,) = why_nothing_fits(one, None, False), why_nothing_fits(several, None, False)
     assert "hfov_range_deg" in of_one
     assert "session_from_camera" in of_several
-    assert len(why_nothing_fits(one, Hints(upright=True))) == 2
+    assert len(why_nothing_fits(one, Hints(upright=True), False)) == 2
+    assert why_nothing_fits(one, None, True) == ()  # its field of view was searched already
