@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 Refusal = Literal[
     "connections", "connections-of-address", "header-bytes", "no-http", "slow-header", "slow-body", "slow-reader", "bytes-in-flight",
@@ -27,16 +27,31 @@ class ConnectionLimits:
     bytes_per_s: float
 
 
+class Connection(Protocol):
+    """What a connection that is counted can be asked."""
+
+    def give_way(self) -> None:
+        """End, as one that has nothing under way."""
+
+
 class ConnectionCount:
-    """Counts the connections of a server. Used from one event loop. note_refusal: told why something was refused."""
+    """Counts the connections of a server. Used from one event loop. note_refusal: told why something was refused.
+
+    An idle connection gives way to a new one, the longest idle first: a client holds on to it only to spare itself a handshake.
+    """
 
     def __init__(self, limits: ConnectionLimits, note_refusal: Callable[[Refusal], None]) -> None:
         self.limits = limits
         self.note_refusal = note_refusal
         self._by_address: Counter[str] = Counter()
+        self._idle: dict[Connection, str] = {}
 
     def why_not(self, address: str) -> tuple[Refusal, str] | None:
-        """Return why this address gets no further connection, None when it does."""
+        """Return why this address gets no further connection, None when it does; make room where an idle one can go."""
+        if self._by_address[address] >= self.limits.connections_of_address:
+            self._end_idle([idle for idle, idle_address in self._idle.items() if idle_address == address])
+        elif self._by_address.total() >= self.limits.connections:
+            self._end_idle(list(self._idle))
         total, of_address = self._by_address.total(), self._by_address[address]
         if total >= self.limits.connections:
             return "connections", _too_many(self.limits.connections, "PANOLOC_MAX_CONNECTIONS")
@@ -54,6 +69,18 @@ class ConnectionCount:
         self._by_address[address] -= 1
         if self._by_address[address] <= 0:
             del self._by_address[address]
+
+    def rests(self, connection: Connection, address: str) -> None:
+        """Know a counted connection as idle from now on."""
+        self._idle[connection] = address
+
+    def works(self, connection: Connection) -> None:
+        """Know a connection as one with something under way, or gone."""
+        self._idle.pop(connection, None)
+
+    def _end_idle(self, longest_first: list[Connection]) -> None:
+        for connection in longest_first[:1]:
+            connection.give_way()
 
 
 def _too_many(limit: int, setting: str) -> str:

@@ -5,23 +5,17 @@ What comes before the first byte of a body, and what is left of an answer that n
 
 import asyncio
 import functools
-import json
 from typing import Any
 
 import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from service.jobs import new_id
+from service.http.guards.bare_answers import bare_refusal
 from service.limits.connection_limits import ConnectionCount, Refusal
-from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with
 
-_RETRY_AFTER_S = 5
-_REASONS = {
-    400: "Bad Request",
-    408: "Request Timeout",
-    431: "Request Header Fields Too Large",
-    503: "Service Unavailable",
-}
+# Longer than clients and proxies keep an idle connection (nginx and load balancers 60 s, httpx 5 s): whoever closes first must be
+# they, for a request that meets a closing connection gets no answer.
+_KEEP_ALIVE_S = 75
 
 
 class GuardedProtocol(HttpToolsProtocol):
@@ -56,16 +50,20 @@ class GuardedProtocol(HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
-        if self._address is not None:
-            self._count.remove(self._address)
-            self._address = None
+        self._leave_count()
         self._end_head()
         self._cancel_write_timer()
         self._end_unread()
         super().connection_lost(exc)
 
+    def give_way(self) -> None:
+        """End an idle connection, for one that is new."""
+        self._leave_count()
+        self.transport.close()
+
     def data_received(self, data: bytes) -> None:
         """Take bytes, unless the head of a request has become too long."""
+        self._count.works(self)
         if self._refused:
             return
         self._began_here = False
@@ -120,12 +118,14 @@ class GuardedProtocol(HttpToolsProtocol):
             self.timeout_keep_alive_task = self.loop.call_later(
                 self.timeout_keep_alive, self.timeout_keep_alive_handler
             )
+        self._note_rest()
 
     def on_response_complete(self) -> None:
         """End an answer; what still comes of a body that nobody has read has to come as fast as if it were read."""
         super().on_response_complete()
         if self._in_body and self.cycle.response_complete and not self.transport.is_closing():
             self._watch_unread()
+        self._note_rest()
 
     def send_400_response(self, msg: str) -> None:
         """Refuse what the parser cannot read."""
@@ -151,6 +151,20 @@ class GuardedProtocol(HttpToolsProtocol):
         """Close an idle connection, also where the last answer has not been read."""
         super().timeout_keep_alive_handler()
         self._watch_reader(self.transport.get_write_buffer_size())
+
+    def _note_rest(self) -> None:
+        if self._address is not None and self._is_idle():
+            self._count.rests(self, self._address)
+
+    def _is_idle(self) -> bool:
+        is_read = self.transport.get_write_buffer_size() == 0
+        return is_read and not self._in_body and self.timeout_keep_alive_task is not None
+
+    def _leave_count(self) -> None:
+        self._count.works(self)
+        if self._address is not None:
+            self._count.remove(self._address)
+            self._address = None
 
     def _check_head(self) -> None:
         if self._num_head_bytes > self._limits.header_bytes and not self._refused:
@@ -219,7 +233,7 @@ class GuardedProtocol(HttpToolsProtocol):
         self._end_head()
         self._count.note_refusal(refusal)
         if not self.transport.is_closing():
-            self.transport.write(_refusal(HTTP_PROBLEMS[status], detail))
+            self.transport.write(bare_refusal(status, detail))
             self.transport.close()
             self._watch_reader(self.transport.get_write_buffer_size())
 
@@ -231,18 +245,6 @@ def guarded_protocol(count: ConnectionCount) -> Any:
 
 def guarded_config(app: Any, count: ConnectionCount, **settings: Any) -> uvicorn.Config:
     """Return the configuration of a server that keeps the limits; settings: others of uvicorn."""
+    settings.setdefault("timeout_keep_alive", _KEEP_ALIVE_S)
     # No path of ours is a WebSocket, whose protocol would take a connection out of the count.
     return uvicorn.Config(app, http=guarded_protocol(count), ws="none", log_config=None, access_log=False, **settings)
-
-
-def _refusal(problem: Problem, detail: str) -> bytes:
-    body = json.dumps(document_with(problem, detail, new_id("req"))).encode()
-    head = [
-        f"HTTP/1.1 {problem.status} {_REASONS[problem.status]}",
-        f"Content-Type: {MEDIA_TYPE}",
-        f"Content-Length: {len(body)}",
-        "Connection: close",
-    ]
-    if problem.status == 503:
-        head.append(f"Retry-After: {_RETRY_AFTER_S}")
-    return ("\r\n".join(head) + "\r\n\r\n").encode() + body

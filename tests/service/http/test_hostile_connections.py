@@ -6,13 +6,14 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import httpx
 import pytest
 
 from service.host.embedded_redis import EmbeddedRedis
+from service.http.guards.guarded_protocol import guarded_config
 from tests.service.http.running_service import SCAN, listening
 
 
@@ -117,6 +118,30 @@ def test_connections_beyond_the_limit_of_an_address_are_told_so(tmp_path: Path, 
         time.sleep(0.05)
         assert httpx.get(f"{url}/health/live", timeout=60).status_code == 200
         assert refusals(url, "connections-of-address") == 1
+
+
+def test_an_idle_connection_gives_way_to_a_new_one_and_the_longest_idle_first(
+    tmp_path: Path, redis_server: EmbeddedRedis
+) -> None:
+    asked = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with listening(tmp_path, redis_server.url, max_connections_per_address=3) as url, ExitStack() as stack:
+        idle = []
+        for _ in range(2):
+            idle.append(stack.enter_context(connected(url, asked)))
+            assert idle[-1].recv(65536).startswith(b"HTTP/1.1 200")
+        busy = stack.enter_context(connected(url, asked[:30]))
+        assert httpx.get(f"{url}/health/live", timeout=60).status_code == 200
+        assert idle[0].recv(1) == b""
+        idle[1].sendall(asked)
+        assert idle[1].recv(65536).startswith(b"HTTP/1.1 200")
+        busy.sendall(asked[30:])
+        assert busy.recv(65536).startswith(b"HTTP/1.1 200")
+
+
+def test_a_connection_outlives_what_clients_and_proxies_keep() -> None:
+    """Whoever closes first must be the client: a request that meets a closing connection gets no answer."""
+    proxies_keep_s = 60
+    assert guarded_config(None, count=None).timeout_keep_alive > proxies_keep_s  # type: ignore[arg-type]
 
 
 def half_a_query(num_bytes: int) -> bytes:
