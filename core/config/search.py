@@ -45,8 +45,8 @@ class PhotoSearchConfig:
     # one at a single place may be less so once all candidates of that search were looked at.
     level_tilt_deg: float = 18.0
     level_candidates: int = 32
-    sure: float = 0.9
-    sure_at_end: float = 0.7
+    sure: float = 0.8
+    sure_at_end: float = 0.6
     limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
     limited_rescored_poses: int = 2500  # of these
     # Lines of photos say how a camera is turned (see `core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, this share
