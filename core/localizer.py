@@ -6,9 +6,9 @@ from typing import Any
 
 import torch
 
-from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.errors import OptionsError
+from core.fast.camera_check import CheckedCameras, checked_cameras
 from core.fast.fast_method import FastMethod
 from core.fast.field_of_view import bound_reached, searched_range_deg, with_focal_uncertainty, with_found_camera
 from core.geometry.pose import Pose
@@ -78,17 +78,19 @@ class Localizer:
         clock = StageClock(timeout_s, self.device)
         if isinstance(query, Photo):
             query = Session.of_photo(query)
-        found_camera: Camera | None = None
         bound_deg: float | None = None
+        checked: CheckedCameras | None = None
         range_deg = searched_range_deg(query) if isinstance(query, Session) else None
         if isinstance(query, Session) and range_deg is not None:
             with torch.inference_mode():
                 query = with_found_camera(self._fast, query, maps, hints, clock, self.config.field_of_view)
-            found_camera = query.images[0].photo.camera
-            bound_deg = bound_reached(found_camera, range_deg)
+            bound_deg = bound_reached(query.images[0].photo.camera, range_deg)
         with torch.inference_mode(method == "fast"):
             if method == "fast":
                 result = self._fast.run(query, maps, hints, clock)
+                if isinstance(query, Session) and range_deg is None:
+                    checked = checked_cameras(self._fast, query, maps, hints, clock, result, self.config)
+                    result = checked.result
             elif method == "paper":
                 panorama = query if isinstance(query, Panorama) else session_on_sphere(query)[0]
                 result = self._paper.run(panorama, maps, hints, clock)
@@ -98,12 +100,10 @@ class Localizer:
             answer = self._answer(result, maps, method, top_k, clock)
         answer = self._with_radii_of(answer, len(query.images) if isinstance(query, Session) else None)
         if isinstance(query, Session):
-            answer = self._for_session(answer, query, result.comparison)
+            cameras = checked or CheckedCameras(query, result, range_deg is not None)
+            answer = self._for_session(answer, cameras.session, result.comparison)
             answer = self._doubts.unless_at_bound(self._doubts.unless_plain(answer, result.edges_deg), bound_deg)
-            uncertainty = max(image.photo.focal_uncertainty for image in query.images)
-            answer = with_focal_uncertainty(answer, result.comparison, uncertainty) if uncertainty else answer
-        if found_camera is not None:
-            answer = replace(answer, found_camera=found_camera)
+            answer = self._with_cameras(answer, cameras)
         if answer.status == "not_localized" and not answer.warnings:
             answer = replace(answer, warnings=why_nothing_fits(query, hints, range_deg is not None))
         return replace(answer, warnings=(*answer.warnings, *left_out(query)))
@@ -159,6 +159,19 @@ class Localizer:
             accuracy_position_m=position * found.accuracy_position_m,
             accuracy_orientation_deg=min(orientation * found.accuracy_orientation_deg, 180.0),
         )
+
+    def _with_cameras(self, found: Localization, cameras: CheckedCameras) -> Localization:
+        """Return the answer with what is known of the cameras, and what that leaves open."""
+        images = [image.photo for image in cameras.session.images]
+        if cameras.are_others:
+            found = replace(found, found_cameras=tuple(photo.camera for photo in images))
+        if cameras.warnings and found.status != "not_localized":
+            found = replace(found, warnings=(*found.warnings, *cameras.warnings))
+        uncertainty = max(photo.focal_uncertainty for photo in images)
+        if not uncertainty:
+            return found
+        found = with_focal_uncertainty(found, cameras.result.comparison, uncertainty)
+        return self._doubts.unless_focal_length_matters(found)
 
     def _for_session(self, found: Localization, session: Session, comparison: Comparison | None) -> Localization:
         """Return the answer with poses of the first image, and those of all images at the best pose."""

@@ -165,6 +165,14 @@ class MapQuery:
             return self.held(points, [hypothesis], self.config.lines.hold_strengths[2])
         return points_seen_from_poses(self.cloud, comparison, count, share)
 
+    def points_with_patches(self, hypothesis: Hypothesis, comparison: Comparison) -> CandidatePoints:
+        """Return the points of one pose of photos, in patches of those of full resolution whatever their colours are."""
+        assert isinstance(self.picture, PreparedPhotos)
+        photos = self.config.photos
+        count, share, patch_deg = photos.fine_points, photos.patch_contrast_share, photos.fine_patch_deg
+        points = self.picture.points_from_poses(self.cloud, comparison, [hypothesis], count, share, None, patch_deg)
+        return self.held(points, [hypothesis], self.config.lines.hold_strengths[2])
+
 
 def prepare_queries(
     query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None, max_height: int, config: LocalizerConfig

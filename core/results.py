@@ -78,8 +78,8 @@ class Localization:
     accuracy_position_m, accuracy_orientation_deg: 68 % radii. score_map_2d: (h, w) float32 in 0..1, per pixel of the
     down-scaled panorama, 1 = matches the scan. score_points: works out `point_scores`.
     timings_s: seconds per stage. evidence: None without a best candidate.
-    map_from_session, images: of a query of photos; `best.pose` is then that of its first image. found_camera: of a photo whose field of
-    view was searched, the camera that fits best.
+    map_from_session, images: of a query of photos; `best.pose` is then that of its first image. found_cameras: of each image, where
+    the answer is for other cameras than those given: of a photo whose field of view was searched, or of images that contradicted it.
     """
 
     status: Status
@@ -97,7 +97,7 @@ class Localization:
     warnings: tuple[str, ...] = ()
     map_from_session: Pose | None = None
     images: tuple[FoundImage, ...] = ()
-    found_camera: Camera | None = None
+    found_cameras: tuple[Camera, ...] = ()
 
     @cached_property
     def point_scores(self) -> NDArray[np.float32] | None:

@@ -9,12 +9,13 @@ from core.config.judge import ChangeConfig, JudgeConfig
 from core.config.lines import LineConfig
 from core.config.localizer import LocalizerConfig, PaperConfig
 from core.config.refinement import HalvesConfig, PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
-from core.config.search import FieldOfViewConfig, PhotoSearchConfig, PoseDistance, SearchConfig
+from core.config.search import CameraCheckConfig, FieldOfViewConfig, PhotoSearchConfig, PoseDistance, SearchConfig
 
 __all__ = [
     "CONTRAST",
     "LIGHT_FIT",
     "RENDERING",
+    "CameraCheckConfig",
     "ChangeConfig",
     "ContrastConfig",
     "DescriptorConfig",

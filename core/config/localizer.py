@@ -6,7 +6,7 @@ from core.config.index import DescriptorConfig, FineViewConfig
 from core.config.judge import ChangeConfig, JudgeConfig
 from core.config.lines import LineConfig
 from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig
-from core.config.search import FieldOfViewConfig, PhotoSearchConfig, SearchConfig
+from core.config.search import CameraCheckConfig, FieldOfViewConfig, PhotoSearchConfig, SearchConfig
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class LocalizerConfig:
     search: SearchConfig = SearchConfig()
     photo_search: PhotoSearchConfig = PhotoSearchConfig()
     field_of_view: FieldOfViewConfig = FieldOfViewConfig()
+    camera_check: CameraCheckConfig = CameraCheckConfig()
     photos: PhotoRefinementConfig = PhotoRefinementConfig()
     step: StepConfig = StepConfig()
     refinement: RefinementConfig = RefinementConfig()

@@ -84,7 +84,6 @@ class RefinementConfig:
     fine_height: int = 256
     fine_points: int = 12_000
     fine_iterations: int = 6
-    focal_iterations: int = 12  # of a pose together with a focal length that nobody knows
     finest_height: int = 512
     finest_points: int = 24_000
     finest_iterations: int = 4
@@ -132,6 +131,12 @@ class PhotoRefinementConfig:
     )
     fine_points: int = 8000
     finest_points: int = 12_000
+    # Of a pose together with a focal length: rows of the levels, and steps on each.
+    focal_rows: tuple[int, ...] = (64, 128)
+    focal_iterations: int = 12
+    # Of a first look at the coarsest of these whether a known focal length fits: steps, and every so-manieth point.
+    pull_iterations: int = 3
+    pull_every: int = 2
 
     def coarse_points_of(self, share: float) -> int:
         """Return how many points are aligned by patches on what starts see, of photos that show a `share` of the sphere."""

@@ -126,4 +126,20 @@ class FieldOfViewConfig:
     most_tried: int = 3  # of the fields of view that the search likes best, refined one after the other
     most_rounds: int = 6  # of refinement with the focal length, each with a window of the focal length found before
     settled: float = 1.004  # factor of the focal length below which rounds end
-    uncertainty: float = 0.03  # of the focal length that was found; of ten photos the worst was off by 5 %
+    # Of a focal length that was found, times the root of the information that the photos have of it; between that and these bounds.
+    noise: float = 0.05
+    least_uncertainty: float = 0.01
+    most_uncertainty: float = 0.3
+
+
+@dataclass(frozen=True)
+class CameraCheckConfig:
+    """When photos are held to contradict the focal length that they are said to have (see `core.fast.camera_check`).
+
+    How strongly they do is the logarithm of the factor by which it is off, times the root of the information that they have of it.
+    """
+
+    suspect: float = 0.03  # by the first steps from the pose found: then it is refined with the focal length
+    contradicting: float = 0.15  # then they are localized with the focal length that they want as well
+    better: float = 1.05  # of the judge's score without: what that needs to be the answer
+    least_log: float = 0.08  # of the factor; less may come from the noise of tracking, and does little harm

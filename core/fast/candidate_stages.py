@@ -41,6 +41,7 @@ class CandidateStages:
         self.evidence: Callable[[Hypothesis], float] | None = None
         self._rough: list[Hypothesis] = []  # those settled, as they were before
         self._full: list[_Full] = []
+        self._best: _Full | None = None
 
     def roughly(self, candidates: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Refine candidates on what their starts see and return them judged, by score."""
@@ -79,6 +80,7 @@ class CandidateStages:
         others = [h for h in self.settled if all(h is not other for other in chosen)]
         if not finals:
             return others, None
+        self._best = finals[0]
         best, comparison, place = self._with_halves(finals[0]), finals[0].comparison, self.config.judge.place
         with self.clock.stage("judge"):
             known = sum(not full.final.is_near(best, place) for full in finals)
@@ -91,6 +93,14 @@ class CandidateStages:
         least = min((h.score for h in elsewhere), default=math.inf)
         others = [replace(h, score=min(h.score, least)) for h in others]
         return [with_distinctness(best, elsewhere), *beside, *others], comparison
+
+    def focal_pull(self) -> float:
+        """Return how strongly photos want another focal length at the best of the poses that were refined fully last."""
+        if self._best is None or self._best.points.patches is None:
+            return 0.0
+        best, points = self._best.final, self._best.points
+        with self.clock.stage("refine"):
+            return self.refined.focal_pull(self.queries[best.map_number], best, points)
 
     def _with_more(self, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return the chosen, and where evidence ranks the best settled ones of more places."""

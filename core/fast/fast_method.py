@@ -31,10 +31,11 @@ from core.judge.verdict import verdict
 from core.options import Hints
 from core.panorama.panorama import Panorama
 from core.panorama.photo_atlas import shown_share
-from core.panorama.session import Session
+from core.panorama.session import Session, is_perspective
 from core.prepared_panorama import PreparedPanorama
 from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, SearchRound, prepare_queries, search_rounds
+from core.refine.focal_refinement import FocalRefined
 from core.search.closer_look import search_around
 from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates, make_search_rotations, search_maps
@@ -69,8 +70,8 @@ class FastMethod:
 
     def with_focal(
         self, query: Session, maps: Sequence[MapIndex], known: Hypothesis, clock: StageClock
-    ) -> tuple[Hypothesis, float]:
-        """Return a hypothesis for a single photo, refined together with its focal length, and by which factor that grows."""
+    ) -> FocalRefined:
+        """Return the pose of a hypothesis for photos, refined together with their focal length."""
         return self._of(query, clock).with_focal(query, maps, known)
 
     def confidence_of_answer(self, hypotheses: Sequence[Hypothesis]) -> float:
@@ -144,7 +145,8 @@ class _Run:
         own = queries[hypotheses[0].map_number] if hypotheses else queries[0]
         edges_deg = own.picture.edges_deg() if isinstance(own.picture, PreparedPhotos) else None
         cloud = own.cloud if hypotheses else None
-        return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses, edges_deg)
+        pull = stages.focal_pull() if isinstance(query, Session) and is_perspective(query) else 0.0
+        return MethodResult(hypotheses, comparison, cloud, num_starts, num_poses, edges_deg, pull)
 
     def search_score(self, query: Panorama | Session, maps: Sequence[MapIndex], hints: Hints | None) -> float:
         """Search, and return the score of the best candidate."""
@@ -155,8 +157,8 @@ class _Run:
             ]
         return max((float(part.candidates.scores.max()) for part in found if len(part.candidates.scores)), default=0.0)
 
-    def with_focal(self, query: Session, maps: Sequence[MapIndex], known: Hypothesis) -> tuple[Hypothesis, float]:
-        """Refine a hypothesis and the focal length of the only photo."""
+    def with_focal(self, query: Session, maps: Sequence[MapIndex], known: Hypothesis) -> FocalRefined:
+        """Refine a hypothesis and the focal length of the photos."""
         queries = prepare_queries(query, maps, None, self.config.refinement.finest_height, self.config)
         with self.clock.stage("refine"):
             return RefinementSteps(self.config, self.clock).with_focal(queries[known.map_number], known)

@@ -15,7 +15,7 @@ from core.fast.fast_method import FastMethod
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis
 from core.options import Hints
-from core.panorama.session import Photo, Session
+from core.panorama.session import Session, with_focal_factor
 from core.results import Localization
 from core.stage_clock import StageClock
 from core.views.comparison import Comparison
@@ -55,10 +55,10 @@ def with_found_camera(
         return session
     low, high = (_focal_px(photo.camera, width) for width in reversed(photo.hfov_range_deg))
     found = _localized(method, session, maps, hints, clock, (low, high), config)
-    focal = (
-        math.sqrt(low * high) if found is None else _refined(method, session, maps, clock, found, (low, high), config)
-    )
-    return _with_focal(session, focal, config.uncertainty)
+    if found is None:
+        return _with_focal(session, math.sqrt(low * high), config.most_uncertainty)
+    focal, information = _refined(method, session, maps, clock, found, (low, high), config)
+    return _with_focal(session, focal, focal_uncertainty(information, config))
 
 
 def _localized(
@@ -93,19 +93,27 @@ def _refined(
     found: tuple[float, Hypothesis],
     bounds_px: tuple[float, float],
     config: FieldOfViewConfig,
-) -> float:
-    """Return the focal length, pixels, to which rounds of refinement with the pose lead, each with the window of the one before."""
+) -> tuple[float, float]:
+    """Return the focal length, pixels, to which rounds of refinement with the pose lead, each with the window of the one before; and the
+    information that the photo has of it."""
     focal, hypothesis = found
     last_log, share = 0.0, 1.0
     for _ in range(config.most_rounds):
-        hypothesis, factor = method.with_focal(_with_focal(session, focal), maps, hypothesis, clock)
-        log = math.log(factor)
+        refined = method.with_focal(_with_focal(session, focal), maps, hypothesis, clock)
+        hypothesis = replace(hypothesis, rotation=refined.rotation, position=refined.position)
+        log = float(refined.log_factor)
         # Where rounds swing to and fro around the right one, they go half as far.
         share = share / 2 if log * last_log < 0 else share
-        last_log, focal = log, min(max(focal * factor**share, bounds_px[0]), bounds_px[1])
+        last_log, focal = log, min(max(focal * math.exp(log * share), bounds_px[0]), bounds_px[1])
         if abs(log) < math.log(config.settled):
             break
-    return focal
+    return focal, float(refined.information)
+
+
+def focal_uncertainty(information: float, config: FieldOfViewConfig) -> float:
+    """Return the share that a focal length may be off by (68 %) that photos tell with so much information."""
+    share = config.noise / math.sqrt(max(information, 1e-9))
+    return min(max(share, config.least_uncertainty), config.most_uncertainty)
 
 
 def with_focal_uncertainty(answer: Localization, comparison: Comparison | None, share: float) -> Localization:
@@ -126,8 +134,5 @@ def _focal_px(camera: Camera, hfov_deg: float) -> float:
 
 
 def _with_focal(session: Session, focal_px: float, uncertainty: float = 0.0) -> Session:
-    """Return the session of one photo with another focal length, pixels, which may be off by a share; its camera is known then."""
-    image = session.images[0]
-    camera = replace(image.photo.camera, fx_px=focal_px, fy_px=focal_px)
-    photo: Photo = replace(image.photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
-    return replace(session, images=(replace(image, photo=photo),))
+    """Return the session of one photo with another focal length, pixels, which may be off by a share."""
+    return with_focal_factor(session, focal_px / session.images[0].photo.camera.fx_px, uncertainty)

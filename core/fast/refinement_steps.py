@@ -109,20 +109,28 @@ class RefinementSteps:
             measures=hypothesis.measures | {"halves_apart_m": distance, "halves_apart_deg": math.degrees(angle)},
         )
 
-    def with_focal(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
-        """Refine a pose with the focal length of the only photo; also return by which factor that grows."""
+    def focal_pull(self, query: MapQuery, hypothesis: Hypothesis, points: CandidatePoints) -> float:
+        """Return how strongly photos pull the focal length away from what it is said to be, where a pose was refined fully."""
+        photos = self.config.photos
+        level = query.picture.canonical_level(photos.focal_rows[0], photos.patch_contrast_share)
+        assert isinstance(level, RigLevel)
+        begun, some = FocalRefined.at(hypothesis.rotation, hypothesis.position), points.thinned(photos.pull_every)
+        return refine_with_focal(level, some, begun, photos.pull_iterations, photos.patch_step).strength
+
+    def with_focal(self, query: MapQuery, hypothesis: Hypothesis) -> FocalRefined:
+        """Refine a pose of photos together with their focal length."""
         self.clock.check()
-        sizes, share = self.config.refinement, self.config.refinement.fine_contrast_share
-        found = FocalRefined(hypothesis.rotation, hypothesis.position, 1.0)
-        for height in (sizes.fine_height // 4, sizes.fine_height):
-            comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
-            level = query.picture.level_for(comparison, height, share)
-            assert isinstance(level, RigLevel)
-            points = query.full_points(hypothesis, comparison, sizes.fine_points)
-            step = self._suited(query.picture, self.config.step)
-            found = refine_with_focal(level, points, found, sizes.focal_iterations, step)
+        sizes, photos = self.config.refinement, self.config.photos
+        found = FocalRefined.at(hypothesis.rotation, hypothesis.position)
+        for rows in photos.focal_rows:
             hypothesis = replace(hypothesis, rotation=found.rotation, position=found.position)
-        return hypothesis, found.focal_factor
+            comparison = query.compare([hypothesis], sizes.visibility_height, with_points=True)
+            points = query.points_with_patches(hypothesis, comparison)
+            level = query.picture.canonical_level(rows, photos.patch_contrast_share)
+            assert isinstance(level, RigLevel)
+            step = self._suited(query.picture, photos.patch_step)
+            found = refine_with_focal(level, points, found, photos.focal_iterations, step)
+        return found
 
     def _refine(
         self,

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from core.config import JudgeConfig
+from core.judge.confidence import share_within
 from core.judge.photo_agreement import PhotoAgreement
 from core.results import Localization
 
@@ -70,6 +71,22 @@ class Doubts:
             return replace(found, warnings=(*found.warnings, lost))
         warning = f"the photo fits best {at_bound}; widen the range"
         return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+
+    def unless_focal_length_matters(self, found: Localization) -> Localization:
+        """Return the answer no surer than its radius allows, which tells what an uncertain focal length leaves open; not localized where
+        that is too little."""
+        best = found.best
+        if best is None or found.status == "not_localized":
+            return found
+        allowed = share_within(found.accuracy_position_m, found.accuracy_orientation_deg)
+        if allowed >= self._threshold:
+            others = tuple(replace(other, confidence=min(other.confidence, allowed)) for other in found.alternatives)
+            return replace(found, best=replace(best, confidence=min(best.confidence, allowed)), alternatives=others)
+        warning = (
+            f"the field of view is not known well enough to say where the image was taken to less than {found.accuracy_position_m:.2f} m; "
+            "send hfov_deg or the intrinsics, or more images"
+        )
+        return self._refused(found, best.confidence, warning)
 
     def _refused(self, found: Localization, confidence: float, warning: str | None = None) -> Localization:
         """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""

@@ -55,7 +55,8 @@ class Hypothesis:
 class MethodResult:
     """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log.
 
-    edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels.
+    edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels. focal_pull: how strongly photos want
+    another focal length at the best pose (see `core.fast.camera_check`).
     """
 
     hypotheses: list[Hypothesis]
@@ -64,6 +65,7 @@ class MethodResult:
     num_starts: int
     num_poses: int
     edges_deg: float | None = None
+    focal_pull: float = 0.0
 
 
 def by_map(hypotheses: Sequence[Hypothesis]) -> Iterator[tuple[int, list[Hypothesis]]]:

@@ -1,7 +1,7 @@
 """A session: photos of known cameras, and the poses that the device's own tracking gives them among each other."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,21 @@ class Session:
     def of_photo(cls, photo: Photo) -> "Session":
         """Return the session of one photo, whose own frame it is."""
         return cls((SessionImage(photo, Pose(np.eye(3), np.zeros(3))),))
+
+
+def is_perspective(session: Session) -> bool:
+    """Tell whether all photos are of cameras whose focal length spreads what is beside the optical axis."""
+    return all(image.photo.camera.model in ("pinhole", "opencv") for image in session.images)
+
+
+def with_focal_factor(session: Session, factor: float, uncertainty: float = 0.0) -> Session:
+    """Return the session with cameras of longer focal lengths, by a factor, which may be off by a share; they are known then."""
+
+    def of(photo: Photo) -> Photo:
+        camera = replace(photo.camera, fx_px=factor * photo.camera.fx_px, fy_px=factor * photo.camera.fy_px)
+        return replace(photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
+
+    return replace(session, images=tuple(replace(image, photo=of(image.photo)) for image in session.images))
 
 
 def session_from_rig(session: Session) -> Pose:

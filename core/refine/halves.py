@@ -6,6 +6,7 @@ and each half alone fits better elsewhere: by decimetres and degrees in rooms as
 """
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -33,34 +34,15 @@ def halves_apart(
     The halves are the black and the white squares of a chessboard on the sphere. points: of that one pose. rotation: (3, 3)
     map_from_camera; position: (3,) metres.
     """
-    some = _thinned(points, config.every)
+    # Lines, which both halves share, are left out: what they hold together says nothing.
+    some = replace(points.thinned(config.every), lines=None)
     directions = torch.nn.functional.normalize((some.positions[0] - position) @ rotation, dim=-1)
     is_black = on_black_squares(directions, config.square_deg)
     weights = some.weights[0] * torch.stack((is_black, ~is_black))
-    both = CandidatePoints(
-        some.positions.expand(2, -1, -1),
-        some.colors.expand(2, -1, -1),
-        weights,
-        None if some.photos is None else some.photos.expand(2, -1),
-        some.patches,
-    )
+    both = replace(some.take(torch.zeros(2, dtype=torch.long, device=weights.device)), weights=weights)
     found = refine(level, both, rotation.expand(2, 3, 3), position.expand(2, 3), config.iterations, step)
     distance = (found.positions[0] - found.positions[1]).norm()
     angle = rotation_angle(found.rotations[0], found.rotations[1])
     # Halves in which nothing agrees stay where they are, which is no agreement.
     is_blind = (found.hessian.diagonal(dim1=1, dim2=2).sum(-1) <= 0).any()
     return torch.stack((torch.where(is_blind, _NOWHERE_M, distance), torch.where(is_blind, _NOWHERE_RAD, angle)))
-
-
-def _thinned(points: CandidatePoints, stride: int) -> CandidatePoints:
-    """Return every so-manieth point; lines, which both halves share, are left out: what they hold together says nothing."""
-    patches = None
-    if points.patches is not None:
-        patches = torch.unique(points.patches[::stride], return_inverse=True)[1]
-    return CandidatePoints(
-        points.positions[:, ::stride],
-        points.colors[:, ::stride],
-        points.weights[:, ::stride],
-        None if points.photos is None else points.photos[:, ::stride],
-        patches,
-    )

@@ -49,7 +49,44 @@ def patch_step(
     relaxed: bool,
 ) -> PatchStep:
     """Move K poses by one step, by points that lie in patches."""
-    seen, inside = level.sample_points(points.positions, points.photos, rotations, positions)
+    found = patch_equations(level, points, rotations, positions, config)
+    relaxation = next_relaxation(history, found.gradient, config)
+    turn, move = solve(found.hessian, found.gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
+    step = torch.cat((turn, move), dim=-1)
+    return PatchStep(
+        rotations @ rotation_from_vector(turn),
+        torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],
+        StepHistory(step, (found.gradient * step).sum(-1), relaxation),
+        found.weights,
+        found.hessian,
+        found.loss,
+        found.scale,
+    )
+
+
+@dataclass(frozen=True)
+class PatchEquations:
+    """The equations of a step at K poses: hessian (K, U, U) and gradient (K, U) by turn, move and, where it is asked for, the logarithm of
+    the focal length, of `mass` (K,) times the loss; weights (K, N) of the points; loss and scale (K,) as of `PatchStep`."""
+
+    hessian: Tensor
+    gradient: Tensor
+    mass: Tensor
+    weights: Tensor
+    loss: Tensor
+    scale: Tensor
+
+
+def patch_equations(
+    level: RigLevel,
+    points: PointPlanes,
+    rotations: Tensor,
+    positions: Tensor,
+    config: StepConfig,
+    log_focal: Tensor | None = None,
+) -> PatchEquations:
+    """Return the equations of a step at K poses; log_focal: as of `RigLevel.sample_points`."""
+    seen, inside = level.sample_points(points.positions, points.photos, rotations, positions, log_focal)
     by_patch = _Patches(points, points.weights * inside)
     shown, scanned = by_patch.centered(seen.color), by_patch.centered(points.colors)
     common, power = by_patch.covariances(shown, scanned, config.min_patch_variance)
@@ -69,18 +106,9 @@ def patch_step(
         by_turn, slope = points.lines.equations(rotations)
         hessian[:, :3, :3] += by_turn * total[:, None, None]
         gradient[:, :3] += slope * total[:, None]
-    relaxation = next_relaxation(history, gradient, config)
-    turn, move = solve(hessian, gradient, config, relaxation if relaxed else torch.ones_like(relaxation))
-    step = torch.cat((turn, move), dim=-1)
-    return PatchStep(
-        rotations @ rotation_from_vector(turn),
-        torch.baddbmm(positions[..., None], rotations, move[..., None])[..., 0],
-        StepHistory(step, (gradient * step).sum(-1), relaxation),
-        weights,
-        hessian,
-        (by_patch.mass * unexplained).sum(-1) / total,
-        ((weights * _over_channels(residual, residual)).sum(-1) / total).sqrt(),
-    )
+    loss = (by_patch.mass * unexplained).sum(-1) / total
+    scale = ((weights * _over_channels(residual, residual)).sum(-1) / total).sqrt()
+    return PatchEquations(hessian, gradient, total, weights, loss, scale)
 
 
 def _robust(relative: Tensor, weights: Tensor, scale: float, floor: float) -> Tensor:

@@ -45,6 +45,15 @@ class CandidatePoints:
         colors, weights = self.colors[chosen], self.weights[chosen]
         return CandidatePoints(self.positions[chosen], colors, weights, photos, self.patches, lines)
 
+    def thinned(self, stride: int) -> "CandidatePoints":
+        """Return every so-manieth point."""
+        patches = None
+        if self.patches is not None:
+            patches = torch.unique(self.patches[::stride], return_inverse=True)[1]
+        photos = None if self.photos is None else self.photos[:, ::stride]
+        positions, colors, weights = (part[:, ::stride] for part in (self.positions, self.colors, self.weights))
+        return CandidatePoints(positions, colors, weights, photos, patches, self.lines)
+
     def planes(self) -> PointPlanes:
         """Return them as planes."""
         positions, colors = self.positions.transpose(1, 2).contiguous(), self.colors.transpose(1, 2).contiguous()

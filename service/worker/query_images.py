@@ -43,13 +43,15 @@ def photos_of(query: Query) -> list[Photo]:
 
 
 def as_found(query: Query, found: Localization) -> Query:
-    """Return the query with the camera that was found, where nobody knew its field of view."""
-    if found.found_camera is None or isinstance(query, Panorama):
+    """Return the query with the cameras that were found, where the answer is for others than those given."""
+    if not found.found_cameras or isinstance(query, Panorama):
         return query
     session = query if isinstance(query, Session) else Session.of_photo(query)
-    image = session.images[0]
-    photo = replace(image.photo, camera=found.found_camera, hfov_range_deg=None)
-    return replace(session, images=(replace(image, photo=photo),)) if isinstance(query, Session) else photo
+    images = tuple(
+        replace(image, photo=replace(image.photo, camera=camera, hfov_range_deg=None))
+        for image, camera in zip(session.images, found.found_cameras, strict=True)
+    )
+    return replace(session, images=images) if isinstance(query, Session) else images[0].photo
 
 
 def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Localization]:

@@ -30,8 +30,8 @@ def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
 ) -> None:
     found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 100.0)), [box_index])
     assert found.status == "localized"
-    assert found.found_camera is not None
-    assert found.found_camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
+    (camera,) = found.found_cameras
+    assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
     assert found.best is not None
     error = pose_error(found.best.pose, box_pose)
     assert error.position_m < 0.15
@@ -55,7 +55,7 @@ def test_a_known_camera_stays_what_it_is(
     localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
 ) -> None:
     known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
-    assert localizer.localize(known, [box_index]).found_camera is None
+    assert localizer.localize(known, [box_index]).found_cameras == ()
 
 
 @pytest.mark.slow

@@ -61,3 +61,21 @@ def test_an_answer_that_is_refused_is_no_less_sure_than_its_alternatives() -> No
     answer = DOUBTS.unless_plain(replace(found("localized"), alternatives=(replace(best, confidence=0.5),)), 0.0)
     assert answer.best is not None
     assert answer.alternatives[0].confidence == answer.best.confidence == 0.3
+
+
+def test_what_an_uncertain_focal_length_leaves_open_bounds_the_confidence() -> None:
+    known = replace(found("localized"), accuracy_position_m=0.28, accuracy_orientation_deg=1.0)
+    answer = DOUBTS.unless_focal_length_matters(known)
+    assert answer.status == "localized"
+    assert answer.best is not None
+    assert 0.6 < answer.best.confidence < 0.8
+    assert answer.warnings == ()
+
+
+def test_a_focal_length_that_leaves_too_much_open_is_no_answer() -> None:
+    blurred = replace(found("localized"), accuracy_position_m=0.5, accuracy_orientation_deg=1.0)
+    answer = DOUBTS.unless_focal_length_matters(blurred)
+    assert answer.status == "not_localized"
+    (words,) = answer.warnings
+    assert "field of view" in words
+    assert "0.50 m" in words

@@ -137,3 +137,41 @@ def test_a_sphere_as_a_photo_is_sampled_as_a_panorama_is() -> None:
         assert torch.equal(inside, all_inside)
         torch.testing.assert_close(found.planes, expected.planes, atol=2e-4, rtol=1e-3)
         torch.testing.assert_close(found.directions, expected.directions, atol=1e-5, rtol=1e-4)
+
+
+def test_a_longer_focal_length_spreads_what_is_beside_the_axis_of_each_photo() -> None:
+    place, photos = points_in_view()
+    level, log = rig(), 0.08
+    small = 1e-3
+    at, before, after = (
+        level.sample_points(place, photos, ROTATION[None], POSITION[None], torch.tensor(log + change))[0]
+        for change in (0.0, -small, small)
+    )
+    assert at.directions.shape[1] == 7
+    # Colours change by the derivative along which they are looked up: the seventh direction.
+    expected = (after.color - before.color) / (2 * small)
+    slope = (at.derivatives * at.directions[:, 6][:, None]).sum(2)
+    error = (slope - expected).abs().median()
+    assert float(error) < 0.05 * float(expected.abs().median())
+    same = level.sample_points(place, photos, ROTATION[None], POSITION[None])[0]
+    none = level.sample_points(place, photos, ROTATION[None], POSITION[None], torch.zeros(()))[0]
+    torch.testing.assert_close(none.planes, same.planes)
+    torch.testing.assert_close(none.directions[:, :6], same.directions)
+
+
+@pytest.mark.parametrize("unknown", range(6))
+def test_derivatives_by_the_pose_are_those_at_the_longer_focal_length(unknown: int) -> None:
+    place, photos = points_in_view()
+    level, log, small = rig(), torch.tensor(0.15), 1e-3
+    change = torch.zeros(6)
+    change[unknown] = small
+
+    def colors(sign: int) -> torch.Tensor:
+        turned = ROTATION @ rotation_from_vector(sign * change[None, :3])[0]
+        moved = POSITION + ROTATION @ (sign * change[3:])
+        return level.sample_points(place, photos, turned[None], moved[None], log)[0].color
+
+    at = level.sample_points(place, photos, ROTATION[None], POSITION[None], log)[0]
+    expected = (colors(1) - colors(-1)) / (2 * small)
+    slope = (at.derivatives * at.directions[:, unknown][:, None]).sum(2)
+    assert float((slope - expected).abs().median()) < 0.05 * float(expected.abs().median())

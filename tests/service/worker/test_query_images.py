@@ -61,7 +61,9 @@ def test_a_photo_whose_field_of_view_was_searched_is_shown_with_the_one_that_was
     unknown = found_at(pose, None)
     assert as_found(photo, unknown) is photo
     for query in (photo, Session.of_photo(photo)):
-        (shown,) = photos_of(as_found(query, replace(unknown, found_camera=Camera.from_hfov("pinhole", 64, 48, 52.0))))
+        (shown,) = photos_of(
+            as_found(query, replace(unknown, found_cameras=(Camera.from_hfov("pinhole", 64, 48, 52.0),)))
+        )
         assert shown.camera.hfov_deg == pytest.approx(52.0)
         assert shown.hfov_range_deg is None
 

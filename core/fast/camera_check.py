@@ -1,0 +1,74 @@
+"""Whether photos agree with the focal length that they are said to have.
+
+A crop, a zoom, a video of a phone that shows less than its photos: a field of view that is some degrees off puts a camera decimetres too
+near or too far, and everything else fits, so that no score tells. But a focal length that is refined with the pose comes out right where
+photos have any information of it, and how much they have is known (see `core.refine.focal_refinement`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from core.config import LocalizerConfig
+from core.fast.fast_method import FastMethod
+from core.fast.field_of_view import focal_uncertainty
+from core.index.map_index import MapIndex
+from core.judge.hypotheses import MethodResult
+from core.options import Hints
+from core.panorama.session import Session, with_focal_factor
+from core.stage_clock import StageClock
+
+_WHAT_TO_DO = "check fx_px or hfov_deg, and whether images were cropped or zoomed"
+
+
+@dataclass(frozen=True)
+class CheckedCameras:
+    """A session with the cameras that its answer is for, the result with them, and what a caller should know of them.
+
+    are_others: whether they are others than those given.
+    """
+
+    session: Session
+    result: MethodResult
+    are_others: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+def checked_cameras(
+    method: FastMethod,
+    session: Session,
+    maps: Sequence[MapIndex],
+    hints: Hints | None,
+    clock: StageClock,
+    result: MethodResult,
+    config: LocalizerConfig,
+) -> CheckedCameras:
+    """Look whether photos contradict their focal length at the best pose found, where that would be answered.
+
+    Where they do, they are localized with the one that they want, and that is kept where it is an answer and fits clearly better; for one
+    in thirty want another although theirs is right.
+    """
+    check, field_of_view = config.camera_check, config.field_of_view
+    if result.focal_pull < check.suspect or not method.confidence_of_answer(result.hypotheses):
+        return CheckedCameras(session, result)
+    best = result.hypotheses[0]
+    refined = method.with_focal(session, maps, best, clock)
+    log_factor = float(refined.log_factor)
+    if refined.strength < check.contradicting or abs(log_factor) < check.least_log:
+        return CheckedCameras(session, result)
+    share = focal_uncertainty(float(refined.information), field_of_view)
+    wanted = with_focal_factor(session, math.exp(log_factor), share)
+    again = method.run(wanted, maps, hints, clock)
+    is_answer = method.confidence_of_answer(again.hypotheses) > 0
+    if is_answer and again.hypotheses[0].score >= check.better * best.score:
+        warning = f"the pose is for {_widths(session, wanted)}, which fits better; {_WHAT_TO_DO}"
+        return CheckedCameras(wanted, again, True, (warning,))
+    warning = f"some of what is seen would fit better for {_widths(session, wanted)}; {_WHAT_TO_DO}"
+    return CheckedCameras(session, result, warnings=(warning,))
+
+
+def _widths(given: Session, fitting: Session) -> str:
+    """Say how wide the first image is in both."""
+    widths = [session.images[0].photo.camera.hfov_deg for session in (fitting, given)]
+    of = "an image" if len(given.images) == 1 else "images of which the first is"
+    return f"{of} {widths[0]:.1f} degrees wide, not {widths[1]:.1f} as given"
