@@ -68,6 +68,15 @@ def test_a_photo_whose_field_of_view_was_searched_is_shown_with_the_one_that_was
         assert shown.hfov_range_deg is None
 
 
+def test_images_that_contradicted_their_cameras_are_shown_with_those_that_fit() -> None:
+    session = read_query([frame_image(), frame_image()], "ros", NO_SESSION, MAX_PIXELS)
+    assert isinstance(session, Session)
+    given = photos_of(session)[0].camera
+    fitting = tuple(Camera.from_hfov("pinhole", given.width_px, given.height_px, width) for width in (50.0, 51.0))
+    found = replace(found_at(Pose(np.eye(3), np.zeros(3)), None), found_cameras=fitting)
+    assert [photo.camera for photo in photos_of(as_found(session, found))] == list(fitting)
+
+
 def test_poses_are_brought_from_the_axes_of_the_caller_to_those_of_the_algorithm() -> None:
     # A WebXR device one metre to the right of where it began and two up, looking to the right: about y by -90 degrees.
     tracked = TrackedPose((1.0, 2.0, 0.0), (0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)))
