@@ -86,6 +86,16 @@ def test_the_radius_tells_what_the_focal_length_leaves_open(
     assert 0.5 < walls_m < 6  # metres to the walls of the box
 
 
+@pytest.mark.slow
+def test_a_focal_length_that_may_be_anything_is_no_answer(
+    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
+) -> None:
+    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
+    found = localizer.localize(replace(known, focal_uncertainty=0.3), [box_index])
+    assert found.status == "not_localized"
+    assert any("field of view is not known well enough" in words for words in found.warnings)
+
+
 def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale(box: PaintedBox, box_pose: Pose) -> None:
     photo = of_unknown_field_of_view(box, box_pose, (60.0, 100.0))
     image = SessionImage(photo, Pose(np.eye(3), np.zeros(3)))
