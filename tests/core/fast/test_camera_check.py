@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from core.camera.camera import Camera
+from core.camera.camera import Camera, CameraModel
+from core.fast.fast_method import FastMethod
 from core.geometry.pose import Pose, pose_error
 from core.index.map_index import MapIndex
+from core.judge.confidence import load_confidence_model
 from core.localizer import Localizer
 from core.panorama.session import Photo, Session, SessionImage
 from core.results import Localization
+from core.stage_clock import StageClock
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 
@@ -69,9 +73,13 @@ def test_so_are_the_images_of_a_session(
     assert any("images of which the first is 6" in words for words in found.warnings)
 
 
-def test_a_camera_whose_pixels_are_angles_is_not_asked(
-    localizer: Localizer, box_index: MapIndex, box_pose: Pose, taken: Photo
+@pytest.mark.parametrize(("model", "is_asked"), [("pinhole", True), ("opencv", True), ("opencv_fisheye", False)])
+def test_only_a_focal_length_that_spreads_what_is_beside_the_axis_is_pulled_at(
+    localizer: Localizer, box_index: MapIndex, taken: Photo, model: CameraModel, is_asked: bool
 ) -> None:
-    camera = replace(taken.camera, model="opencv_fisheye", distortion=(0.0, 0.0, 0.0, 0.0))
-    found = localizer.localize(replace(taken, camera=camera), [box_index])
-    assert found.found_cameras == ()
+    camera = replace(said_to_be(taken, SAID_DEG).camera, model=model)
+    session, cpu = Session.of_photo(replace(taken, camera=camera)), torch.device("cpu")
+    method = FastMethod(localizer.config, cpu, load_confidence_model())
+    with torch.inference_mode():
+        pull = method.run(session, [box_index], None, StageClock(None, cpu)).focal_pull
+    assert pull > localizer.config.camera_check.suspect if is_asked else pull == 0.0
