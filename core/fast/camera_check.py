@@ -18,7 +18,10 @@ from core.options import Hints
 from core.panorama.session import Session, with_focal_factor
 from core.stage_clock import StageClock
 
-_WHAT_TO_DO = "check fx_px or hfov_deg, and whether images were cropped or zoomed"
+_WHAT_TO_DO = (
+    "check fx_px, hfov_deg or the focal length in the EXIF data, and whether images were cropped or zoomed; "
+    "of a crop off the middle send cx_px and cy_px"
+)
 
 
 @dataclass(frozen=True)

@@ -102,11 +102,14 @@ def _contradiction(doubtful: Sequence[int], count: int) -> str:
     """Say of which images, counted from 0, the poses or cameras must be wrong."""
     numbers = [str(k + 1) for k in doubtful]
     if len(numbers) == 1:
-        said, whose = f"image {numbers[0]} of {count} does", "its session_from_camera and camera"
+        said, whose = (
+            f"image {numbers[0]} of {count} does",
+            "its session_from_camera and the field of view of its camera",
+        )
     else:
         said, whose = (
             f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
-            "their session_from_camera and cameras",
+            "their session_from_camera and the field of view of their cameras",
         )
     unless = "unless much of what is seen there has changed"
-    return f"{said} not agree with the pose that fits the others; check {whose}, and frame, {unless}"
+    return f"{said} not agree with the pose that fits the others; check frame, {whose}, {unless}"
