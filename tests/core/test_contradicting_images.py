@@ -65,4 +65,4 @@ def test_images_of_another_place_contradict_nothing() -> None:
 
 def test_one_image_that_disagrees_is_named_by_its_number() -> None:
     (warning,) = unsure([0.9, 0.9, 0.9, 0.9, 0.9, 0.1], "localized").warnings
-    assert warning.startswith("image 6 of 6 does not agree with the pose that fits the others; check its")
+    assert warning.startswith("image 6 of 6 does not agree with the pose that fits the others; check frame, its")
