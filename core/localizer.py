@@ -100,7 +100,7 @@ class Localizer:
             answer = self._answer(result, maps, method, top_k, clock)
         answer = self._with_radii_of(answer, len(query.images) if isinstance(query, Session) else None)
         if isinstance(query, Session):
-            cameras = checked or CheckedCameras(query, result, range_deg is not None)
+            cameras = checked or CheckedCameras(query, result, are_others=range_deg is not None)
             answer = self._for_session(answer, cameras.session, result.comparison)
             answer = self._doubts.unless_at_bound(self._doubts.unless_plain(answer, result.edges_deg), bound_deg)
             answer = self._with_cameras(answer, cameras)

@@ -126,7 +126,8 @@ class FieldOfViewConfig:
     most_tried: int = 3  # of the fields of view that the search likes best, refined one after the other
     most_rounds: int = 6  # of refinement with the focal length, each with a window of the focal length found before
     settled: float = 1.004  # factor of the focal length below which rounds end
-    # Of a focal length that was found, times the root of the information that the photos have of it; between that and these bounds.
+    # The share that a focal length which was found may be off by (68 %) is this over the root of the information that the photos have of
+    # it, within these bounds.
     noise: float = 0.05
     least_uncertainty: float = 0.01
     most_uncertainty: float = 0.3

@@ -65,7 +65,7 @@ def checked_cameras(
     is_answer = method.confidence_of_answer(again.hypotheses) > 0
     if is_answer and again.hypotheses[0].score >= check.better * best.score:
         warning = f"the pose is for {_widths(session, wanted)}, which fits better; {_WHAT_TO_DO}"
-        return CheckedCameras(wanted, again, True, (warning,))
+        return CheckedCameras(wanted, again, are_others=True, warnings=(warning,))
     warning = f"some of what is seen would fit better for {_widths(session, wanted)}; {_WHAT_TO_DO}"
     return CheckedCameras(session, result, warnings=(warning,))
 

@@ -75,11 +75,12 @@ def is_perspective(session: Session) -> bool:
 def with_focal_factor(session: Session, factor: float, uncertainty: float = 0.0) -> Session:
     """Return the session with cameras of longer focal lengths, by a factor, which may be off by a share; they are known then."""
 
-    def of(photo: Photo) -> Photo:
+    def scaled(photo: Photo) -> Photo:
+        """Return a photo with such a camera."""
         camera = replace(photo.camera, fx_px=factor * photo.camera.fx_px, fy_px=factor * photo.camera.fy_px)
         return replace(photo, camera=camera, hfov_range_deg=None, focal_uncertainty=uncertainty)
 
-    return replace(session, images=tuple(replace(image, photo=of(image.photo)) for image in session.images))
+    return replace(session, images=tuple(replace(image, photo=scaled(image.photo)) for image in session.images))
 
 
 def session_from_rig(session: Session) -> Pose:

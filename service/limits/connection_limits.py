@@ -47,11 +47,7 @@ class ConnectionCount:
         self._idle: dict[Connection, str] = {}
 
     def why_not(self, address: str) -> tuple[Refusal, str] | None:
-        """Return why this address gets no further connection, None when it does; make room where an idle one can go."""
-        if self._by_address[address] >= self.limits.connections_of_address:
-            self._end_idle([idle for idle, idle_address in self._idle.items() if idle_address == address])
-        elif self._by_address.total() >= self.limits.connections:
-            self._end_idle(list(self._idle))
+        """Return why this address gets no further connection, None when it does."""
         total, of_address = self._by_address.total(), self._by_address[address]
         if total >= self.limits.connections:
             return "connections", _too_many(self.limits.connections, "PANOLOC_MAX_CONNECTIONS")
@@ -59,6 +55,17 @@ class ConnectionCount:
             setting = "PANOLOC_MAX_CONNECTIONS_PER_ADDRESS"
             return "connections-of-address", _too_many(self.limits.connections_of_address, setting)
         return None
+
+    def make_room(self, address: str) -> None:
+        """Let an idle connection give way where a limit leaves none for this address; of an address at its own limit, one of its own."""
+        if self._by_address[address] >= self.limits.connections_of_address:
+            idle = [connection for connection, whose in self._idle.items() if whose == address]
+        elif self._by_address.total() >= self.limits.connections:
+            idle = list(self._idle)
+        else:
+            return
+        for longest in idle[:1]:
+            longest.give_way()
 
     def add(self, address: str) -> None:
         """Count a connection."""
@@ -77,10 +84,6 @@ class ConnectionCount:
     def works(self, connection: Connection) -> None:
         """Know a connection as one with something under way, or gone."""
         self._idle.pop(connection, None)
-
-    def _end_idle(self, longest_first: list[Connection]) -> None:
-        for connection in longest_first[:1]:
-            connection.give_way()
 
 
 def _too_many(limit: int, setting: str) -> str:

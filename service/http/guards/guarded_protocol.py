@@ -40,6 +40,7 @@ class GuardedProtocol(HttpToolsProtocol):
         """Take a connection, or say why not."""
         super().connection_made(transport)
         address = self.client[0] if self.client else ""
+        self._count.make_room(address)
         reason = self._count.why_not(address)
         if reason is not None:
             self._refuse(503, *reason)

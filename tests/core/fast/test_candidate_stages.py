@@ -34,12 +34,16 @@ class Refinement:
 
     def fully(self, query: MapQuery, hypothesis: Hypothesis) -> tuple[Hypothesis, Any]:
         self.full.append(hypothesis)
-        return hypothesis, f"points of {hypothesis.score}"
+        return hypothesis, SimpleNamespace(of_score=hypothesis.score, patches=torch.zeros(1))
 
     def with_halves(self, query: MapQuery, hypothesis: Hypothesis, points: Any) -> Hypothesis:
         self.halved.append(hypothesis)
-        assert points == f"points of {hypothesis.score / SMALLER}"
+        assert points.of_score == hypothesis.score / SMALLER
         return replace(hypothesis, measures=hypothesis.measures | {"halves_apart_m": 0.01})
+
+    def focal_pull(self, query: MapQuery, hypothesis: Hypothesis, points: Any) -> float:
+        assert points.of_score == hypothesis.score / SMALLER
+        return hypothesis.score
 
 
 def stages_of(rivals: int, weighed_places: int = 6) -> tuple[CandidateStages, Refinement]:
@@ -69,6 +73,16 @@ def test_what_was_settled_or_refined_fully_is_not_again() -> None:
     assert refinement.full == ranked[:1]
     assert [h.score for h in refinement.halved] == [0.5]
     assert [h.score for h in stages.settled] == [1.0, 0.8]
+
+
+def test_the_focal_length_is_pulled_at_where_the_best_of_the_last_finals_is() -> None:
+    stages, _ = stages_of(rivals=1)
+    assert stages.focal_pull() == 0.0
+    ranked = [placed(0.0, 0.6), placed(3.0, 0.8), placed(6.0, 1.0)]
+    stages.settle(ranked)
+    for chosen, best in ((ranked[:2], 0.8), (ranked, 1.0)):
+        stages.finals(chosen, ranked)
+        assert stages.focal_pull() == SMALLER * best
 
 
 def test_halves_are_asked_of_the_best_alone() -> None:

@@ -120,11 +120,12 @@ def test_connections_beyond_the_limit_of_an_address_are_told_so(tmp_path: Path, 
         assert refusals(url, "connections-of-address") == 1
 
 
+@pytest.mark.parametrize("limit", ["max_connections", "max_connections_per_address"])
 def test_an_idle_connection_gives_way_to_a_new_one_and_the_longest_idle_first(
-    tmp_path: Path, redis_server: EmbeddedRedis
+    tmp_path: Path, redis_server: EmbeddedRedis, limit: str
 ) -> None:
     asked = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    with listening(tmp_path, redis_server.url, max_connections_per_address=3) as url, ExitStack() as stack:
+    with listening(tmp_path, redis_server.url, **{limit: 3}) as url, ExitStack() as stack:
         idle = []
         for _ in range(2):
             idle.append(stack.enter_context(connected(url, asked)))
