@@ -1,7 +1,11 @@
 """What pydantic found wrong, in the words of the service: what was expected, then what came."""
 
-from collections.abc import Mapping
-from typing import Any
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args
+
+from pydantic import BaseModel
 
 # By pydantic's types of errors; braces are filled from its context.
 _EXPECTED = {
@@ -32,11 +36,14 @@ _KINDS = {
     "model": "expected an object",
     "dataclass": "expected an object",
 }
+_UNIT = re.compile("_(deg|rad|px|m|s|mb)$")
 
 
-def sentence_of(mistake: Mapping[str, Any]) -> str:
-    """Return what was expected where pydantic found something else; mistake: one of `ValidationError.errors()`."""
+def sentence_of(mistake: Mapping[str, Any], model: type[BaseModel] | None = None) -> str:
+    """Return what was expected where pydantic found something else; mistake: one of `ValidationError.errors()`, of `model`."""
     kind = str(mistake["type"])
+    if kind == "extra_forbidden" and model is not None and (meant := _meant(mistake["loc"], model)):
+        return f"expected no field of this name, perhaps you mean {meant}"
     if kind in _EXPECTED:
         return _EXPECTED[kind].format(**mistake.get("ctx", {}))
     by_kind = _KINDS.get(kind.partition("_")[0])
@@ -45,3 +52,23 @@ def sentence_of(mistake: Mapping[str, Any]) -> str:
     # Ours, from a validator, which may name the field once more.
     field = str(mistake["loc"][-1]) if mistake["loc"] else ""
     return str(mistake["msg"]).removeprefix("Value error, ").removeprefix(f"{field}: ")
+
+
+def _meant(location: Sequence[int | str], model: type[BaseModel]) -> str | None:
+    """Return the name that is most like the last one of a location in a model; units do not count, for they are what is left out most."""
+    objects = [model]
+    for part in location[:-1]:
+        # An index, or which of several models was tried, leads no further down.
+        fields = [each.model_fields[part] for each in objects if part in each.model_fields]
+        objects = [each for field in fields for each in _models_in(field.annotation)] or objects
+    names = {_UNIT.sub("", name): name for each in objects for name in each.model_fields}
+    near = difflib.get_close_matches(_UNIT.sub("", str(location[-1])), names, 1)
+    return names[near[0]] if near else None
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models that an annotation speaks of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models_in(part)

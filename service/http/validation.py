@@ -26,19 +26,20 @@ def parse_json(model: type[ModelType], data: bytes | None, where: str) -> ModelT
     try:
         read = model.model_validate_json(data or b"{}")
     except ValidationError as error:
-        raise mistakes_error(error.errors(include_url=False), where=where) from error
+        raise mistakes_error(error.errors(include_url=False), where=where, model=model) from error
     _refuse_doubles(data or b"{}")
     return read
 
 
 def mistakes_error(
-    mistakes: Sequence[Any], *, skip: int = 0, where: str = ""
+    mistakes: Sequence[Any], *, skip: int = 0, where: str = "", model: type[BaseModel] | None = None
 ) -> MalformedRequestError | InvalidOptionsError:
-    """Return the error for mistakes that pydantic found; skip: parts of the location that mean nothing to callers."""
+    """Return the error for mistakes that pydantic found; skip: parts of the location that mean nothing to callers; model: what
+    they are mistakes of."""
     if any(mistake["type"] == "json_invalid" for mistake in mistakes):
         reason = next(mistake["msg"] for mistake in mistakes if mistake["type"] == "json_invalid")
         return MalformedRequestError(f"{where or 'body'}: expected JSON, but {reason}; send valid JSON")
-    fields = [_field(mistake, skip, where) for mistake in mistakes[:_MOST_MISTAKES]]
+    fields = [_field(mistake, skip, where, model) for mistake in mistakes[:_MOST_MISTAKES]]
     text = "; ".join(f"{each['field']}: {each['message']}" for each in fields)
     return InvalidOptionsError(f"{text}. Correct the fields named, see /docs", fields)
 
@@ -66,9 +67,9 @@ def _refuse_doubles(data: bytes) -> None:
     json.loads(data, object_pairs_hook=check, parse_int=str)
 
 
-def _field(mistake: Any, skip: int, where: str) -> dict[str, Any]:
+def _field(mistake: Any, skip: int, where: str, model: type[BaseModel] | None) -> dict[str, Any]:
     name = ".".join(str(part) for part in mistake["loc"][skip:]) or where or "body"
-    message = sentence_of(mistake)
+    message = sentence_of(mistake, model)
     got = "none" if mistake["type"] == "missing" else repr(mistake.get("input"))
     shown = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
     return {"field": name, "message": message if ", got " in message else f"{message}, got {shown}"}

@@ -22,7 +22,23 @@ from service.http.validation import parse_json
         (
             MapOptions,
             '{"unt": "m"}',
-            "unt: expected no field of this name, see /docs for those that there are, got 'm'. ",
+            "unt: expected no field of this name, perhaps you mean unit, got 'm'. ",
+        ),
+        (
+            MapOptions,
+            '{"furlongs": "m"}',
+            "furlongs: expected no field of this name, see /docs for those that there are, got 'm'. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"cameras": [{"model": "pinhole", "width": 640, "hfov": 60}]}',
+            "cameras.0.width: expected no field of this name, perhaps you mean width_px, got 640; "
+            "cameras.0.hfov: expected no field of this name, perhaps you mean hfov_deg, got 60. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"hints": {"region": {"min": [0, 0, 0], "max": [1, 1, 1], "mx": [1, 1, 1]}}}',
+            "hints.region.mx: expected no field of this name, perhaps you mean max, got [1, 1, 1]. ",
         ),
         (MapPatch, '{"coordinate_system": "EPSG:1"}', "coordinate_system: expected a projected coordinate system"),
     ],
