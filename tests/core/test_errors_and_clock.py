@@ -60,3 +60,12 @@ def test_no_stage_starts_after_the_deadline() -> None:
 
 def test_without_a_timeout_there_is_no_deadline() -> None:
     StageClock(None, torch.device("cpu")).check()
+
+
+def test_half_of_the_time_is_past_when_less_is_left_than_was_used() -> None:
+    clock = StageClock(1000.0, torch.device("cpu"))
+    assert not clock.is_past_half()
+    clock = StageClock(0.04, torch.device("cpu"))
+    time.sleep(0.025)
+    assert clock.is_past_half()
+    assert not StageClock(None, torch.device("cpu")).is_past_half()

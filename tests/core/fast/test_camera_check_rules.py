@@ -58,8 +58,8 @@ class Method:
         return result(self.score)
 
 
-def checked(method: Any, given: Session, found: MethodResult) -> CheckedCameras:
-    return checked_cameras(method, given, [], None, StageClock(None, torch.device("cpu")), found, CONFIG)
+def checked(method: Any, given: Session, found: MethodResult, timeout_s: float | None = None) -> CheckedCameras:
+    return checked_cameras(method, given, [], None, StageClock(timeout_s, torch.device("cpu")), found, CONFIG)
 
 
 def test_what_fits_better_with_another_focal_length_is_answered_with_it() -> None:
@@ -87,6 +87,15 @@ def test_what_does_not_is_left_as_it_is_but_said(method: Method) -> None:
     assert not found.are_others
     (words,) = found.warnings
     assert words.startswith("some of what is seen would fit better for an image 70.4 degrees wide, not 60.0")
+
+
+@pytest.mark.parametrize(("timeout_s", "searches"), [(1e-9, 0), (3600.0, 1)])
+def test_nothing_is_localized_again_when_more_time_was_used_than_is_left(timeout_s: float, searches: int) -> None:
+    method, given, before = Method(), session(), result(1.0)
+    found = checked(method, given, before, timeout_s)
+    assert len(method.searched) == searches
+    assert found.are_others == bool(searches)
+    assert found.warnings
 
 
 @pytest.mark.parametrize(
