@@ -97,7 +97,7 @@ class Camera:
 
     def resized(self, width_px: int, height_px: int) -> "Camera":
         """Return the camera of a resized copy of the image. Raises OptionsError where the copy has another shape."""
-        if not _have_one_shape((self.width_px, self.height_px), (width_px, height_px)):
+        if not have_one_shape((self.width_px, self.height_px), (width_px, height_px)):
             raise OptionsError(
                 f"cameras: expected an image of the shape that width_px and height_px say, {self.width_px} x {self.height_px} px "
                 f"or a resized copy of it, got {width_px} x {height_px}; send size and intrinsics of the image as it is uploaded"
@@ -174,7 +174,7 @@ class CameraDescription:
         return (
             self.width_px is not None
             and self.height_px is not None
-            and _have_one_shape((self.width_px, self.height_px), stored)
+            and have_one_shape((self.width_px, self.height_px), stored)
         )
 
     def of_image(self, stored: tuple[int, int], turned: tuple[int, int]) -> Camera:
@@ -207,7 +207,7 @@ class CameraDescription:
         )
 
 
-def _have_one_shape(first: tuple[int, int], second: tuple[int, int]) -> bool:
+def have_one_shape(first: tuple[int, int], second: tuple[int, int]) -> bool:
     """Tell whether two sizes (width, height) can be of resized copies of one image."""
     across, down = second[0] / first[0], second[1] / first[1]
     return abs(across / down - 1) <= _MAX_ASPECT_ERROR + 1 / min(second)

@@ -7,10 +7,11 @@ import math
 
 from PIL import Image
 
-from core.camera.camera import Camera
+from core.camera.camera import Camera, have_one_shape
 
 _EXIF_IFD = 0x8769
 _FOCAL_LENGTH_35MM = 0xA405
+_SIZE_WHEN_TAKEN = 0xA002, 0xA003  # PixelXDimension and PixelYDimension
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _ROUNDED_MM = 0.5  # at most, for the field holds whole millimetres
 _PLAUSIBLE_MM = (4.0, 2000.0)
@@ -18,15 +19,35 @@ _PLAUSIBLE_MM = (4.0, 2000.0)
 
 def camera_of_photo(image: Image.Image, size: tuple[int, int]) -> Camera | None:
     """Return the pinhole camera that the EXIF data of a photo describe, for an image of `size` (width, height); None where they do not."""
-    try:
-        focal_mm = float(image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_LENGTH_35MM, 0))
-    except (OSError, SyntaxError, ValueError, TypeError, EOFError, ZeroDivisionError):
-        return None
+    (focal_mm,) = _numbers(image, _FOCAL_LENGTH_35MM)
     if not _PLAUSIBLE_MM[0] <= focal_mm <= _PLAUSIBLE_MM[1]:  # also false for NaN; writers put 0 for "unknown"
         return None
     width, height = size
     focal_px = focal_mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
     return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
+
+
+def size_before_crop(image: Image.Image) -> tuple[int, int] | None:
+    """Return the size (width, height) that the EXIF data say a photo had, where it is of another shape than the photo has; else None.
+
+    Programs that cut a photo often leave what the camera wrote: the focal length then is that of an image that nobody has any more.
+    """
+    width, height = map(int, _numbers(image, *_SIZE_WHEN_TAKEN))
+    if width <= 0 or height <= 0:
+        return None
+    # Some turn the pixels and leave the numbers.
+    is_whole = have_one_shape((width, height), image.size) or have_one_shape((height, width), image.size)
+    return None if is_whole else (width, height)
+
+
+def _numbers(image: Image.Image, *fields: int) -> list[float]:
+    """Return fields of the EXIF data of a photo; 0 for what is missing, damaged or no finite number."""
+    try:
+        written = image.getexif().get_ifd(_EXIF_IFD)
+        numbers = [float(written.get(field, 0)) for field in fields]
+    except (OSError, SyntaxError, ValueError, TypeError, EOFError, ZeroDivisionError):
+        return [0.0] * len(fields)
+    return [number if math.isfinite(number) else 0.0 for number in numbers]
 
 
 def rounding_share(camera: Camera) -> float:

@@ -44,6 +44,15 @@ def no_camera_error(size: tuple[int, int]) -> PanoramaShapeError:
     )
 
 
+def cropped_error(size: tuple[int, int], taken: tuple[int, int]) -> PanoramaShapeError:
+    """Return the error for a photo of this size (width, height) that was cut out of one of size `taken`, whose EXIF data it has."""
+    return PanoramaShapeError(
+        f"image: expected the photo as it was taken, {taken[0]} x {taken[1]} px by its EXIF data, got {size[0]} x {size[1]} px of another "
+        "shape, whose focal length and middle nobody knows; send the whole photo, or options.cameras with the intrinsics of what is left "
+        "of it (cx_px and cy_px say where its middle is); of a crop around the middle hfov_range_deg will do (--hfov 45-90)"
+    )
+
+
 def _says_nothing(data: bytes) -> bool:
     """Tell whether a JPEG says neither how it was taken nor how it is turned before its pixels begin; False where that is unclear."""
     at = 2

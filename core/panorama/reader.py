@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from core.camera.camera import Camera, CameraDescription
-from core.camera.exif import camera_of_photo, rounding_share
+from core.camera.exif import camera_of_photo, rounding_share, size_before_crop
 from core.errors import MaskShapeError, PanoramaUnusableError
 from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
 from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
 from core.panorama.image_header import IMAGE
-from core.panorama.known_camera import is_full_sphere, no_camera_error
+from core.panorama.known_camera import cropped_error, is_full_sphere, no_camera_error
 from core.panorama.missing.finding import find_missing
 from core.panorama.panorama import Panorama
 from core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
@@ -66,6 +66,8 @@ def read_image(
         found = camera_of_photo(image, size)
         if found is None:
             raise no_camera_error(size)
+        if taken := size_before_crop(image):
+            raise cropped_error(image.size, taken)
         return replace(_photo(image, mask, found, False, max_pixels), focal_uncertainty=rounding_share(found))
     if crop is None and size[1] < MIN_HEIGHT:
         raise PanoramaUnusableError(

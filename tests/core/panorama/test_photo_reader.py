@@ -13,11 +13,15 @@ from core.panorama.session import Photo
 from tests.core.panorama.picture_files import encoded, picture
 
 
-def photo_file(pixels: np.ndarray, focal_mm: int | None = None, orientation: int = 1) -> bytes:
+def photo_file(
+    pixels: np.ndarray, focal_mm: int | None = None, orientation: int = 1, taken: tuple[int, int] | None = None
+) -> bytes:
     exif = Image.Exif()
     exif[0x0112] = orientation
     if focal_mm is not None:
         exif.get_ifd(0x8769)[0xA405] = focal_mm
+    if taken is not None:
+        exif.get_ifd(0x8769)[0xA002], exif.get_ifd(0x8769)[0xA003] = taken
     data = io.BytesIO()
     Image.fromarray(pixels).save(data, "JPEG", quality=97, exif=exif)
     return data.getvalue()
@@ -38,6 +42,26 @@ def test_a_photo_of_a_given_field_of_view_covers_it() -> None:
 def test_a_phones_photo_is_placed_by_its_exif_data() -> None:
     found = read_panorama(photo_file(picture(900, 600), focal_mm=26))
     assert width_and_height_deg(found.valid) == pytest.approx((69.4, 49.6), abs=1.0)
+
+
+def test_a_photo_that_was_cut_to_another_shape_after_it_was_taken_is_refused_with_what_to_send() -> None:
+    with pytest.raises(PanoramaShapeError, match=r"4032 x 3024 px by its EXIF data, got 900 x 600 px.*cx_px and cy_px"):
+        read_image(photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024)))
+
+
+@pytest.mark.parametrize("taken", [(900, 600), (3600, 2400), (600, 900), (3604, 2400), (0, 0), (900, 0)])
+def test_a_smaller_copy_a_turned_one_and_one_that_says_nothing_of_its_size_are_no_crops(taken: tuple[int, int]) -> None:
+    found = read_image(photo_file(picture(900, 600), focal_mm=26, taken=taken))
+    assert isinstance(found, Photo)
+    assert found.camera.hfov_deg == pytest.approx(69.4, abs=0.1)
+
+
+def test_of_a_crop_whose_camera_is_told_nobody_asks_what_it_was_before() -> None:
+    cut = photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024))
+    camera = CameraDescription("pinhole", 900, 600, fx_px=700.0, cx_px=200.0, cy_px=300.0)
+    found = read_image(cut, camera=camera)
+    assert isinstance(found, Photo)
+    assert found.camera.cx_px == 200.0
 
 
 def test_a_focal_length_in_whole_millimetres_is_known_no_better_than_they_say() -> None:
