@@ -4,13 +4,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 
-import torch
-
 from core.errors import CoreError
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
 from core.results import Localization
+from lab.evaluation.built_maps import BuiltMaps
 from lab.evaluation.change_metrics import change_metrics
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
 from lab.evaluation.methods import ComparedMethod
@@ -79,6 +77,7 @@ class Evaluation:
         self._calls = list(_calls(scans, methods, options.num_strangers))
         self._localizers: dict[str, Localizer] = {}
         self._ready: dict[int, _Ready] = {}
+        self._maps = BuiltMaps(options.device, 1 + options.num_strangers)
 
     @property
     def num_calls(self) -> int:
@@ -145,22 +144,21 @@ class Evaluation:
         return self._localizers[method.digest]
 
     def _prepared(self, number: int, needed: set[int]) -> _Ready:
-        """Load a scan and build its map, keeping no more maps than the strangers of the next panorama need."""
+        """Load a scan with its map, keeping no more of them than the strangers of the next panorama need."""
         if number not in self._ready:
             for other in list(self._ready):
                 if len(self._ready) > self._options.num_strangers and other not in needed:
                     del self._ready[other]
             loaded = self._scans[number].load()
-            device = self._options.device or ("cuda" if torch.cuda.is_available() else "cpu")
-            began = time.perf_counter()
-            index = build_map_index(loaded.cloud, loaded.options, device=device)
-            self._ready[number] = _Ready(loaded, index, time.perf_counter() - began)
+            self._ready[number] = _Ready(loaded, *self._maps.of(loaded))
         return self._ready[number]
 
 
 def _calls(scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], num_strangers: int) -> Iterator[_Call]:
-    """Yield the calls scan by scan: all queries in their own map, then in the maps of the next scans of other places."""
-    for owner, scan in enumerate(scans):
+    """Yield the calls scan by scan, those of one place together, so that they find its map: all queries in their own map, then in the
+    maps of the next scans of other places."""
+    first_of = {scan.place: number for number, scan in reversed(list(enumerate(scans)))}
+    for owner, scan in sorted(enumerate(scans), key=lambda each: first_of[each[1].place]):
         following = [*range(owner + 1, len(scans)), *range(owner)]
         strangers = [number for number in following if scans[number].place != scan.place][:num_strangers]
         for searched in (owner, *strangers):

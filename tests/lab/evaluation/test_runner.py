@@ -69,7 +69,7 @@ def test_a_finished_run_is_not_run_again(
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a map was built although every row is there")
 
-    monkeypatch.setattr("lab.evaluation.runner.build_map_index", refuse)
+    monkeypatch.setattr("lab.evaluation.built_maps.build_map_index", refuse)
     again = list(_evaluation(box_folder, finished[0], 1).rows())
     assert [is_new for _, is_new in again] == [False] * 6
     assert [row for row, _ in again] == finished[1]
@@ -115,3 +115,15 @@ def test_scans_of_the_same_place_are_no_strangers() -> None:
     scans = [scan("a", "x"), scan("b", "x"), scan("c", "y")]
     run = Evaluation(scans, [FAST], RowsFile(Path("none")), RunOptions("cpu", num_strangers=5))
     assert run.num_calls == 3 + (1 + 1 + 2)
+
+
+def test_scans_of_one_place_are_run_together(tmp_path: Path) -> None:
+    def scan(name: str, place: str) -> ScanCases:
+        return ScanCases(name, "g", ("q",), lambda: pytest.fail("every answer is known"), place)
+
+    file = RowsFile(tmp_path / "rows.jsonl")
+    scans = [scan("a1", "1"), scan("a2", "2"), scan("b1", "1"), scan("b2", "2")]
+    for one in scans:
+        file.append(Row("g", one.name, f"{one.name}/q", FAST.name, FAST.digest, False, "not_localized", 1.0))
+    run = Evaluation(scans, [FAST], file, RunOptions("cpu"))
+    assert [row.scan for row, _ in run.rows()] == ["a1", "b1", "a2", "b2"]
