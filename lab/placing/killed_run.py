@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from core.geometry.pose import Pose, pose_error
-from lab.evaluation.suite_source import seed_range
+from lab.evaluation.sources.suite_source import seed_range
 from lab.own_service import OwnService, own_service
 from lab.placing.known_photos import KnownPhoto, KnownPhotos, known_photos
 from service.client import JsonObject

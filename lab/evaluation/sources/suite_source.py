@@ -7,7 +7,7 @@ from typing import get_args
 from core.errors import OptionsError
 from core.options import ColorKind, IndexOptions
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from lab.evaluation.photo_source import as_uploaded
+from lab.evaluation.sources.photo_source import as_uploaded
 from lab.rooms import suite_cases
 
 _QUERY = "panorama"

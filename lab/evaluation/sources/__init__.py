@@ -1,0 +1,1 @@
+"""Where cases come from: procedural suites, folders, and photos in place of their panoramas."""
