@@ -26,6 +26,7 @@ def literally(rotations: Tensor, positions: Tensor, groups: Tensor | None, count
     return kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 12, 400])  # few are compared all with all, many one after the other
 @pytest.mark.parametrize("count", [None, 7])
 @pytest.mark.parametrize("is_grouped", [False, True])

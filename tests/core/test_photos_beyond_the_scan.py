@@ -45,6 +45,7 @@ def test_who_says_nothing_for_sure_needs_no_warning(status: Status) -> None:
     assert Doubts(JudgeConfig(), 0.6).unless_seen_little_of(before) is before
 
 
+@pytest.mark.slow
 def test_frames_are_asked_for_how_much_of_them_the_scan_has(localizer: Localizer, box_index: MapIndex) -> None:
     asked = session_of(PaintedBox(seed=3), Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2])), FOUR, [UPRIGHT] * 4)
     answer = localizer.localize(asked, [box_index])

@@ -40,6 +40,7 @@ def test_equalized_colours_keep_the_order_of_brightness_and_stay_in_range(colors
         assert (np.diff(found[order, channel]) >= -1e-6).all()
 
 
+@pytest.mark.slow
 @given(byte_colors, byte_colors)
 def test_transport_stays_within_the_colours_of_the_target(source: np.ndarray, target: np.ndarray) -> None:
     found = transport(as_image(source)[0], torch.ones(len(source)), as_image(target)[0], torch.ones(len(target)))

@@ -104,6 +104,7 @@ def test_progress_is_forgotten_after_ten_minutes_unless_told_otherwise(url: str,
     assert 590 < int(client.ttl(PROGRESS)) <= 600
 
 
+@pytest.mark.slow
 def test_workers_are_told_when_redis_is_away() -> None:
     cache = WorkerCache("unix:///nowhere/redis.sock", index_lifetime_s=1000)
     calls: tuple[Callable[[], object], ...] = (

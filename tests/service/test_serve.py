@@ -39,6 +39,7 @@ sys.stdout.buffer.write(open("/proc/self/environ", "rb").read())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems show nobody the environment of a process")
 def test_no_process_of_the_same_user_finds_keys_in_what_the_system_shows() -> None:
     secrets = {"AWS_SECRET_ACCESS_KEY": "a-secret", "PANOLOC_API_KEYS": "a-secret-too", "PANOLOC_PORT": "8123"}
@@ -120,6 +121,7 @@ def test_a_folder_of_files_elsewhere_has_one_service_at_a_time_too(
     assert f"{tmp_path}/scans: expected a data folder of its own" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_bucket_has_one_service_at_a_time(
     bucket_server: BucketServer,
     prefix: str,

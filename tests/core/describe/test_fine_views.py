@@ -44,6 +44,7 @@ def collected(keep: list[int], labels: bool = False) -> FineViews:
     return collector.collected(torch.tensor(keep))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("labels", [False, True])
 def test_descriptors_are_those_of_the_views_but_for_half_a_step(labels: bool) -> None:
     found = collected([0, 2, 4], labels)

@@ -1,5 +1,6 @@
 """Directions in which histograms differ, also where most of their bins are empty."""
 
+import pytest
 import torch
 
 from core.describe.patch_descriptors import centered_roots, described, principal_basis
@@ -22,6 +23,7 @@ def test_a_scan_in_greys_whose_histograms_use_few_bins_has_its_directions() -> N
     assert torch.allclose((flat @ basis).square().sum(), values[:32].square().sum(), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_described_at_once_is_what_is_centred_first() -> None:
     random = torch.Generator().manual_seed(1)
     histograms = torch.rand(3, 32, 64, generator=random) * (torch.rand(3, 32, 64, generator=random) > 0.9)

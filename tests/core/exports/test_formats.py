@@ -102,6 +102,7 @@ def test_what_a_format_cannot_hold_is_left_out_with_its_reason(
     assert reason in summary["left_out"][0]["reason"]
 
 
+@pytest.mark.slow
 def test_photos_whose_names_differ_little_stay_different_photos(tmp_path: Path) -> None:
     tour = golden_tour(tmp_path)
     names = ("a b.jpg", "a_b.jpg", "a_b.png", "a+b.jpg", "hall/a_b.jpg", "A_B.jpg")
@@ -168,6 +169,7 @@ def test_gpano_replaces_what_a_camera_wrote_of_its_pose_and_keeps_the_rest_of_it
     assert b"DOCTYPE" not in (xmp_of(with_fields(source[:2] + bomb + source[2:], {"PoseHeadingDegrees": "1"})) or b"")
 
 
+@pytest.mark.slow
 def test_items_of_stac_are_valid_by_the_schema_of_stac_itself(tmp_path: Path) -> None:
     (item,) = json.loads((written("stac", golden_tour(), tmp_path) / "items.json").read_text())["features"]
     core_only = {**item, "stac_extensions": []}  # those of extensions are fetched from the network

@@ -24,6 +24,7 @@ def test_colmap_projects_a_point_of_the_map_to_its_pixel(tmp_path: Path) -> None
     np.testing.assert_allclose(image.project_point(POINT), PIXEL, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_rig_of_colmap_sees_a_point_in_its_front_face_alone(tmp_path: Path) -> None:
     golden = golden_tour(tmp_path)
     folder = written("colmap-rig", golden, tmp_path / "out")
@@ -104,6 +105,7 @@ def test_three_js_draws_a_point_in_the_middle_of_a_gltf_camera_that_looks_at_it(
     np.testing.assert_allclose(GL @ [1, 0, 0], [0, 0, -1])
 
 
+@pytest.mark.slow
 def test_the_faces_of_a_photo_that_exif_turns_are_those_of_the_turned_photo(tmp_path: Path) -> None:
     golden = golden_tour(tmp_path)
     upright = Image.open(tmp_path / "pano.jpg").convert("RGB")

@@ -60,6 +60,7 @@ def described_one_by_one(index: MapIndex) -> tuple[list[torch.Tensor], list[floa
     return histograms, coverage, sampled
 
 
+@pytest.mark.slow
 def test_each_start_is_described_by_what_is_seen_from_it_and_those_that_see_little_are_left_out(
     index: MapIndex,
 ) -> None:

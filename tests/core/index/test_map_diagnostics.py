@@ -25,6 +25,7 @@ def test_a_scanned_box_is_fit_for_use(box_index: MapIndex) -> None:
     assert map_diagnostics(box_index, IndexOptions(), box_index.num_points) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("num_colored", "is_said"), [(0, True), (250, True), (400, False)])
 def test_a_scan_with_hardly_any_colours_says_so(num_colored: int, is_said: bool) -> None:
     cloud = PaintedBox(size_m=(3.0, 3.0, 2.5)).scan(6000)
@@ -37,6 +38,7 @@ def test_a_scan_with_hardly_any_colours_says_so(num_colored: int, is_said: bool)
         assert "nearly the same colour (124, 124, 124)" in diagnostics["hardly_any_colors"].message
 
 
+@pytest.mark.slow
 def test_labels_may_be_few(box: PaintedBox) -> None:
     cloud = box.scan(6000)
     options = IndexOptions("grid", 1.0, color_kind="labels")
@@ -60,6 +62,7 @@ def test_a_thousand_points_are_not_few(box: PaintedBox) -> None:
     assert "few_points" not in found(PointCloud(cloud.positions[:1000], cloud.colors[:1000]))
 
 
+@pytest.mark.slow
 def test_a_wall_alone_surrounds_no_start() -> None:
     rng = np.random.default_rng(0)
     wall = rng.uniform(0, 5, (20_000, 3)) * (0.01, 1, 1)
@@ -69,6 +72,7 @@ def test_a_wall_alone_surrounds_no_start() -> None:
     assert "of the view" in diagnostics["starts_see_little"].message
 
 
+@pytest.mark.slow
 def test_starts_beside_the_scan_are_counted_and_said_to_see_little(box: PaintedBox) -> None:
     beside = IndexOptions("grid", 1.0, region=((30.0, 30.0, 0.5), (32.0, 33.0, 1.5)))
     diagnostics = found(box.scan(6000), beside)

@@ -69,6 +69,7 @@ def test_progress_moves_from_stage_to_stage_and_never_back(box: PaintedBox) -> N
         assert 0 <= shares[0] <= shares[-1] <= 1
 
 
+@pytest.mark.slow
 def test_registration_stops_when_its_progress_says_so(box: PaintedBox) -> None:
     def cancel(stage: str, share: float) -> None:
         if stage == "rendering starts":
@@ -114,6 +115,7 @@ def test_a_flat_scan_becomes_a_map_or_is_refused_with_reason() -> None:
         return
 
 
+@pytest.mark.slow
 def test_label_maps_give_every_label_its_own_code() -> None:
     palette = ((0, 0, 0), (255, 0, 0), (250, 30, 10), (0, 128, 255), (90, 90, 90))
     index = build_map_index(
@@ -154,6 +156,7 @@ def test_rounding_happens_once(box_index: MapIndex, read_back: MapIndex) -> None
     torch.testing.assert_close(again.descriptors.values, read_back.descriptors.values, atol=1e-5, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_survey_offsets_survive_to_the_last_bit(box: PaintedBox) -> None:
     offset = np.array([4_500_000.123456789, 5_400_000.987654321, 312.1])
     index = build_map_index(box.scan(2000, origin_offset=offset), IndexOptions(spacing_m=2.0))

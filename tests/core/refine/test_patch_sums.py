@@ -22,6 +22,7 @@ def test_they_are_the_product_with_who_is_where(sizes: list[int], seed: int) -> 
     assert torch.equal(sums.spread(torch.arange(len(sizes))), patches)
 
 
+@pytest.mark.slow
 def test_another_device_adds_them_up_itself() -> None:
     patches, values = torch.tensor([0, 0, 1, 2, 2, 2]), torch.arange(12.0).view(2, 6)
     with torch.no_grad(), OtherDevice():

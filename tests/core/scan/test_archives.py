@@ -121,6 +121,7 @@ def test_points_are_counted_over_all_scans(cloud: PointCloud, scan_file: ScanFil
         read_scan(scan_file("s.zip", zip_of(files)), ScanOptions(max_points=100))
 
 
+@pytest.mark.slow
 def test_errors_begin_with_the_file_that_they_are_about(cloud: PointCloud, scan_file: ScanFile) -> None:
     files = {"good.ply": encode_ply(cloud), "sub/bad.ply": encode_ply(cloud)[:-9]}
     with pytest.raises(ScanDamagedError, match=r"^sub/bad\.ply: expected 60 points"):

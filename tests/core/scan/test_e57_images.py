@@ -75,6 +75,7 @@ def painted_survey(folder: Path, offset: np.ndarray) -> Path:
     return survey(folder, BOX.scan(24_000).positions.astype(np.float64) + offset, photos)
 
 
+@pytest.mark.slow
 def test_points_get_the_colours_of_the_panoramas_that_see_them(tmp_path: Path) -> None:
     cloud = read_scan(painted_survey(tmp_path, LARGE))
     assert "colored_by_images" in {note.code for note in cloud.diagnostics}
@@ -136,6 +137,7 @@ def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray, has_pose:
     images[len(images) - 1]["pinholeRepresentation"]["pngImage"].write(data, 0, len(data))
 
 
+@pytest.mark.slow
 def test_faces_of_cubes_colour_points_as_panoramas_do(tmp_path: Path) -> None:
     cloud = read_scan(cube_survey(tmp_path, LARGE))
     assert len(cloud) > 0.97 * 24_000
@@ -145,6 +147,7 @@ def test_faces_of_cubes_colour_points_as_panoramas_do(tmp_path: Path) -> None:
     assert np.mean(difference < 40) > 0.9
 
 
+@pytest.mark.slow
 def test_faces_of_cubes_come_out_with_their_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "images"
     assert main([str(cube_survey(tmp_path, np.zeros(3), size=64)), str(folder)]) == 0
@@ -171,6 +174,7 @@ def test_a_scan_that_its_own_panoramas_have_coloured_is_a_map(tmp_path: Path, lo
     assert_found(localizer.localize(BOX.panorama(pose), [index]), pose)
 
 
+@pytest.mark.slow
 def test_what_is_hidden_from_a_panorama_has_the_colour_that_another_one_shows_or_none(tmp_path: Path) -> None:
     """A blue board two metres before a red wall; the second panorama stands between the two."""
     y, z = (each.ravel() for each in np.meshgrid(np.linspace(-3, 3, 301), np.linspace(-3, 3, 301)))

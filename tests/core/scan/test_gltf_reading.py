@@ -190,6 +190,7 @@ def test_a_broken_gltf_is_refused_with_the_reason(scan_file: ScanFile, kind: str
         read_scan(scan_file("quad.glb", glb(*colored_quad(**changes))))
 
 
+@pytest.mark.slow
 def test_a_glb_cut_anywhere_is_refused_with_the_reason(scan_file: ScanFile) -> None:
     whole = glb(*colored_quad())
     for length in (5, 12, 30, len(whole) // 2, len(whole) - 4):

@@ -10,6 +10,7 @@ from lab.rooms import Scene, cut_photo, take_panorama, take_photo
 from lab.rooms.capture.shooting import turned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "camera", [Camera.from_hfov("pinhole", 96, 72, 69.0), Camera.from_hfov("cylindrical", 160, 40, 200.0)]
 )

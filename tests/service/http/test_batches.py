@@ -162,6 +162,7 @@ async def test_nobody_waits_for_an_image_so_it_may_take_as_long_as_a_query_may(
     assert [job.options.timeout_s for job in running.pool.jobs] == [timeout_s]
 
 
+@pytest.mark.slow
 async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkeypatch: pytest.MonkeyPatch) -> None:
     map_id = await running.ready_map()
     busy = PoolState(ready=True, waiting_for=None, num_workers=2, queue_depth=1)
@@ -357,6 +358,7 @@ async def test_the_plan_of_a_batch_is_a_picture(running: RunningService) -> None
     assert (await running.client.get("/batches/batch_none/plan.png")).status_code == 404
 
 
+@pytest.mark.slow
 async def test_a_format_of_places_on_earth_needs_a_georeference(running: RunningService) -> None:
     map_id = await running.ready_map()
     batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
@@ -376,6 +378,7 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     assert (await running.client.get(f"/batches/{batch_id}/export", params={"format": "kml"})).status_code == 422
 
 
+@pytest.mark.slow
 async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: RunningService, tmp_path: Path) -> None:
     from pye57 import E57
 

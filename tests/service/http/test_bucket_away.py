@@ -35,6 +35,7 @@ async def on_bucket(
         yield running
 
 
+@pytest.mark.slow
 async def test_changes_and_uploads_are_503_while_it_is_away_and_queries_are_answered(
     on_bucket: RunningService, server: BucketServer
 ) -> None:
@@ -97,6 +98,7 @@ async def test_a_key_that_was_revoked_is_said(on_bucket: RunningService, server:
     assert (await on_bucket.client.get("/health/ready")).json()["waiting_for"] == ["a bucket that can be written"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outcome", ["ready", "failed"])
 async def test_a_registration_under_way_waits_for_the_bucket_and_is_stored_then(
     on_bucket: RunningService, server: BucketServer, outcome: str

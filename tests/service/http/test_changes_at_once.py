@@ -11,6 +11,7 @@ from tests.service.http.running_service import SCAN, RunningService
 pytestmark = pytest.mark.anyio
 
 
+@pytest.mark.slow
 async def test_a_registration_ended_by_several_is_waited_for_by_each(
     running: RunningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,6 +78,7 @@ async def test_a_map_deleted_while_a_new_scan_is_stored_is_gone(
     assert running.storage.names("maps") == []
 
 
+@pytest.mark.slow
 async def test_a_scan_that_comes_while_a_deletion_ends_a_registration_leaves_nothing(
     running: RunningService, monkeypatch: pytest.MonkeyPatch, redis_client: "redis.Redis"
 ) -> None:

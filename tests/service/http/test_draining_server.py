@@ -60,6 +60,7 @@ def test_an_idle_service_ends_at_once(received: signal.Signals) -> None:
     assert pool.is_draining
 
 
+@pytest.mark.slow
 def test_what_is_under_way_is_finished_first() -> None:
     pool = CountingPool()
     pool.num_under_way = 1
@@ -72,6 +73,7 @@ def test_what_is_under_way_is_finished_first() -> None:
     assert 0.6 <= took < 3
 
 
+@pytest.mark.slow
 def test_what_takes_too_long_is_left() -> None:
     pool = CountingPool()
     pool.num_under_way = 1
@@ -84,6 +86,7 @@ def test_a_second_signal_ends_the_drain() -> None:
     assert asyncio.run(run_until_stopped(pool, 30, send(signal.SIGINT), send(signal.SIGINT))) < 3
 
 
+@pytest.mark.slow
 def test_one_wish_that_comes_as_two_signals_is_one() -> None:
     pool = CountingPool()
     pool.num_under_way = 1
@@ -98,6 +101,7 @@ def test_one_wish_that_comes_as_two_signals_is_one() -> None:
     assert asyncio.run(run_until_stopped(pool, 30, twice, lambda: None, finish)) >= 0.4
 
 
+@pytest.mark.slow
 def test_an_end_at_once_leaves_no_traceback() -> None:
     """In a process of its own: pytest's loops and handlers would keep what a process says at its end."""
     program = (

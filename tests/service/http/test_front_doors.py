@@ -74,6 +74,7 @@ async def test_a_map_posted_through_one_is_served_by_the_other_at_once(doors: Do
     assert [each["id"] for each in (await second.client.get("/maps")).json()["items"]] == [map_id]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_told", [True, False])
 async def test_what_one_changes_the_other_shows(
     doors: Doors, is_told: bool, redis_client: "redis.Redis", monkeypatch: pytest.MonkeyPatch
@@ -156,6 +157,7 @@ async def test_a_version_that_is_none_is_refused(doors: Doors) -> None:
     assert reply.status_code == 200
 
 
+@pytest.mark.slow
 async def test_a_registration_is_done_by_one_of_them(doors: Doors) -> None:
     for door in doors:
         door.pool.register_gate.clear()
@@ -171,6 +173,7 @@ async def test_a_registration_is_done_by_one_of_them(doors: Doors) -> None:
     assert sorted(registered) == sorted(map_ids)
 
 
+@pytest.mark.slow
 async def test_a_front_door_that_leaves_hands_its_registrations_over(opened: Opened) -> None:
     async with opened() as stays:
         async with opened() as leaves:
@@ -208,6 +211,7 @@ async def test_scans_of_a_map_that_come_through_both_at_once_are_revisions_of_th
     await doors[1].eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == newest)
 
 
+@pytest.mark.slow
 async def test_one_that_starts_leaves_what_others_are_storing(opened: Opened) -> None:
     async with opened() as first:
         map_id = await first.ready_map()
@@ -224,6 +228,7 @@ async def test_one_that_starts_leaves_what_others_are_storing(opened: Opened) ->
             assert first.storage.names(f"maps/{map_id}") == ["1", "map.json"]
 
 
+@pytest.mark.slow
 async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> None:
     first, second = doors
     map_id = await first.ready_map()
@@ -241,6 +246,7 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> No
     await second.eventually("/batches", lambda body: [each["status"] for each in body["items"]] == ["done"])
 
 
+@pytest.mark.slow
 async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(opened: Opened) -> None:
     files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
     async with AsyncExitStack() as stack:
@@ -257,6 +263,7 @@ async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(opened: 
         assert len(stays.pool.jobs) == 4 - num_done
 
 
+@pytest.mark.slow
 async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(doors: Doors) -> None:
     first, second = doors
     map_id = await first.ready_map()
@@ -294,6 +301,7 @@ async def test_answers_can_be_fetched_through_the_other(doors: Doors) -> None:
 
 
 # The kernel takes no lock from anybody who lives.
+@pytest.mark.slow
 @pytest.mark.parametrize("opened", ["bucket"], indirect=True)
 async def test_a_registration_whose_lease_another_has_ends_here(doors: Doors, redis_client: "redis.Redis") -> None:
     first, second = doors

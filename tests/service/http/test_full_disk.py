@@ -54,6 +54,7 @@ async def test_changes_and_uploads_are_503_and_readiness_says_what_is_missing(
     assert (await running.client.get("/health/ready")).status_code == 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "slug", "missing"), LACKS)
 @pytest.mark.parametrize("outcome", ["ready", "failed"])
 async def test_a_registration_under_way_waits_for_room_and_is_stored_then(

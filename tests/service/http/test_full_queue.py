@@ -112,6 +112,7 @@ def test_a_caller_who_sends_the_rest_asks_again_on_the_same_connection(
         assert connection.answer()[0] == 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", ["Content-Length: 2000000", "Transfer-Encoding: chunked"])
 def test_the_connection_is_closed_before_a_body_that_is_large_or_does_not_say(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, length: str
@@ -123,6 +124,7 @@ def test_the_connection_is_closed_before_a_body_that_is_large_or_does_not_say(
         assert connection.is_closed()
 
 
+@pytest.mark.slow
 def test_a_rest_that_does_not_come_ends_the_connection(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
 ) -> None:

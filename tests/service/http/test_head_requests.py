@@ -11,6 +11,7 @@ from tests.service.http.running_service import RunningService, listening
 pytestmark = pytest.mark.anyio
 
 
+@pytest.mark.slow
 async def test_what_can_be_read_has_a_head(running: RunningService) -> None:
     map_id = await running.ready_map()
     for path in ("/", "/maps", f"/maps/{map_id}", f"/maps/{map_id}/preview.png", "/health/ready", "/metrics", "/docs"):

@@ -152,6 +152,7 @@ def half_a_query(num_bytes: int) -> bytes:
     return f"{start}Content-Length: {length}\r\n\r\n".encode() + head + b"a" * num_bytes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drips", [False, True], ids=["stops", "drips"])
 def test_a_body_that_comes_too_slowly_is_ended(tmp_path: Path, redis_server: EmbeddedRedis, drips: bool) -> None:
     with (
@@ -179,6 +180,7 @@ def test_a_body_that_comes_too_slowly_is_ended(tmp_path: Path, redis_server: Emb
         assert refusals(url, "slow-body") == 1
 
 
+@pytest.mark.slow
 def test_half_open_uploads_hold_no_more_memory_than_allowed(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     with listening(tmp_path, redis_server.url, max_bytes_in_flight=3_000_000) as url:
         with connected(url, half_a_query(2_000_000)) as first, connected(url, half_a_query(2_000_000)) as second:
@@ -197,6 +199,7 @@ def test_half_open_uploads_hold_no_more_memory_than_allowed(tmp_path: Path, redi
         assert status == 415
 
 
+@pytest.mark.slow
 def test_a_caller_who_does_not_read_is_cut_off(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     with listening(tmp_path, redis_server.url, transfer_timeout_s=0.3, min_bytes_per_s=1e6) as url:
         request = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 400
@@ -211,6 +214,7 @@ def test_a_caller_who_does_not_read_is_cut_off(tmp_path: Path, redis_server: Emb
         assert refusals(url, "slow-reader") == 1
 
 
+@pytest.mark.slow
 def test_whoever_reads_and_sends_as_usual_is_not_disturbed(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     limits = {"transfer_timeout_s": 0.3, "header_timeout_s": 0.3, "min_bytes_per_s": 1.0}
     with listening(tmp_path, redis_server.url, **limits) as url, httpx.Client(base_url=url, timeout=60) as client:

@@ -112,6 +112,7 @@ async def test_a_fault_of_the_service_is_a_problem_too(
     assert "NoneType" not in reply.text
 
 
+@pytest.mark.slow
 async def test_keys_are_asked_for_and_scopes_kept(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     async with running_service(tmp_path, redis_server.url, api_keys="the-writer,the-reader:read") as running:
         reply = await running.upload()
@@ -152,6 +153,7 @@ async def test_a_probe_without_a_key_learns_one_word(tmp_path: Path, redis_serve
         assert details["waiting_for"] == ["workers"]
 
 
+@pytest.mark.slow
 async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones_at_once(
     tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:

@@ -118,6 +118,7 @@ async def test_a_key_that_may_localize_alone_reads_no_scan(house: House) -> None
     assert (await house.ask("visitors", "DELETE", f"/maps/{map_id}")).status_code == 403
 
 
+@pytest.mark.slow
 async def test_a_batch_is_there_for_its_tenant_alone(house: House) -> None:
     map_id = await house.ready_map("museum")
     files = {"image": ("a.png", png_of(8, 4))}
@@ -133,6 +134,7 @@ async def test_a_batch_is_there_for_its_tenant_alone(house: House) -> None:
     assert (await house.ask("museum", "DELETE", path)).status_code == 204
 
 
+@pytest.mark.slow
 async def test_an_export_and_a_plan_show_nothing_of_maps_of_others_by_name(house: House) -> None:
     own, other = await house.ready_map("museum"), await house.ready_map("school")
     made = await house.ask("museum", "POST", "/batches", data={"map_id": own}, files={"image": ("a.png", png_of(8, 4))})

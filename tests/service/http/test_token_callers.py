@@ -42,6 +42,7 @@ async def registered(running: RunningService, token: str) -> str:
     raise AssertionError("it does not become ready")
 
 
+@pytest.mark.slow
 async def test_those_of_one_tenant_share_its_maps_with_its_keys(running: RunningService) -> None:
     anna, bert = (ISSUED.token(sub=name, org="museum", scope=EVERYTHING) for name in ("anna", "bert"))
     map_id = await registered(running, anna)

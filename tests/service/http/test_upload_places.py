@@ -66,6 +66,7 @@ async def pid_of(begun: Path) -> int:
     return int(begun.read_text())
 
 
+@pytest.mark.slow
 async def test_an_export_that_takes_too_long_is_killed(endless: Path) -> None:
     task = asyncio.create_task(export._run("endless", time_s=3.0))
     pid = await pid_of(endless)

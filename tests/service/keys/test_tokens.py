@@ -156,6 +156,7 @@ class _Published(BaseHTTPRequestHandler):
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.anyio
 async def test_keys_of_a_url_are_fetched_again_for_a_token_that_names_a_new_one() -> None:
     with HTTPServer(("127.0.0.1", 0), _Published) as server:

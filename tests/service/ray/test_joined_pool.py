@@ -105,6 +105,7 @@ async def started(cluster: JoinedCluster, serving: ScriptedServing) -> RayPool:
     return pool
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["answers", "wait_patiently", "hang", "hang_for_ever"])
 def test_who_waits_for_a_cluster_that_goes_away_is_told_and_it_is_joined_again(call: str) -> None:
     async def scenario() -> None:
@@ -212,6 +213,7 @@ def test_a_serve_that_is_silent_for_long_is_left_although_the_cluster_answers(mo
     run(scenario())
 
 
+@pytest.mark.slow
 def test_what_waits_for_its_turn_with_ray_is_not_asked_of_a_cluster_that_was_left() -> None:
     async def scenario() -> None:
         cluster, serving = JoinedCluster(), ScriptedServing()

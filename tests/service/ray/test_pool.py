@@ -586,6 +586,7 @@ def test_a_pool_that_does_not_come_up_says_why_and_begins_again(
     assert told["error"].startswith("machine b: no Redis")
 
 
+@pytest.mark.slow
 def test_the_log_says_once_that_the_workers_are_ready(caplog: pytest.LogCaptureFixture) -> None:
     async def scenario() -> None:
         serving = ScriptedServing(reply(), num_workers=2)

@@ -94,6 +94,7 @@ async def lose(cluster: FragileCluster) -> tuple[RayPool, list[str], float]:
     return pool, happened, time.monotonic() - began
 
 
+@pytest.mark.slow
 def test_a_query_under_way_is_refused_long_before_its_deadline_and_the_server_is_told_once() -> None:
     async def scenario() -> None:
         pool, happened, took_s = await lose(FragileCluster())
@@ -106,6 +107,7 @@ def test_a_query_under_way_is_refused_long_before_its_deadline_and_the_server_is
     asyncio.run(scenario())
 
 
+@pytest.mark.slow
 def test_afterwards_nothing_is_taken_and_the_end_waits_for_nothing() -> None:
     async def scenario() -> None:
         cluster = FragileCluster()

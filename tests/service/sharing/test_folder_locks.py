@@ -39,6 +39,7 @@ def test_a_lock_has_one_holder_until_it_is_released(tmp_path: Path, is_shared: b
     assert asyncio.run(take_turns()) == [False]
 
 
+@pytest.mark.slow
 def test_many_who_wait_are_inside_one_after_the_other(tmp_path: Path) -> None:
     inside, most = 0, 0
 

@@ -71,6 +71,7 @@ async def both(
 Both = tuple[LeaseLocks, LeaseLocks]
 
 
+@pytest.mark.slow
 async def test_a_lease_has_one_holder_for_as_long_as_it_is_held(both: Both, client: "redis.Redis") -> None:
     one, other = both
     first = await one.try_hold("map-a")
@@ -94,6 +95,7 @@ async def test_a_lease_has_one_holder_for_as_long_as_it_is_held(both: Both, clie
     assert client.keys("*") == []
 
 
+@pytest.mark.slow
 async def test_many_who_wait_are_inside_one_after_the_other(both: Both) -> None:
     inside, most = 0, 0
 
@@ -119,6 +121,7 @@ async def test_whoever_gives_up_waiting_leaves_the_lease_free(both: Both) -> Non
         pass
 
 
+@pytest.mark.slow
 async def test_a_killed_process_holds_nothing_for_long(redis_url: str, both: Both) -> None:
     command = [sys.executable, "-c", _HOLDER, redis_url]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as holder:
@@ -132,6 +135,7 @@ async def test_a_killed_process_holds_nothing_for_long(redis_url: str, both: Bot
         pass
 
 
+@pytest.mark.slow
 async def test_leases_come_back_after_redis_has_lost_them(both: Both, client: "redis.Redis") -> None:
     one, other = both
     assert await one.try_hold("map-a") is not None
@@ -166,6 +170,7 @@ async def test_one_that_lets_go_late_leaves_the_lease_of_another_alone(both: Bot
     assert client.get(KEY) == "of another"
 
 
+@pytest.mark.slow
 async def test_a_lease_that_was_not_renewed_in_time_is_not_sure(both: Both) -> None:
     locks = both[0]
     lock = await locks.try_hold("map-a")

@@ -95,6 +95,7 @@ def test_a_deletion_that_did_not_come_to_its_first_step_deletes_nothing_later(
     assert keys_in(bucket_server, prefix) == sorted(MAP)
 
 
+@pytest.mark.slow
 def test_what_was_stored_after_a_deletion_is_not_deleted_with_it(
     bucket: BucketStorage, bucket_server: BucketServer, prefix: str, cut_deletions: Callable[[int | None], None]
 ) -> None:
@@ -276,6 +277,7 @@ def own_server() -> Iterator[BucketServer]:
     server.stop()
 
 
+@pytest.mark.slow
 def test_a_bucket_that_goes_away_is_said_within_seconds_and_serves_again(
     own_server: BucketServer, tmp_path: Path
 ) -> None:
@@ -307,6 +309,7 @@ def test_a_bucket_that_goes_away_is_said_within_seconds_and_serves_again(
         again.stop()
 
 
+@pytest.mark.slow
 def test_readiness_learns_within_seconds_that_a_bucket_hangs(
     own_server: BucketServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

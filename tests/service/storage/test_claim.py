@@ -41,6 +41,7 @@ def ends_without_a_word(claim: BucketClaim) -> None:
     claim._thread.join()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "second"), [(False, False), (False, True), (True, False)])
 def test_a_service_keeps_out_who_does_not_share_with_it(claim: Claims, first: bool, second: bool) -> None:
     claim("one", first).take()
@@ -62,6 +63,7 @@ def test_one_that_stops_lets_the_next_one_in_at_once(claim: Claims) -> None:
     assert time.monotonic() - began < WATCH_S / 2
 
 
+@pytest.mark.slow
 def test_one_that_was_killed_keeps_others_out_for_a_while_and_itself_not_at_all(
     claim: Claims, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -324,6 +324,7 @@ def test_a_scan_that_finds_no_memory_is_told_which_limit_it_met(
     assert "PANOLOC_REGISTRATION_MEMORY_BYTES" in failure.message
 
 
+@pytest.mark.slow
 def test_the_limits_of_the_process_grow_with_the_scan(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[tuple[int, float]] = []
     settings = WorkerSettings.of(

@@ -74,6 +74,7 @@ def test_a_plan_of_a_national_grid_and_one_without_points_have_their_photos(tmp_
         assert (picture == COLOR_OF["localized"]).all(axis=2).sum() >= 100 * len(placement.photos)
 
 
+@pytest.mark.slow
 def test_the_contact_sheet_has_every_photo_and_an_empty_place_for_what_does_not_decode(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(jpeg(640, 320))
     (tmp_path / "b.jpg").write_bytes(b"no photo")

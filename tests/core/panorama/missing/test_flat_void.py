@@ -34,6 +34,7 @@ def test_a_void_over_the_seam_is_one_piece() -> None:
     assert shares(find(as_jpeg(color)), covered)[0] > 0.97
 
 
+@pytest.mark.slow
 def test_many_small_holes_are_found_beside_a_large_one() -> None:
     rng = np.random.default_rng(1)
     covered = blob(60, 500, 60)
@@ -93,6 +94,7 @@ def test_a_picture_of_nothing_but_black_is_left_as_it_is() -> None:
     assert not find(np.zeros((512, 1024, 3), np.uint8)).missing.any()
 
 
+@pytest.mark.slow
 def test_a_void_is_found_in_an_image_larger_than_what_is_looked_at() -> None:
     covered = blob(200, 500, 130).repeat(3, axis=0).repeat(3, axis=1)
     color = np.where(covered[..., None], 0, scenery(3072, 1536)).astype(np.uint8)

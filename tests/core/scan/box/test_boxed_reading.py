@@ -25,6 +25,7 @@ def read(name: str, tmp_path: Path, limits: BoxLimits | None = None) -> tuple[li
     return list(read_in_box(f"tests.core.scan.box.misbehaving_readers:{name}", context, limits)), context
 
 
+@pytest.mark.slow
 def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: Path) -> None:
     chunks, context = read("well_behaved", tmp_path)
     positions = np.concatenate([chunk.positions for chunk in chunks])
@@ -35,6 +36,7 @@ def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: P
     assert context.coordinate_system == "EPSG:25832"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "limits", "error", "said"),
     [

@@ -54,6 +54,7 @@ def test_a_log_is_told_now_and_then_how_far_it_is(
     assert "placing: 2 of 3: 2 localized" in told.splitlines()
 
 
+@pytest.mark.slow
 def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:
@@ -117,6 +118,7 @@ def test_photos_in_the_folder_of_results_are_not_placed(panoloc: Panoloc, fake: 
     assert num_queries(fake) == 3
 
 
+@pytest.mark.slow
 def test_a_busy_service_is_waited_for(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
     fake.busy = 2
     outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out")
@@ -135,6 +137,7 @@ def test_what_says_nothing_of_the_photo_ends_the_run(
     assert not list((tmp_path / "out").rglob("results/*"))
 
 
+@pytest.mark.slow
 def test_options_that_are_refused_end_the_run_and_another_try_may_correct_them(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:
@@ -191,6 +194,7 @@ def test_two_runs_do_not_share_a_folder_and_one_that_was_killed_holds_none(
     assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
 
 
+@pytest.mark.slow
 def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:
@@ -225,6 +229,7 @@ def test_one_photo_is_counted_as_one_and_usage_names_what_is_wanted(
         assert wanted in usage.partition("[OPTIONS]")[2].strip(" {}[].\n"), command
 
 
+@pytest.mark.slow
 def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, pictures: tuple[str, str]
 ) -> None:
@@ -240,6 +245,7 @@ def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
     assert [path.name for path in again.glob("*.*g")] == ["contact-sheet.jpg"]
 
 
+@pytest.mark.slow
 def test_the_panoramas_of_a_survey_are_placed_as_a_folder_of_them_is(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
 ) -> None:
