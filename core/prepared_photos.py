@@ -14,7 +14,7 @@ from core.lines.line_support import LineSupport
 from core.lines.photo_edges import Edges, edges_of_photos
 from core.options import MAX_SESSION_TILT_DEG
 from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import blurred_windows, equalized_windows, mixed_colors
+from core.panorama.photo_colors import PhotoContrast, blurred_windows, equalized_windows
 from core.panorama.session import Session
 from core.refine.photo_points import (
     LookDirections,
@@ -46,6 +46,7 @@ class PreparedPhotos:
     ) -> None:
         self.labels, self.config = labels, config
         self.atlas = PhotoAtlas(session, max_rows, labels, device)
+        self._contrast = PhotoContrast(self.atlas)
         self.share = self.atlas.share()
         self.view = RigView(self.atlas, config.photos.margin_deg)
         self._up_known = session.options.up_known
@@ -65,8 +66,9 @@ class PreparedPhotos:
         """Return the photos' descriptors."""
         if self._described is None:
             config = self.config
+            contrast = None if self.labels is not None else self._contrast
             self._described = describe_photos(
-                self.atlas, self.labels, config.photo_search, config.fine_views, config.descriptors
+                self.atlas, contrast, config.photo_search, config.fine_views, config.descriptors
             )
         return self._described
 
@@ -93,7 +95,7 @@ class PreparedPhotos:
             windows = self.atlas.windows(height)
             color = windows.color
             if self.labels is None:
-                color = mixed_colors(self.atlas, windows, equalized_windows(windows), contrast_share)
+                color = self._contrast.mixed(windows, equalized_windows(windows), contrast_share)
             level = windows.level(blurred_windows(color, windows) if blur else color)
             self._levels[key] = RigLevel(level, self.atlas.rotations, self.atlas.centers)
         return self._levels[key]
@@ -104,7 +106,7 @@ class PreparedPhotos:
         color = windows.color
         if comparison.tables is not None:
             flat = apply_tables(color.flatten(1).T[None], comparison.tables[:1])
-            color = mixed_colors(self.atlas, windows, flat[0].T.reshape(color.shape), contrast_share)
+            color = self._contrast.mixed(windows, flat[0].T.reshape(color.shape), contrast_share)
         return RigLevel(windows.level(color), self.atlas.rotations, self.atlas.centers)
 
     def compare(

@@ -50,7 +50,7 @@ def _support(axes: Tensor, edges: Edges, config: LineConfig) -> Tensor:
     spread = math.radians(config.edge_noise_deg)
     total = torch.zeros(len(axes), device=axes.device)
     # Edges that do not pass near an axis add nothing; few do.
-    axis, edge = ((axes @ edges.normals.T).abs() < _REACH * spread).nonzero(as_tuple=True)
+    axis, edge = ((axes @ edges.normals.T).abs_() < _REACH * spread).nonzero(as_tuple=True)
     towards, normals, directions = axes[axis], edges.normals[edge], edges.directions[edge]
     sine_square = (1 - (towards * directions).sum(-1).square()).clamp_min(LEAST_SINE**2)
     off_square = (towards * normals).sum(-1).square() / sine_square

@@ -1,6 +1,7 @@
 """Canonical colours of photos: equalized over all that the photos of a session show, and their local contrast."""
 
 import math
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -19,25 +20,36 @@ def equalized_windows(windows: PhotoWindows) -> Tensor:
     return equalize(flat, windows.weights.flatten()[None])[0].T.reshape(windows.color.shape)
 
 
-def contrast_of_windows(atlas: PhotoAtlas, windows: PhotoWindows) -> Tensor:
-    """Return the local contrast (3, H, W) of windows, in 0..1, as `core.light.local_contrast` has it for a sphere."""
-    small = atlas.windows(_SURROUNDINGS_ROWS)
-    mean = _mean_around(atlas, small)
-    planes = torch.cat((mean, torch.ones_like(mean[:1])))
-    places = small.tops, small.first_rows, small.first_columns, small.heights, small.widths
-    level = PhotoLevel(planes, small.rows, *places)
-    x, y, z = windows.direction.flatten(1)
-    azimuth = torch.atan2(y, x)
-    # Columns beyond the left edge of a full turn lie at azimuths just above -π.
-    elevation = torch.atan2(z, torch.hypot(x, y))
-    around = level.sample(azimuth[None], elevation[None], windows.photo.flatten()[None])[0, :3]
-    ratio = (windows.color + CONTRAST.darkest).log() - around.view(windows.color.shape)
-    return (ratio * (windows.valid / CONTRAST.scale)).tanh().add(1).mul(0.5)
+class PhotoContrast:
+    """The local contrast of the photos of an atlas, as `core.light.local_contrast` has it for a sphere."""
 
+    def __init__(self, atlas: PhotoAtlas) -> None:
+        self._atlas = atlas
 
-def mixed_colors(atlas: PhotoAtlas, windows: PhotoWindows, equalized: Tensor, share: float) -> Tensor:
-    """Return equalized colours (3, H, W) mixed with a `share` in 0..1 of the local contrast."""
-    return torch.lerp(equalized, contrast_of_windows(atlas, windows), share)
+    def of_windows(self, windows: PhotoWindows) -> Tensor:
+        """Return the contrast (3, H, W) of windows, in 0..1."""
+        x, y, z = windows.direction.flatten(1)
+        azimuth = torch.atan2(y, x)
+        # Columns beyond the left edge of a full turn lie at azimuths just above -π.
+        elevation = torch.atan2(z, torch.hypot(x, y))
+        photo = 0 if len(self._atlas) == 1 else windows.photo.flatten()[None]
+        around = self._surroundings.sample(azimuth[None], elevation[None], photo)[0, :3]
+        ratio = (windows.color + CONTRAST.darkest).log() - around.view(windows.color.shape)
+        return (ratio * (windows.valid / CONTRAST.scale)).tanh().add(1).mul(0.5)
+
+    def mixed(self, windows: PhotoWindows, equalized: Tensor, share: float) -> Tensor:
+        """Return equalized colours (3, H, W) mixed with a `share` in 0..1 of the contrast."""
+        return torch.lerp(equalized, self.of_windows(windows), share)
+
+    @cached_property
+    def _surroundings(self) -> PhotoLevel:
+        """Return the mean logarithm of colours around each pixel, the same for windows of any resolution."""
+        small = self._atlas.windows(_SURROUNDINGS_ROWS)
+        mean = _mean_around(self._atlas, small)
+        planes = torch.cat((mean, torch.ones_like(mean[:1])))
+        return PhotoLevel(
+            planes, small.rows, small.tops, small.first_rows, small.first_columns, small.heights, small.widths
+        )
 
 
 def blurred_windows(color: Tensor, windows: PhotoWindows) -> Tensor:

@@ -28,23 +28,32 @@ class PhotoLevel:
     heights: Tensor
     widths: Tensor
 
-    def sample(self, azimuth: Tensor, elevation: Tensor, photo: Tensor | None) -> Tensor:
-        """Return the planes (K, 10, N) at directions (K, N), radians, in the axes of the photos numbered `photo` (K, N).
+    def sample(self, azimuth: Tensor, elevation: Tensor, photo: Tensor | int) -> Tensor:
+        """Return the planes (K, 10, N) at directions (K, N), radians, in the axes of the photos numbered `photo` (K, N), or of one of them.
 
-        photo: None where all are of the first. Outside of a photo's window validity is zero.
+        Outside of a photo's window validity is zero.
         """
-        chosen = slice(0, 1) if photo is None else photo
+        first_column, first_row, last_column, last_row, top = self._places(photo)
         per_rad = self.rows / math.pi
         # In pixels from the centre of a window's top-left border pixel.
-        column = (math.pi - azimuth) * per_rad - self.first_columns[chosen] + 0.5
-        row = (math.pi / 2 - elevation) * per_rad - self.first_rows[chosen] + 0.5
-        column = torch.minimum(column.clamp_min(0), self.widths[chosen] + 1)
-        row = torch.minimum(row.clamp_min(0), self.heights[chosen] + 1) + self.tops[chosen]
+        column = (math.pi - azimuth) * per_rad - first_column
+        row = (math.pi / 2 - elevation) * per_rad - first_row
+        column = torch.minimum(column.clamp_min(0), last_column)
+        row = torch.minimum(row.clamp_min(0), last_row) + top
         height, width = self.planes.shape[1:]
         grid = torch.stack((column * (2 / (width - 1)) - 1, row * (2 / (height - 1)) - 1), dim=-1)
         images = self.planes.expand(len(azimuth), -1, -1, -1)
         sampled = torch.nn.functional.grid_sample(images, grid[:, None], align_corners=True, padding_mode="border")
         return sampled[:, :, 0]
+
+    def _places(self, photo: Tensor | int) -> Tensor:
+        """Return of the windows of photos (K, N), or of one of them: first column and row less the border, last ones, and top, (5, ...)."""
+        places = torch.stack(
+            (self.first_columns - 0.5, self.first_rows - 0.5, self.widths + 1, self.heights + 1, self.tops.float())
+        )
+        if isinstance(photo, int):
+            return places[:, photo]
+        return places.index_select(1, photo.flatten()).view(5, *photo.shape)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ class RigLevel:
         """
         inverse = rotations.transpose(1, 2)
         in_rig = torch.baddbmm(-(inverse @ positions[..., None]), inverse, place)
-        in_camera = self._to_camera(in_rig, photos)
+        cameras = None if photos is None else self._cameras(photos)
+        in_camera = self._to_camera(in_rig, cameras)
         # A longer focal length spreads what is beside the optical axis.
         spread = None if log_focal is None else torch.stack((torch.zeros_like(log_focal), log_focal, log_focal)).exp()
         if spread is not None:
@@ -43,7 +44,7 @@ class RigLevel:
         x, y, z = in_camera.unbind(1)
         flat_square = torch.addcmul(x.square(), y, y)
         flat = flat_square.sqrt()
-        sampled = self.level.sample(torch.atan2(y, x), torch.atan2(z, flat), photos)
+        sampled = self.level.sample(torch.atan2(y, x), torch.atan2(z, flat), 0 if photos is None else photos)
         # ∂azimuth/∂p = (-y, x, 0) / f² and ∂elevation/∂p = (-x z / f, -y z / f, f) / d², with f² = x² + y² and d² = x² + y² + z².
         square = torch.addcmul(flat_square, z, z).clamp_min_(MIN_DISTANCE_M**2)
         stable = torch.maximum(flat_square, square * MIN_COSINE**2)
@@ -54,7 +55,7 @@ class RigLevel:
         if spread is not None:
             by_focal = [by_point[:, :, 1] * y[:, None] + by_point[:, :, 2] * z[:, None]]
             by_point = by_point * spread[:, None]
-        by_point = self._to_rig(by_point, photos)  # (K, 2, 3, N)
+        by_point = self._to_rig(by_point, cameras)  # (K, 2, 3, N)
         # A turn ω and a move τ of the rig take a point q of it to q - ω x q - τ.
         # The cross product by_point x in_rig, plane by plane: the library's own takes several times as long along this axis.
         (a, b, c), (x, y, z) = by_point.unbind(2), in_rig[:, None].unbind(2)
@@ -62,15 +63,30 @@ class RigLevel:
         directions = torch.stack((*by_turn, -a, -b, -c, *by_focal), dim=1)  # (K, 6 or 7, 2, N)
         return SampledPoints(sampled[:, :9], directions.contiguous()), sampled[:, 9] > VALID_SHARE
 
-    def _to_camera(self, in_rig: Tensor, photos: Tensor | None) -> Tensor:
-        """Return points of the rig (K, 3, N) in the axes of their cameras."""
-        if photos is None:
-            return self.rotations[0].T @ (in_rig - self.centers[0, :, None])
-        moved = in_rig - self.centers[photos].transpose(1, 2)
-        return torch.einsum("knab,kan->kbn", self.rotations[photos], moved)
+    def _cameras(self, photos: Tensor) -> Tensor:
+        """Return planes (12, K, N) of the cameras that points are seen by: rotations, row by row, and centres.
 
-    def _to_rig(self, vectors: Tensor, photos: Tensor | None) -> Tensor:
+        Planes, because products of a small matrix for each point take several times as long.
+        """
+        table = torch.cat((self.rotations.flatten(1), self.centers), dim=1).T.contiguous()
+        return table.index_select(1, photos.flatten()).view(12, *photos.shape)
+
+    def _to_camera(self, in_rig: Tensor, cameras: Tensor | None) -> Tensor:
+        """Return points of the rig (K, 3, N) in the axes of their cameras."""
+        if cameras is None:
+            return self.rotations[0].T @ (in_rig - self.centers[0, :, None])
+        moved = in_rig - cameras[9:].transpose(0, 1)
+        rows = cameras[:9].view(3, 3, *cameras.shape[1:])
+        return torch.stack([_sum_of_products(rows[:, axis], moved.unbind(1)) for axis in range(3)], dim=1)
+
+    def _to_rig(self, vectors: Tensor, cameras: Tensor | None) -> Tensor:
         """Return directions (K, 2, 3, N) in the axes of cameras in those of the rig."""
-        if photos is None:
+        if cameras is None:
             return self.rotations[0] @ vectors
-        return torch.einsum("knab,kcbn->kcan", self.rotations[photos], vectors)
+        rows = cameras[:9].view(3, 3, *cameras.shape[1:])[:, :, :, None]
+        return torch.stack([_sum_of_products(row, vectors.unbind(2)) for row in rows], dim=2)
+
+
+def _sum_of_products(first: Tensor, second: tuple[Tensor, ...]) -> Tensor:
+    """Return the sum of the products of three planes each."""
+    return (first[0] * second[0]).addcmul_(first[1], second[1]).addcmul_(first[2], second[2])

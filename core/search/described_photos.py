@@ -10,9 +10,9 @@ from core.config import DescriptorConfig, FineViewConfig, PhotoSearchConfig
 from core.describe.patch_descriptors import centered_roots
 from core.describe.patch_histograms import soft_histograms
 from core.describe.spherical_patches import PatchGrid
-from core.light.color_equalization import LabelCodes, equalize
+from core.light.color_equalization import equalize
 from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import contrast_of_windows, equalized_windows
+from core.panorama.photo_colors import PhotoContrast, equalized_windows
 
 _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
 _GOLDEN = (math.sqrt(5) - 1) / 2
@@ -54,21 +54,21 @@ class DescribedPhotos:
 
 def describe_photos(
     atlas: PhotoAtlas,
-    labels: LabelCodes | None,
+    local_contrast: PhotoContrast | None,
     config: PhotoSearchConfig,
     fine: FineViewConfig,
     described: DescriptorConfig,
 ) -> DescribedPhotos:
-    """Describe photos, the same for all maps that share their colours."""
+    """Describe photos, the same for all maps that share their colours. local_contrast: None of labels, which have none."""
     grid = PatchGrid(fine.patch_rows, fine.patch_columns)
     windows = atlas.windows(described.view_height)
     seen = windows.weights > 0
     directions, weights = atlas.rig_directions(windows)[seen], windows.weights[seen]
     patch = grid.patch_of_direction(directions)
-    canonical = windows.color if labels is not None else equalized_windows(windows)
+    canonical = windows.color if local_contrast is None else equalized_windows(windows)
     parts = [soft_histograms(canonical[:, seen].T[None], weights[None], patch[None], len(grid), described.bins)]
-    if labels is None:
-        contrast = equalize(contrast_of_windows(atlas, windows)[:, seen].T[None], weights[None])
+    if local_contrast is not None:
+        contrast = equalize(local_contrast.of_windows(windows)[:, seen].T[None], weights[None])
         parts.append(soft_histograms(contrast, weights[None], patch[None], len(grid), described.bins))
     roots, _ = centered_roots(torch.cat(parts, dim=-1), grid.solid_angles(weights.device))
     # A patch at the edge of a photo counts as much as the photo shows of it.

@@ -64,11 +64,19 @@ def _correlation_in_squares(
     """Return the correlation (K, G) of colours (K, S, 3) inside each square, all channels together, and what the squares weigh."""
     mass = weights @ member
     per = 1 / mass.clamp_min(1e-9)
-    products = torch.cat((first, second, (first * second).sum(-1, keepdim=True)), dim=-1)
-    squares = torch.stack((first.square().sum(-1), second.square().sum(-1)), dim=-1)
-    stacked = torch.cat((products, squares), dim=-1) * weights[..., None]
-    mean = torch.einsum("ksc,sg->kgc", stacked, member) * per[..., None]
-    mean_first, mean_second = mean[..., :3], mean[..., 3:6]
-    covariance = mean[..., 6] - (mean_first * mean_second).sum(-1)
-    variances = mean[..., 7] - mean_first.square().sum(-1), mean[..., 8] - mean_second.square().sum(-1)
+    # One plane after the other, weighted in place: nothing is copied for the product then.
+    planes = first.new_empty((9, *weights.shape))
+    planes[:3], planes[3:6] = first.movedim(-1, 0), second.movedim(-1, 0)
+    torch.stack(
+        (_summed(planes[:3] * planes[3:6]), _summed(planes[:3].square()), _summed(planes[3:6].square())), out=planes[6:]
+    )
+    mean = ((planes.mul_(weights)).flatten(0, 1) @ member).view(9, *mass.shape) * per
+    mean_first, mean_second = mean[:3], mean[3:6]
+    covariance = mean[6] - (mean_first * mean_second).sum(0)
+    variances = mean[7] - mean_first.square().sum(0), mean[8] - mean_second.square().sum(0)
     return covariance / ((variances[0].clamp_min(0) + floor) * (variances[1].clamp_min(0) + floor)).sqrt(), mass
+
+
+def _summed(planes: Tensor) -> Tensor:
+    """Return the sum of three planes."""
+    return planes[0] + planes[1] + planes[2]

@@ -66,16 +66,19 @@ class PoseLimits:
         allowed = torch.ones(rotations.shape[:-2], dtype=torch.bool, device=rotations.device)
         if self.max_rig_tilt is not None:
             allowed &= rotations[..., 2, 2] >= math.cos(min(math.pi, self.max_rig_tilt + margin_rad))
-        if self.first_rotation is not None:
-            rotations = rotations @ self.first_rotation
         if self.max_tilt is not None:
-            allowed &= rotations[..., 2, 2] >= math.cos(min(math.pi, self.max_tilt + margin_rad))
+            upward = self._of_first(rotations[..., 2, :], 2)
+            allowed &= upward >= math.cos(min(math.pi, self.max_tilt + margin_rad))
         if self.heading is not None:
-            forward = rotations[..., :2, 0]
+            forward = self._of_first(rotations[..., :2, :], 0)
             difference = torch.atan2(forward[..., 1], forward[..., 0]) - self.heading
             wrapped = torch.atan2(difference.sin(), difference.cos()).abs()
             allowed &= (wrapped <= self.heading_tolerance + margin_rad) | (forward.norm(dim=-1) < 0.05)
         return allowed
+
+    def _of_first(self, rows: Tensor, axis: int) -> Tensor:
+        """Return of rows (..., 3) of rotations what they are for an axis of the first camera, (...)."""
+        return rows[..., axis] if self.first_rotation is None else rows @ self.first_rotation[:, axis]
 
     @property
     def bounds_tilts(self) -> bool:

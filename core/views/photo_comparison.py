@@ -79,28 +79,28 @@ class RigView:
             color, shown = same.alone
             shown = shown & valid
             return color * shown[..., None], torch.where(shown, 0, -1)
-        color = torch.zeros((count * size, 3), device=depth.device)
-        photo = torch.full((count * size,), -1, dtype=torch.int64, device=depth.device)
-        central = torch.full((count * size,), -2.0, device=depth.device)
+        color = torch.zeros((3, count, size), device=depth.device)
+        photo = torch.full((count, size), -1, dtype=torch.int64, device=depth.device)
+        central = torch.full((count, size), -2.0, device=depth.device)
+        depth = torch.where(valid, depth, 1.0)
         for number, near in enumerate(same.near):
-            pose, which = valid[:, near].nonzero(as_tuple=True)
-            pixel = near[which]
-            in_rig = same.directions[pixel] * depth[pose, pixel, None]
+            in_rig = same.directions.T[:, None, near] * depth[:, near]
             sampled, ahead = self._sampled(same.level, in_rig, number)
-            at = pose * size + pixel
-            better = (sampled[3] > 0.99) & (ahead > central[at])
-            at = at[better]
-            color[at], central[at], photo[at] = sampled[:3, better].T, ahead[better], number
-        return color.view(count, size, 3), photo.view(count, size)
+            before = central[:, near]
+            better = valid[:, near] & (sampled[3] > 0.99) & (ahead > before)
+            central[:, near] = torch.where(better, ahead, before)
+            photo[:, near] = torch.where(better, number, photo[:, near])
+            color[:, :, near] = torch.where(better, sampled[:3], color[:, :, near])
+        return color.permute(1, 2, 0).contiguous(), photo
 
     def _sampled(self, level: PhotoLevel, in_rig: Tensor, number: int) -> tuple[Tensor, Tensor]:
-        """Return what a photo shows at points of the rig (N, 3): colour and validity (4, N), and how near they are to its middle (N,)."""
+        """Return what a photo shows at points of the rig (3, K, N): colour and validity (4, K, N), and how near they are to its middle."""
         atlas = self.atlas
-        x, y, z = ((in_rig - atlas.centers[number]) @ atlas.rotations[number]).unbind(-1)
+        moved = in_rig - atlas.centers[number][:, None, None]
+        x, y, z = (atlas.rotations[number].T @ moved.flatten(1)).view(in_rig.shape).unbind(0)
         flat = torch.hypot(x, y)
-        which = None if len(atlas) == 1 else torch.full_like(x, number, dtype=torch.int64)[None]
-        sampled = level.sample(torch.atan2(y, x)[None], torch.atan2(z, flat)[None], which)[0]
-        return sampled, x / torch.hypot(flat, z).clamp_min(1e-6)
+        sampled = level.sample(torch.atan2(y, x), torch.atan2(z, flat), number)
+        return sampled.transpose(0, 1), x / torch.hypot(flat, z).clamp_min(1e-6)
 
     def _same_for_all_poses(self, height: int) -> "_SameForAllPoses":
         """Return what is the same for all poses at one resolution."""
@@ -112,8 +112,8 @@ class RigView:
             near = [(directions @ axis >= cosine).nonzero()[:, 0] for axis, cosine in zip(axes, cosines, strict=True)]
             alone = None
             if len(self.atlas) == 1:  # without parallax every pixel shows the same of the photo, whatever its depth
-                sampled, _ = self._sampled(level, directions, 0)
-                alone = sampled[:3].T.contiguous(), sampled[3] > 0.99
+                sampled, _ = self._sampled(level, directions.T[:, None], 0)
+                alone = sampled[:3, 0].T.contiguous(), sampled[3, 0] > 0.99
             self._same[height] = _SameForAllPoses(directions, near, level, alone)
         return self._same[height]
 
