@@ -1,24 +1,35 @@
-"""A photo placed on the sphere: an equirectangular panorama in which everything that the photo does not show is masked.
+"""A photo placed on the sphere: as a panorama in which everything that it does not show is masked, or on the window that it fills.
 
 The pose of the panorama is that of the camera: the optical axis goes through the middle of both.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.camera.camera import Camera
+from core.camera.image_on_sphere import (
+    LARGEST_STEP,
+    directions_of_grid,
+    sample_image,
+    shrunk_image,
+    small_sphere_directions,
+    sphere_directions,
+)
 from core.camera.lens import project_to_image, share_with_direction
 from core.errors import OptionsError, PanoramaUnusableError
 from core.panorama.panorama import Panorama
+from core.panorama.session import Photo
 
 _MIN_ROWS, _MAX_ROWS = 256, 1024  # of the sphere; refinement looks no closer than at 512
+_COARSEST_ROWS = 16  # windows begin and end at whole pixels of a sphere of so many rows
+_EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
 _MIN_SIDE = 16  # pixels
 _MIN_WITH_DIRECTION = 0.5  # of a photo; of real lenses nearly all of it has one
 _MIN_SHARE = 0.001  # of the sphere; what shows less says nothing about where it was taken
-_LARGEST_STEP = 2.0  # pixels of the photo to one of the sphere; more would skip some
-FINEST_PX_PER_RAD = _LARGEST_STEP * _MAX_ROWS / math.pi
+FINEST_PX_PER_RAD = LARGEST_STEP * _MAX_ROWS / math.pi
 """Focal length, in pixels, beyond which nothing of a photo is lost when it is made smaller."""
 
 
@@ -30,9 +41,9 @@ def photo_on_sphere(color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: 
     """
     camera = camera.resized(color.shape[1], color.shape[0])
     rows = _rows_of_sphere(camera)
-    color, valid, camera = shrunk_photo(color, valid, camera, rows)
-    u, v, shown = project_to_image(camera, _directions(rows))
-    sampled, seen = sample_photo(color, valid, u, v, shown)
+    color, valid, camera = shrunk_image(color, valid, camera, rows)
+    u, v, shown = project_to_image(camera, sphere_directions(rows))
+    sampled, seen = sample_image(color, valid, u, v, shown)
     _check_share(seen, camera)
     return Panorama(sampled, seen)
 
@@ -46,8 +57,7 @@ def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
             f"distortion: expected coefficients that hold for most of the image, got some that turn back on themselves and leave "
             f"{with_direction:.0%} of it a direction; check their order and signs, and that the intrinsics belong to this image"
         )
-    rows = _MIN_ROWS
-    u, v, shown = project_to_image(camera, _directions(rows))
+    u, v, shown = project_to_image(camera, small_sphere_directions(_MIN_ROWS))
     column, row = u[shown].astype(np.int64), v[shown].astype(np.int64)
     seen = shown.copy()
     seen[shown] = valid[np.minimum(row, valid.shape[0] - 1), np.minimum(column, valid.shape[1] - 1)]
@@ -75,66 +85,54 @@ def _rows_of_sphere(camera: Camera) -> int:
     return int(min(max(2 ** round(math.log2(max(wanted, 1.0))), _MIN_ROWS), _MAX_ROWS))
 
 
-def shrunk_photo(
-    color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, rows: int
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Camera]:
-    """Average a photo (h, w, 3) down so that sampling it on a sphere of `rows` rows skips no pixel; the camera goes along."""
-    factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / _LARGEST_STEP)
-    if factor < 2:
-        return color, valid, camera
-    size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
-    if bool(valid.all()):
-        return _averaged(color, size), np.ones(size[::-1], np.bool_), camera.resized(*size)
-    # Masked pixels must not bleed into their neighbours: their average is taken out again.
-    share = _averaged(valid.astype(np.uint8) * 255, size).astype(np.float32) / 255
-    mean = _averaged(color * valid[..., None], size).astype(np.float32)
-    small = np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8)
-    return small, share > 0.99, camera.resized(*size)
+@dataclass(frozen=True)
+class PhotoOnWindow:
+    """A photo on the window that it fills of a sphere of `rows` rows: color (h, w, 3), seen (h, w); cone: half the
+    opening angle around the optical axis that holds all of the photo, radians."""
+
+    color: NDArray[np.uint8]
+    seen: NDArray[np.bool_]
+    rows: int
+    first_row: int
+    first_column: int
+    cone: float
 
 
-def _averaged(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return an image (h, w) or (h, w, 3) of `size`, its width and height, each pixel the average of those that it covers."""
-    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
-
-    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
-
-
-def _directions(rows: int) -> NDArray[np.float64]:
-    """Return the viewing directions (rows, 2 rows, 3) of the pixel centres of a sphere."""
-    elevation = (np.pi / 2 - np.pi * (np.arange(rows) + 0.5) / rows)[:, None]
-    azimuth = (np.pi - np.pi * (np.arange(2 * rows) + 0.5) / rows)[None]
-    flat = np.cos(elevation)
-    return np.stack(
-        (flat * np.cos(azimuth), flat * np.sin(azimuth), np.broadcast_to(np.sin(elevation), (rows, 2 * rows))), axis=-1
-    )
+def photo_on_window(photo: Photo, rows: int, is_labels: bool) -> PhotoOnWindow:
+    """Sample a photo on the window of a sphere of `rows` rows that it fills."""
+    shows = _shown(photo)
+    row0, row1, column0, column1 = _extent(shows, rows)
+    color, valid, camera = photo.color, photo.valid, photo.camera
+    if not is_labels:  # of labels an average means nothing
+        color, valid, camera = shrunk_image(color, valid, camera, rows)
+    r, c = np.arange(row0, row1) + 0.5, np.arange(column0, column1) + 0.5
+    u, v, shown = project_to_image(camera, directions_of_grid(r, c, rows))
+    return PhotoOnWindow(*sample_image(color, valid, u, v, shown, nearest=is_labels), rows, row0, column0, _cone(shows))
 
 
-def sample_photo(
-    color: NDArray[np.uint8],
-    valid: NDArray[np.bool_],
-    u: NDArray[np.float64],
-    v: NDArray[np.float64],
-    shown: NDArray[np.bool_],
-    nearest: bool = False,
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return the colours (H, W, 3) at pixel coordinates (H, W) where `shown`, and where all that is mixed is valid (H, W).
+def _extent(shown: NDArray[np.bool_], rows: int) -> tuple[int, int, int, int]:
+    """Return first and last row, first and last column (exclusive) of what a photo fills on a sphere of `rows` rows.
 
-    Bilinearly, or those of the nearest pixels, as labels need them.
+    shown: as of `_shown`.
     """
-    height, width = valid.shape
-    if nearest:
-        at = np.clip(v.astype(np.int64), 0, height - 1), np.clip(u.astype(np.int64), 0, width - 1)
-        return color[at] * shown[..., None], valid[at] & shown
-    at_u, at_v = u[shown] - 0.5, v[shown] - 0.5
-    left = np.clip(np.floor(at_u), 0, max(width - 2, 0)).astype(np.int64)
-    top = np.clip(np.floor(at_v), 0, max(height - 2, 0)).astype(np.int64)
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    across = np.clip(at_u - left, 0, 1).astype(np.float32)[:, None]
-    down = np.clip(at_v - top, 0, 1).astype(np.float32)[:, None]
-    upper = color[top, left] * (1 - across) + color[top, right] * across
-    lower = color[bottom, left] * (1 - across) + color[bottom, right] * across
-    sampled = np.zeros((*u.shape, 3), np.uint8)
-    sampled[shown] = (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
-    seen = shown.copy()
-    seen[shown] = valid[top, left] & valid[top, right] & valid[bottom, left] & valid[bottom, right]
-    return sampled, seen
+    step = rows // _COARSEST_ROWS
+    fine = _EXTENT_ROWS // _COARSEST_ROWS
+    used_rows, used_columns = (np.flatnonzero(shown.any(axis)) for axis in (1, 0))
+    # One pixel of the search for the extent may hide an edge.
+    bounds = []
+    for used, most in ((used_rows, _COARSEST_ROWS), (used_columns, 2 * _COARSEST_ROWS)):
+        first = max(0, (int(used.min()) - 1) // fine) if len(used) else 0
+        last = min(most, (int(used.max()) + 1) // fine + 1) if len(used) else most
+        bounds += [first * step, last * step]
+    return bounds[0], bounds[1], bounds[2], bounds[3]
+
+
+def _shown(photo: Photo) -> NDArray[np.bool_]:
+    """Return which pixels of a sphere of `_EXTENT_ROWS` rows a photo shows."""
+    return project_to_image(photo.camera, small_sphere_directions(_EXTENT_ROWS))[2]
+
+
+def _cone(shown: NDArray[np.bool_]) -> float:
+    """Return half the opening angle, radians, of the cone around the optical axis that holds all of a photo; shown: as of `_shown`."""
+    ahead = small_sphere_directions(_EXTENT_ROWS)[..., 0][shown]
+    return math.pi if not len(ahead) else min(math.pi, math.acos(float(ahead.min())) + math.pi / _EXTENT_ROWS)

@@ -5,27 +5,27 @@ fineness would make too large.
 """
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from core.camera.image_on_sphere import small_sphere_directions
 from core.camera.lens import project_to_image
 from core.errors import PanoramaUnusableError
 from core.geometry.projection import pixel_solid_angles, unproject
 from core.geometry.rotations import even_directions
 from core.light.color_equalization import LabelCodes
-from core.panorama.photo import sample_photo, shrunk_photo
+from core.panorama.photo import PhotoOnWindow, photo_on_window
 from core.panorama.photo_level import PhotoWindows
 from core.panorama.session import Photo, Session, session_from_rig
 
-_COARSEST_ROWS = 16  # windows begin and end at whole pixels of a sphere of so many rows
 _LEAST_ROWS = 256
 _EXTENT_LEVEL = 32  # rows of the windows that tell what photos show
 _SHARE_DIRECTIONS = 8192
-_EXTENT_ROWS = 128  # of the sphere on which the extent of a photo is looked for
+_SHOWN_ROWS = 128  # of the windows whose pixels stand for what photos show
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class PhotoAtlas:
         self.centers = torch.tensor(
             np.stack([pose.position - middle for pose in poses]), dtype=torch.float32, device=device
         )
-        photos = [image.photo for image in session.images]
-        self._top = [_window(photo, _rows_for(photo, max_rows), labels, device) for photo in photos]
-        self.cones = torch.tensor([_cone(photo) for photo in photos], device=device)
+        sampled = _each_sampled([image.photo for image in session.images], max_rows, labels is not None)
+        self._top = [_window(each, labels, device) for each in sampled]
+        self.cones = torch.tensor([each.cone for each in sampled], device=device)
         self._windows: dict[int, PhotoWindows] = {}
         if not bool((self.windows(_EXTENT_LEVEL).valid > 0).any()):
             raise PanoramaUnusableError(
@@ -85,7 +85,7 @@ class PhotoAtlas:
 
     def shown_directions(self) -> Tensor:
         """Return directions (N, 3) in the axes of the rig that some photo shows, all that it shows within a degree of one."""
-        windows = self.windows(_EXTENT_ROWS)
+        windows = self.windows(_SHOWN_ROWS)
         return self.rig_directions(windows)[windows.valid > 0]
 
     def shows(self, directions: Tensor, margin: float = 0.0) -> Tensor:
@@ -111,8 +111,7 @@ class PhotoAtlas:
 
 def shown_share(session: Session) -> float:
     """Return about the share of the sphere, 0..1, that the photos of a session show together, overlaps counted once."""
-    row, column = np.arange(_EXTENT_LEVEL) + 0.5, np.arange(2 * _EXTENT_LEVEL) + 0.5
-    directions = _directions(row, column, _EXTENT_LEVEL)
+    row, directions = np.arange(_EXTENT_LEVEL) + 0.5, small_sphere_directions(_EXTENT_LEVEL)
     shown = np.zeros(directions.shape[:2], np.bool_)
     for image in session.images:
         shown |= project_to_image(image.photo.camera, directions @ image.session_from_camera.rotation)[2]
@@ -124,58 +123,28 @@ def _rows_for(photo: Photo, max_rows: int) -> int:
     return int(min(max(2 ** round(math.log2(max(wanted, 1.0))), _LEAST_ROWS), max_rows))
 
 
-def _window(photo: Photo, rows: int, labels: LabelCodes | None, device: torch.device | str) -> _Window:
-    """Sample a photo on the window of a sphere of `rows` rows that it fills."""
-    row0, row1, column0, column1 = _extent(photo, rows)
-    color, valid, camera = photo.color, photo.valid, photo.camera
-    if labels is None:  # of labels an average means nothing
-        color, valid, camera = shrunk_photo(color, valid, camera, rows)
-    r, c = np.arange(row0, row1) + 0.5, np.arange(column0, column1) + 0.5
-    u, v, shown = project_to_image(camera, _directions(r, c, rows))
-    sampled, seen = sample_photo(color, valid, u, v, shown, nearest=labels is not None)
-    pixels, inside = torch.from_numpy(sampled).to(device), torch.from_numpy(seen).to(device)
+def _each_sampled(photos: list[Photo], max_rows: int, is_labels: bool) -> list[PhotoOnWindow]:
+    """Sample photos beside each other; a single one in this thread."""
+
+    def sample(photo: Photo) -> PhotoOnWindow:
+        """Sample one photo, with numpy alone: threads that compute with torch get teams of threads of their own."""
+        return photo_on_window(photo, _rows_for(photo, max_rows), is_labels)
+
+    if len(photos) == 1:
+        return [sample(photos[0])]
+    with ThreadPoolExecutor(min(len(photos), torch.get_num_threads())) as threads:
+        return list(threads.map(sample, photos))
+
+
+def _window(sampled: PhotoOnWindow, labels: LabelCodes | None, device: torch.device | str) -> _Window:
+    """Return the window of a photo with canonical colours: as they are, or the codes of labels."""
+    pixels, inside = torch.from_numpy(sampled.color).to(device), torch.from_numpy(sampled.seen).to(device)
     if labels is None:
         planes = pixels.permute(2, 0, 1).float() / 255
     else:
         codes, known = labels.recode(pixels)
         planes, inside = codes.permute(2, 0, 1).contiguous(), inside & known
-    return _Window(planes, inside.float(), rows, row0, column0)
-
-
-def _directions(row: NDArray[np.floating], column: NDArray[np.floating], rows: int) -> NDArray[np.float64]:
-    """Return unit directions (h, w, 3) of the pixel coordinates of a grid on a sphere of `rows` rows."""
-    elevation, azimuth = np.pi / 2 - np.pi * row / rows, np.pi - np.pi * column / rows
-    flat = np.cos(elevation)[:, None]
-    rise = np.broadcast_to(np.sin(elevation)[:, None], (len(row), len(column)))
-    return np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), rise), axis=-1)
-
-
-def _extent(photo: Photo, rows: int) -> tuple[int, int, int, int]:
-    """Return first and last row, first and last column (exclusive) of what a photo fills on a sphere of `rows` rows."""
-    shown = _shown(photo)
-    step = rows // _COARSEST_ROWS
-    fine = _EXTENT_ROWS // _COARSEST_ROWS
-    used_rows, used_columns = (np.flatnonzero(shown.any(axis)) for axis in (1, 0))
-    # One pixel of the search for the extent may hide an edge.
-    bounds = []
-    for used, most in ((used_rows, _COARSEST_ROWS), (used_columns, 2 * _COARSEST_ROWS)):
-        first = max(0, (int(used.min()) - 1) // fine) if len(used) else 0
-        last = min(most, (int(used.max()) + 1) // fine + 1) if len(used) else most
-        bounds += [first * step, last * step]
-    return bounds[0], bounds[1], bounds[2], bounds[3]
-
-
-def _shown(photo: Photo) -> NDArray[np.bool_]:
-    """Return which pixels of a sphere of `_EXTENT_ROWS` rows a photo shows."""
-    r, c = np.arange(_EXTENT_ROWS) + 0.5, np.arange(2 * _EXTENT_ROWS) + 0.5
-    return project_to_image(photo.camera, _directions(r, c, _EXTENT_ROWS))[2]
-
-
-def _cone(photo: Photo) -> float:
-    """Return half the opening angle, radians, of the cone around the optical axis that holds all of a photo."""
-    r, c = np.arange(_EXTENT_ROWS) + 0.5, np.arange(2 * _EXTENT_ROWS) + 0.5
-    ahead = _directions(r, c, _EXTENT_ROWS)[..., 0][_shown(photo)]
-    return math.pi if not len(ahead) else min(math.pi, math.acos(float(ahead.min())) + math.pi / _EXTENT_ROWS)
+    return _Window(planes, inside.float(), sampled.rows, sampled.first_row, sampled.first_column)
 
 
 def _at_rows(window: _Window, rows: int) -> _Window:

@@ -1,0 +1,87 @@
+"""Images of a camera sampled on a sphere around it, or on a part of one."""
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.camera.camera import Camera
+
+LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
+
+
+def directions_of_grid(row: NDArray[np.floating], column: NDArray[np.floating], rows: int) -> NDArray[np.float64]:
+    """Return unit directions (h, w, 3) of the pixel coordinates of a grid on a sphere of `rows` rows."""
+    elevation, azimuth = np.pi / 2 - np.pi * row / rows, np.pi - np.pi * column / rows
+    flat = np.cos(elevation)[:, None]
+    rise = np.broadcast_to(np.sin(elevation)[:, None], (len(row), len(column)))
+    return np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), rise), axis=-1)
+
+
+def sphere_directions(rows: int) -> NDArray[np.float64]:
+    """Return the directions (rows, 2 rows, 3) of the pixel centres of a sphere."""
+    return directions_of_grid(np.arange(rows) + 0.5, np.arange(2 * rows) + 0.5, rows)
+
+
+@cache
+def small_sphere_directions(rows: int) -> NDArray[np.float64]:
+    """Return `sphere_directions` of a few rows, worked out once; not to be written to."""
+    found = sphere_directions(rows)
+    found.flags.writeable = False
+    return found
+
+
+def shrunk_image(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], camera: Camera, rows: int
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Camera]:
+    """Average an image (h, w, 3) down so that sampling it on a sphere of `rows` rows skips no pixel; the camera goes along."""
+    factor = int(min(camera.fx_px, camera.fy_px) * math.pi / rows / LARGEST_STEP)
+    if factor < 2:
+        return color, valid, camera
+    size = max(1, color.shape[1] // factor), max(1, color.shape[0] // factor)
+    if bool(valid.all()):
+        return _averaged(color, size), np.ones(size[::-1], np.bool_), camera.resized(*size)
+    # Masked pixels must not bleed into their neighbours: their average is taken out again.
+    share = _averaged(valid.astype(np.uint8) * 255, size).astype(np.float32) / 255
+    mean = _averaged(color * valid[..., None], size).astype(np.float32)
+    small = np.clip(mean / np.maximum(share, 1e-3)[..., None] + 0.5, 0, 255).astype(np.uint8)
+    return small, share > 0.99, camera.resized(*size)
+
+
+def _averaged(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return an image (h, w) or (h, w, 3) of `size`, its width and height, each pixel the average of those that it covers."""
+    from PIL import Image  # only here: the benchmarks of the core run where Pillow is not
+
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
+
+
+def sample_image(
+    color: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    u: NDArray[np.float64],
+    v: NDArray[np.float64],
+    shown: NDArray[np.bool_],
+    nearest: bool = False,
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the colours (H, W, 3) at pixel coordinates (H, W) where `shown`, and where all that is mixed is valid (H, W).
+
+    Bilinearly, or those of the nearest pixels, as labels need them.
+    """
+    height, width = valid.shape
+    if nearest:
+        at = np.clip(v.astype(np.int64), 0, height - 1), np.clip(u.astype(np.int64), 0, width - 1)
+        return color[at] * shown[..., None], valid[at] & shown
+    at_u, at_v = u[shown] - 0.5, v[shown] - 0.5
+    left = np.clip(np.floor(at_u), 0, max(width - 2, 0)).astype(np.int64)
+    top = np.clip(np.floor(at_v), 0, max(height - 2, 0)).astype(np.int64)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    across = np.clip(at_u - left, 0, 1).astype(np.float32)[:, None]
+    down = np.clip(at_v - top, 0, 1).astype(np.float32)[:, None]
+    upper = color[top, left] * (1 - across) + color[top, right] * across
+    lower = color[bottom, left] * (1 - across) + color[bottom, right] * across
+    sampled = np.zeros((*u.shape, 3), np.uint8)
+    sampled[shown] = (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
+    seen = shown.copy()
+    seen[shown] = valid[top, left] & valid[top, right] & valid[bottom, left] & valid[bottom, right]
+    return sampled, seen
