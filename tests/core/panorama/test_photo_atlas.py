@@ -13,6 +13,7 @@ from core.geometry.rotations import even_directions
 from core.light.color_equalization import LabelCodes
 from core.panorama.panorama import Panorama
 from core.panorama.photo_atlas import PhotoAtlas, shown_share
+from core.panorama.photo_colors import PhotoContrast
 from core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import rotation_of
 
@@ -222,3 +223,17 @@ def test_a_mask_that_leaves_no_region_is_refused_with_what_to_do(kept: str) -> N
     with pytest.raises(PanoramaUnusableError, match="mask whole regions"):
         atlas_of(spoilt)
     assert float(atlas_of(spoilt, plain(CAMERA)).share()) > 0  # another photo of the session shows something
+
+
+def test_each_photo_is_held_against_its_own_surroundings() -> None:
+    """A plain photo has no contrast, however bright the others are that look elsewhere."""
+    behind = Pose(rotation_of(180.0, 0.0, 0.0), np.zeros(3))
+    session = Session(
+        (SessionImage(plain(CAMERA, 30), Pose(np.eye(3), np.zeros(3))), SessionImage(plain(CAMERA, 200), behind))
+    )
+    atlas = PhotoAtlas(session, 256, None, "cpu")
+    windows = atlas.windows(64)
+    contrast = PhotoContrast(atlas).of_windows(windows)
+    for number in range(2):
+        seen = (windows.valid > 0) & (windows.photo == number)
+        torch.testing.assert_close(contrast[:, seen], torch.full_like(contrast[:, seen], 0.5), atol=0.02, rtol=0)
