@@ -1,5 +1,6 @@
 """Localize a panorama in one or several maps: the public entrance to the methods `fast` and `paper`."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -98,7 +99,7 @@ class Localizer:
                 raise OptionsError(f"method: expected fast or paper, got {method!r}")
         with torch.inference_mode():
             answer = self._answer(result, maps, method, top_k, clock)
-        answer = self._with_radii_of(answer, len(query.images) if isinstance(query, Session) else None)
+        answer = self._with_noise_of(answer, query)
         if isinstance(query, Session):
             cameras = checked or CheckedCameras(query, result, are_others=range_deg is not None)
             answer = self._for_session(answer, cameras.session, result.comparison)
@@ -149,15 +150,18 @@ class Localizer:
             evidence=Evidence(places[0].measures, max((h.score for h in places[1:]), default=None), formal),
         )
 
-    def _with_radii_of(self, found: Localization, num_images: int | None) -> Localization:
-        """Return the answer with the radii of a session of so many images, of a panorama where it is None."""
-        if found.accuracy_position_m is None or found.accuracy_orientation_deg is None:
+    def _with_noise_of(self, found: Localization, query: Panorama | Session) -> Localization:
+        """Return the answer with radii that contain what the tracking of several images adds to the pose of the first."""
+        position, orientation = found.accuracy_position_m, found.accuracy_orientation_deg
+        if position is None or orientation is None or isinstance(query, Panorama) or len(query.images) == 1:
             return found
-        position, orientation = self.config.judge.radius_factors(num_images)
+        by_position, by_orientation = self.config.judge.tracking_radii
         return replace(
             found,
-            accuracy_position_m=position * found.accuracy_position_m,
-            accuracy_orientation_deg=min(orientation * found.accuracy_orientation_deg, 180.0),
+            accuracy_position_m=math.hypot(position, by_position * query.options.position_noise_m),
+            accuracy_orientation_deg=min(
+                math.hypot(orientation, by_orientation * query.options.orientation_noise_deg), 180.0
+            ),
         )
 
     def _with_cameras(self, found: Localization, cameras: CheckedCameras) -> Localization:

@@ -17,21 +17,33 @@ from core.judge.hypotheses import Hypothesis
 
 RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
 _HELD = 0.68  # of the poses are within their radii
+_USUALLY_APART = 7.0  # times the formal radius, halves of pictures whose pose is right; half of them are farther apart
 FEATURES = ("patch_correlation", "relative_margin", "distinctness", "halves", "sharpness", "lines")
 
 
 @dataclass(frozen=True)
 class RadiusModel:
-    """How large errors are: `exp(log_factor − agreement_rate a) formal^formal_power`, with a the correlation inside patches."""
+    """How large errors are: a product of powers of what the curvature of the loss says, of how far apart halves of the picture end, and of
+    the share of the sphere that was compared."""
 
     log_factor: float
     formal_power: float
-    agreement_rate: float
+    halves_power: float
+    coverage_power: float  # by how much errors fall with it
 
-    def radius(self, formal: float, agreement: float) -> float:
-        """Return the 68 % radius, in the unit of the formal one."""
-        power = self.formal_power * math.log(max(formal, 1e-9))
-        return math.exp(self.log_factor + power - self.agreement_rate * agreement)
+    def radius(self, formal: float, halves_apart: float | None, coverage: float) -> float:
+        """Return the 68 % radius, in the unit of the formal one; halves_apart: in that unit, None where nobody asked."""
+        by_curvature, by_halves, by_coverage = radius_signs(formal, halves_apart, coverage)
+        power = self.formal_power * by_curvature + self.halves_power * by_halves + self.coverage_power * by_coverage
+        return math.exp(self.log_factor + power)
+
+
+def radius_signs(formal: float, halves_apart: float | None, coverage: float) -> tuple[float, float, float]:
+    """Return the logarithms that a `RadiusModel` weighs."""
+    formal = max(formal, 1e-9)
+    # Halves that meet nearer than curvature allows do so by chance.
+    apart = _USUALLY_APART * formal if halves_apart is None else max(halves_apart, formal)
+    return math.log(formal), math.log(apart), -math.log(max(coverage, 1e-3))
 
 
 @dataclass(frozen=True)
@@ -117,9 +129,9 @@ def error_radii(
     """
     if formal is None:
         return None, None
-    agreement = measures["patch_correlation"]
-    position = model.position_radius.radius(formal[0], agreement)
-    return position, min(model.orientation_radius.radius(formal[1], agreement), 180.0)
+    coverage = measures["coverage"]
+    position = model.position_radius.radius(formal[0], measures.get("halves_apart_m"), coverage)
+    return position, min(model.orientation_radius.radius(formal[1], measures.get("halves_apart_deg"), coverage), 180.0)
 
 
 def share_within(position_m: float | None, orientation_deg: float | None) -> float:

@@ -1,6 +1,5 @@
 """Fits the confidence on rows with known truth, and says how it holds on groups of rows that it was not fitted on."""
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,15 +10,14 @@ import torch
 from numpy.typing import NDArray
 
 from core.config import JudgeConfig
-from core.judge.confidence import FEATURES, RadiusModel, features_of
+from core.judge.confidence import FEATURES, RadiusModel, features_of, radius_signs
 from core.judge.hypotheses import Hypothesis
 from lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
 from lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-# A little above 0.68: on places of a kind that was not fitted on, radii hold less often than on those that were.
-_RADIUS_LEVEL = 0.72
+_RADIUS_LEVEL = 0.68
 _LEAST_THRESHOLD = (
     60  # percent; a few hundred rows cannot tell what happens below it, and a wrong pose is worse than none
 )
@@ -33,6 +31,7 @@ class HeldOut:
 
     threshold: the smallest from 0.6 up at which wrong answers stay within what was allowed; the shares below hold at it. wrong_answers:
     of all rows, called localized though far off or of another map. answered_right: of the rows with a right pose, called localized.
+    radius_holds_*: of right poses of single images.
     """
 
     groups: tuple[str, ...]
@@ -168,24 +167,25 @@ def fit_logistic(features: Floats, right: Flags, regularization: float, iteratio
 
 
 def radius_models(rows: Sequence[Row]) -> tuple[RadiusModel, RadiusModel]:
-    """Return the radii of position and orientation that hold 68 % of the right poses; the formal radii themselves without any."""
-    return _radius_model(rows, "position_error_m", "formal_position_m"), _radius_model(
-        rows, "orientation_error_deg", "formal_orientation_deg"
-    )
+    """Return the radii of position and orientation that hold 68 % of the right poses of single images; the formal radii without any.
+
+    What tracking adds to several images is no matter of this fit (`JudgeConfig.tracking_radii`).
+    """
+    return _radius_model(rows, 0), _radius_model(rows, 1)
 
 
-def _radius_model(rows: Sequence[Row], error: str, formal: str) -> RadiusModel:
-    """Fit the power of the formal radius and the rate of agreement to the logarithm of errors, then shift them to hold 68 %.
+def _radius_model(rows: Sequence[Row], axis: int) -> RadiusModel:
+    """Fit the powers to the logarithm of errors, then shift them to hold 68 %. axis: 0 of the position, 1 of the orientation.
 
     One that would be negative, or that the rows cannot tell, is left out.
     """
-    right = [row for row in rows if row.within(RIGHT) and getattr(row, formal)]
+    right = [row for row in rows if row.within(RIGHT) and _formal_of(row)[axis] and _is_of_one_image(row)]
     if not right:
-        return RadiusModel(0.0, 1.0, 0.0)
-    errors = np.log(np.maximum([getattr(row, error) for row in right], _LEAST_ERROR))
-    signs = np.array([[math.log(getattr(row, formal)), -_agreement_of(row)] for row in right])
-    kept = [column for column in range(2) if signs[:, column].std() > _TELLING_SPREAD]
-    powers = np.zeros(2)
+        return RadiusModel(0.0, 1.0, 0.0, 0.0)
+    errors = np.log(np.maximum([_errors_of(row)[axis] for row in right], _LEAST_ERROR))
+    signs = np.array([radius_signs(*_radius_arguments(row, axis)) for row in right])
+    kept = [column for column in range(3) if signs[:, column].std() > _TELLING_SPREAD]
+    powers = np.zeros(3)
     while kept:
         centered = signs[:, kept] - signs[:, kept].mean(0)
         # A penalty of one row keeps few rows from asking for wild powers.
@@ -195,11 +195,28 @@ def _radius_model(rows: Sequence[Row], error: str, formal: str) -> RadiusModel:
             break
         kept.remove(kept[int(solved.argmin())])
     shift = float(np.quantile(errors - signs @ powers, _RADIUS_LEVEL))
-    return RadiusModel(shift, float(powers[0]), float(powers[1]))
+    return RadiusModel(shift, *powers.tolist())
 
 
-def _agreement_of(row: Row) -> float:
-    return float((row.search.get("measures") or {}).get("patch_correlation", 0.0))
+def _errors_of(row: Row) -> tuple[float, float]:
+    assert row.position_error_m is not None
+    assert row.orientation_error_deg is not None
+    return row.position_error_m, row.orientation_error_deg
+
+
+def _formal_of(row: Row) -> tuple[float | None, float | None]:
+    return row.formal_position_m, row.formal_orientation_deg
+
+
+def _radius_arguments(row: Row, axis: int) -> tuple[float, float | None, float]:
+    """Return what the radius of a row is worked out from."""
+    measures, formal = row.search.get("measures") or {}, _formal_of(row)[axis]
+    assert formal is not None
+    return formal, measures.get(("halves_apart_m", "halves_apart_deg")[axis]), measures.get("coverage", 1.0)
+
+
+def _is_of_one_image(row: Row) -> bool:
+    return bool(row.facts.get("num_images", 1) == 1)
 
 
 def _fold_names(rows: Sequence[Row]) -> list[str]:
@@ -226,9 +243,9 @@ def _predict_held_out(
         models = radius_models([row for row, kept in zip(rows, rest, strict=True) if kept])
         for number in out.nonzero()[0].tolist():
             row = rows[number]
-            for axis, formal in enumerate((row.formal_position_m, row.formal_orientation_deg)):
-                if formal is not None:
-                    radii[number, axis] = models[axis].radius(formal, _agreement_of(row))
+            for axis, formal in enumerate(_formal_of(row)):
+                if formal is not None and _is_of_one_image(row):
+                    radii[number, axis] = models[axis].radius(*_radius_arguments(row, axis))
     return predicted, radii
 
 

@@ -57,22 +57,21 @@ def in_axes(session: Session, axes: Pose) -> Session:
     return replace(session, images=tuple(images))
 
 
-def test_radii_of_several_photos_leave_room_for_errors_of_their_poses_in_the_session(
-    found: Localization, box_index: MapIndex
-) -> None:
-    bare = replace(CONFIG, judge=replace(CONFIG.judge, session_radius_factors=(1.0, 1.0)))
-    narrow = Localizer(bare, device="cpu").localize(session(), [box_index])
-    factors = CONFIG.judge.session_radius_factors
-    assert min(factors) > max(CONFIG.judge.photo_radius_factors) > max(CONFIG.judge.panorama_radius_factors)
-    for wide, single, factor in zip(
-        (found.accuracy_position_m, found.accuracy_orientation_deg),
-        (narrow.accuracy_position_m, narrow.accuracy_orientation_deg),
-        factors,
-        strict=True,
-    ):
-        assert wide is not None
-        assert single is not None
-        assert wide == pytest.approx(factor * single, rel=1e-3)
+def test_radii_of_several_photos_contain_the_noise_of_their_tracking(localizer: Localizer, box_index: MapIndex) -> None:
+    def radii(tracked: Session) -> tuple[float, float]:
+        found = localizer.localize(tracked, [box_index])
+        assert found.accuracy_position_m is not None
+        assert found.accuracy_orientation_deg is not None
+        return found.accuracy_position_m, found.accuracy_orientation_deg
+
+    def of_noise(position_m: float, orientation_deg: float, count: int) -> Session:
+        options = replace(session().options, position_noise_m=position_m, orientation_noise_deg=orientation_deg)
+        return replace(session(), images=session().images[:count], options=options)
+
+    for count, is_several in ((4, True), (1, False)):
+        silent, noisy = (radii(of_noise(*noise, count)) for noise in ((1e-6, 1e-6), (0.02, 1.0)))
+        expected = (0.03, 1.0) if is_several else (0.0, 0.0)
+        assert noisy == pytest.approx([math.hypot(*each) for each in zip(silent, expected, strict=True)], rel=1e-3)
 
 
 def test_photos_are_asked_for_their_edges(found: Localization, box_index: MapIndex) -> None:

@@ -31,21 +31,26 @@ def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -
 
 
 def test_a_sharper_loss_means_a_smaller_error_radius() -> None:
-    model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0), RadiusModel(0.0, 1.0, 0.0))
+    model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0, 0.0), RadiusModel(0.0, 1.0, 0.0, 0.0))
     base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=torch.eye(6) * 100, residual_scale=0.1)
     sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=torch.eye(6) * 400, residual_scale=0.1)
-    wide, narrow = (error_radii(formal_radii(one), {"patch_correlation": 0.5}, model) for one in (base, sharp))
+    wide, narrow = (error_radii(formal_radii(one), {"coverage": 0.5}, model) for one in (base, sharp))
     assert wide[0] is not None
     assert narrow[0] is not None
     assert narrow[0] == pytest.approx(wide[0] / 2, rel=1e-3)
 
 
-def test_less_agreement_never_means_a_smaller_error_radius() -> None:
+@pytest.mark.parametrize("axis", [0, 1], ids=["position", "orientation"])
+def test_radii_grow_with_the_distance_of_halves_and_shrink_with_what_is_seen(axis: int) -> None:
     model = load_confidence_model()
-    alike, unlike = (error_radii((0.01, 0.1), {"patch_correlation": value}, model) for value in (0.9, 0.3))
-    assert alike[0] is not None
-    assert unlike[0] is not None
-    assert unlike[0] >= alike[0]
+
+    def radius(apart: float, coverage: float) -> float:
+        measures = {"halves_apart_m": 0.01 * apart, "halves_apart_deg": 0.1 * apart, "coverage": coverage}
+        found = error_radii((0.01, 0.1), measures, model)[axis]
+        assert found is not None
+        return found
+
+    assert radius(10.0, 0.1) > radius(2.0, 0.1) > radius(2.0, 0.9)
 
 
 def test_without_a_curvature_there_is_no_error_radius() -> None:
@@ -114,25 +119,31 @@ def test_a_sharper_loss_is_a_better_sign(formal_deg: float, sign: float) -> None
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:
-    flat = RadiusModel(0.0, 0.0, 0.0)
+    flat = RadiusModel(0.0, 0.0, 0.0, 0.0)
     model = ConfidenceModel(0.5, {name: 0.1 * (k + 1) for k, name in enumerate(FEATURES)}, 0.5, flat, flat)
     features = {name: 1.0 - 0.2 * k for k, name in enumerate(FEATURES)}
     logit = 0.5 + sum(0.1 * (k + 1) * (1.0 - 0.2 * k) for k in range(len(FEATURES)))
     assert model.probability(features) == pytest.approx(1 / (1 + math.exp(-logit)))
 
 
-def test_a_radius_follows_the_formal_one_by_its_power_and_falls_with_agreement() -> None:
-    model = RadiusModel(log_factor=0.3, formal_power=0.5, agreement_rate=2.0)
-    assert model.radius(0.04, 0.7) == pytest.approx(math.exp(0.3) * 0.2 * math.exp(-1.4))
-    assert model.radius(0.0, 0.7) == pytest.approx(math.exp(0.3) * 1e-9**0.5 * math.exp(-1.4))
+def test_a_radius_is_a_product_of_powers() -> None:
+    model = RadiusModel(log_factor=0.3, formal_power=0.5, halves_power=0.25, coverage_power=2.0)
+    assert model.radius(0.04, 0.16, 0.1) == pytest.approx(math.exp(0.3) * 0.2 * 0.16**0.25 * 100)
+    assert model.radius(0.0, 1e-9, 1.0) == pytest.approx(math.exp(0.3) * 1e-9**0.75)
+
+
+def test_halves_are_never_nearer_than_the_curvature_allows_and_usual_where_nobody_asked() -> None:
+    model = RadiusModel(log_factor=0.0, formal_power=0.0, halves_power=1.0, coverage_power=0.0)
+    assert model.radius(0.04, 0.001, 1.0) == pytest.approx(0.04)
+    assert model.radius(0.04, None, 1.0) == pytest.approx(0.28)
 
 
 def test_error_radii_use_the_model_of_their_own_and_no_turn_is_more_than_half_a_one() -> None:
-    position, orientation = RadiusModel(0.0, 1.0, 0.0), RadiusModel(math.log(2), 1.0, 1.0)
+    position, orientation = RadiusModel(0.0, 1.0, 0.0, 0.0), RadiusModel(math.log(2), 0.0, 1.0, 1.0)
     model = ConfidenceModel(0.0, {}, 0.5, position, orientation)
-    found = error_radii((0.03, 5.0), {"patch_correlation": 0.5}, model)
-    assert list(found) == pytest.approx([0.03, 10 * math.exp(-0.5)])
-    assert error_radii((0.03, 500.0), {"patch_correlation": 0.5}, model)[1] == 180.0
+    measures = {"halves_apart_m": 1.0, "halves_apart_deg": 6.0, "coverage": 0.5}
+    assert list(error_radii((0.03, 5.0), measures, model)) == pytest.approx([0.03, 24.0])
+    assert error_radii((0.03, 500.0), measures, model)[1] == 180.0
 
 
 def test_formal_radii_are_those_of_independent_residuals() -> None:

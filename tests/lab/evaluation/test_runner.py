@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from core.config import JudgeConfig
 from core.judge.confidence import load_confidence_model
 from lab.evaluation import Evaluation, Row, RowsFile, RunOptions, ScanCases, compared_method, folder_scans, limited
 from lab.evaluation.fit_confidence import features_of_row
@@ -51,8 +50,9 @@ def test_poses_in_the_own_map_are_right_and_have_what_the_fit_needs(finished: tu
         features = dict(zip(model.coefficients, features_of_row(row), strict=True))
         assert row.confidence == pytest.approx(model.probability(features), abs=1e-6)
         assert row.formal_position_m is not None
-        radius = model.position_radius.radius(row.formal_position_m, row.search["measures"]["patch_correlation"])
-        assert row.accuracy_position_m == pytest.approx(JudgeConfig().panorama_radius_factors[0] * radius)
+        measures = row.search["measures"]
+        radius = model.position_radius.radius(row.formal_position_m, measures["halves_apart_m"], measures["coverage"])
+        assert row.accuracy_position_m == pytest.approx(radius)
 
 
 @pytest.mark.slow
