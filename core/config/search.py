@@ -46,7 +46,7 @@ class PhotoSearchConfig:
     level_tilt_deg: float = 18.0
     level_candidates: int = 32
     sure: float = 0.8
-    sure_at_end: float = 0.6
+    sure_at_end: float = 0.7
     limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
     limited_rescored_poses: int = 2500  # of these
     # Lines of photos say how a camera is turned (see `core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, this share
