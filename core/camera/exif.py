@@ -27,17 +27,13 @@ def camera_of_photo(image: Image.Image, size: tuple[int, int]) -> Camera | None:
     return Camera("pinhole", width, height, focal_px, focal_px, width / 2, height / 2)
 
 
-def size_before_crop(image: Image.Image) -> tuple[int, int] | None:
-    """Return the size (width, height) that the EXIF data say a photo had, where it is of another shape than the photo has; else None.
-
-    Programs that cut a photo often leave what the camera wrote: the focal length then is that of an image that nobody has any more.
-    """
+def size_when_taken(image: Image.Image) -> tuple[int, int] | None:
+    """Return the size (width, height) that the EXIF data say a photo had, turned as it is; None where they do not say it."""
     width, height = map(int, _numbers(image, *_SIZE_WHEN_TAKEN))
     if width <= 0 or height <= 0:
         return None
     # Some turn the pixels and leave the numbers.
-    is_whole = have_one_shape((width, height), image.size) or have_one_shape((height, width), image.size)
-    return None if is_whole else (width, height)
+    return (height, width) if have_one_shape((height, width), image.size) else (width, height)
 
 
 def _numbers(image: Image.Image, *fields: int) -> list[float]:

@@ -53,6 +53,14 @@ def cropped_error(size: tuple[int, int], taken: tuple[int, int]) -> PanoramaShap
     )
 
 
+def perhaps_cropped(size: tuple[int, int], taken: tuple[int, int]) -> str:
+    """Return what to say of a photo of this size (width, height) that may be a copy of one of size `taken`, or a part of it."""
+    return (
+        f"the EXIF data are of an image of {taken[0]} x {taken[1]} px, got {size[0]} x {size[1]}, which is taken for a copy of all of it; "
+        "if it is a part, its field of view is another: send the whole photo, or options.cameras"
+    )
+
+
 def _says_nothing(data: bytes) -> bool:
     """Tell whether a JPEG says neither how it was taken nor how it is turned before its pixels begin; False where that is unclear."""
     at = 2

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.camera.camera import Camera, CameraDescription
-from core.camera.exif import camera_of_photo, rounding_share, size_before_crop
+from core.camera.camera import Camera, CameraDescription, have_one_shape
+from core.camera.exif import camera_of_photo, rounding_share, size_when_taken
 from core.errors import MaskShapeError, PanoramaUnusableError
 from core.options import MAX_PIXELS
 from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
 from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
 from core.panorama.image_header import IMAGE
-from core.panorama.known_camera import cropped_error, is_full_sphere, no_camera_error
+from core.panorama.known_camera import cropped_error, is_full_sphere, no_camera_error, perhaps_cropped
 from core.panorama.missing.finding import find_missing
 from core.panorama.panorama import Panorama
 from core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
@@ -66,9 +66,12 @@ def read_image(
         found = camera_of_photo(image, size)
         if found is None:
             raise no_camera_error(size)
-        if taken := size_before_crop(image):
+        taken = size_when_taken(image) or image.size
+        if not have_one_shape(taken, image.size):
             raise cropped_error(image.size, taken)
-        return replace(_photo(image, mask, found, False, max_pixels), focal_uncertainty=rounding_share(found))
+        photo = _photo(image, mask, found, False, max_pixels)
+        words = photo.left_out if taken == image.size else (*photo.left_out, perhaps_cropped(image.size, taken))
+        return replace(photo, focal_uncertainty=rounding_share(found), left_out=words)
     if crop is None and size[1] < MIN_HEIGHT:
         raise PanoramaUnusableError(
             f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"

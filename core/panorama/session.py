@@ -89,7 +89,8 @@ def session_from_rig(session: Session) -> Pose:
 
 
 def left_out(query: Panorama | Photo | Session) -> tuple[str, ...]:
-    """Return, in words for people, what of a query's images was found not to be the place, of several by their number."""
+    """Return, in words for people, what of a query's images was found not to be the place, and what they leave open of their cameras; of
+    several by their number."""
     if not isinstance(query, Session):
         return query.left_out
     photos = [image.photo for image in query.images]

@@ -18,8 +18,8 @@ _EXPECTED = {
     "less_than": "expected less than {lt}",
     "less_than_equal": "expected at most {le}",
     "finite_number": "expected a finite number",
-    "too_short": "expected at least {min_length} items",
-    "too_long": "expected at most {max_length} items",
+    "too_short": "expected {min_length} or more items",
+    "too_long": "expected {max_length} items or fewer",
     "string_too_short": "expected text of at least {min_length} characters",
     "string_too_long": "expected text of at most {max_length} characters",
     # The one pattern that there is, of names and tags, is for people who read expressions.
@@ -55,15 +55,30 @@ def sentence_of(mistake: Mapping[str, Any], model: type[BaseModel] | None = None
 
 
 def _meant(location: Sequence[int | str], model: type[BaseModel]) -> str | None:
-    """Return the name that is most like the last one of a location in a model; units do not count, for they are what is left out most."""
+    """Return the name that is most like the last one of a location in a model, or in an object of it; units do not count, for they are what
+    is left out most."""
     objects = [model]
     for part in location[:-1]:
         # An index, or which of several models was tried, leads no further down.
         fields = [each.model_fields[part] for each in objects if part in each.model_fields]
         objects = [each for field in fields for each in _models_in(field.annotation)] or objects
-    names = {_UNIT.sub("", name): name for each in objects for name in each.model_fields}
-    near = difflib.get_close_matches(_UNIT.sub("", str(location[-1])), names, 1)
-    return names[near[0]] if near else None
+    wanted = str(location[-1])
+    within = {
+        f"{name}.{inner}": inner
+        for each in objects
+        for name, field in each.model_fields.items()
+        for part in _models_in(field.annotation)
+        for inner in part.model_fields
+    }
+    own = {name: name for each in objects for name in each.model_fields}
+    return _most_like(wanted, own, 0.6) or _most_like(wanted, within, 0.9)
+
+
+def _most_like(wanted: str, names: Mapping[str, str], least: float) -> str | None:
+    """Return the key of the name that is most like the wanted one; None where none is."""
+    known = {_UNIT.sub("", name): key for key, name in reversed(list(names.items()))}
+    near = difflib.get_close_matches(_UNIT.sub("", wanted), known, 1, least)
+    return known[near[0]] if near else None
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -70,6 +70,7 @@ def _refuse_doubles(data: bytes) -> None:
 def _field(mistake: Any, skip: int, where: str, model: type[BaseModel] | None) -> dict[str, Any]:
     name = ".".join(str(part) for part in mistake["loc"][skip:]) or where or "body"
     message = sentence_of(mistake, model)
-    got = "none" if mistake["type"] == "missing" else repr(mistake.get("input"))
+    value = mistake.get("input")
+    got = "none" if mistake["type"] == "missing" else "null" if value is None else repr(value)
     shown = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
     return {"field": name, "message": message if ", got " in message else f"{message}, got {shown}"}

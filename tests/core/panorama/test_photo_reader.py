@@ -49,11 +49,27 @@ def test_a_photo_that_was_cut_to_another_shape_after_it_was_taken_is_refused_wit
         read_image(photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024)))
 
 
-@pytest.mark.parametrize("taken", [(900, 600), (3600, 2400), (600, 900), (3604, 2400), (0, 0), (900, 0)])
-def test_a_smaller_copy_a_turned_one_and_one_that_says_nothing_of_its_size_are_no_crops(taken: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("taken", "is_told"),
+    [
+        ((900, 600), False),
+        ((600, 900), False),
+        ((0, 0), False),
+        ((900, 0), False),
+        ((3600, 2400), True),
+        ((2400, 3600), True),
+        ((3604, 2400), True),
+    ],
+)
+def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_size_is_told(
+    taken: tuple[int, int], is_told: bool
+) -> None:
     found = read_image(photo_file(picture(900, 600), focal_mm=26, taken=taken))
     assert isinstance(found, Photo)
     assert found.camera.hfov_deg == pytest.approx(69.4, abs=0.1)
+    assert [words.partition(", which")[0] for words in found.left_out] == [
+        f"the EXIF data are of an image of {max(taken)} x {min(taken)} px, got 900 x 600"
+    ] * is_told
 
 
 def test_of_a_crop_whose_camera_is_told_nobody_asks_what_it_was_before() -> None:

@@ -137,7 +137,7 @@ async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningSe
 @pytest.mark.parametrize(
     ("cameras", "said"),
     [
-        ([], "at least 1 item"),
+        ([], "1 or more items"),
         ([{"model": "pinhole", "hfov_deg": 60}] * 2, "expected one entry, got 2"),
         ([{"model": "brown", "hfov_deg": 60}], "'pinhole'"),
         ([{"model": "pinhole"}], "fx_px: expected the intrinsics"),

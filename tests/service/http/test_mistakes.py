@@ -16,7 +16,7 @@ from service.http.validation import parse_json
         (
             LocalizeOptions,
             '{"hints": {"position_m": [1, 2]}}',
-            "hints.position_m: expected at least 3 items, got [1, 2]. ",
+            "hints.position_m: expected 3 or more items, got [1, 2]. ",
         ),
         (MapOptions, '{"unit": "furlong"}', "unit: expected 'm', 'cm', 'mm' or 'ft', got 'furlong'. "),
         (
@@ -34,6 +34,13 @@ from service.http.validation import parse_json
             '{"cameras": [{"model": "pinhole", "width": 640, "hfov": 60}]}',
             "cameras.0.width: expected no field of this name, perhaps you mean width_px, got 640; "
             "cameras.0.hfov: expected no field of this name, perhaps you mean hfov_deg, got 60. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"hfov_deg": 69, "radius": 2, "position": null}',
+            "hfov_deg: expected no field of this name, perhaps you mean cameras.hfov_deg, got 69; "
+            "radius: expected no field of this name, perhaps you mean hints.radius_m, got 2; "
+            "position: expected no field of this name, perhaps you mean hints.position_m, got null. ",
         ),
         (
             LocalizeOptions,
