@@ -39,7 +39,8 @@ class RadiusModel:
 
 
 def radius_signs(formal: float, halves_apart: float | None, coverage: float) -> tuple[float, float, float]:
-    """Return the logarithms that a `RadiusModel` weighs."""
+    """Return the logarithms that a `RadiusModel` weighs: of the formal radius and of how far halves end apart, both in metres or both in
+    degrees, and of one over the coverage, 0..1."""
     formal = max(formal, 1e-9)
     # Halves that meet nearer than curvature allows do so by chance.
     apart = _USUALLY_APART * formal if halves_apart is None else max(halves_apart, formal)
