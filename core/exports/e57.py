@@ -74,12 +74,14 @@ def _image(image_file: Any, photo: PlacedPhoto) -> Any:
     from pye57 import libe57
 
     def structure(**children: Any) -> Any:
+        """Return a node of the file with named children."""
         node = libe57.StructureNode(image_file)
         for name, child in children.items():
             node.set(name, child)
         return node
 
     def number(value: float) -> Any:
+        """Return a number in double precision as a node of the file."""
         return libe57.FloatNode(image_file, float(value))
 
     assert photo.image is not None

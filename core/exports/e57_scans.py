@@ -57,6 +57,7 @@ def _copy_rows(libe57: Any, source: Any, target: Any, points: Any, copied_points
     columns = {field.elementName(): np.zeros(rows) for field in fields}
 
     def buffers_of(file: Any) -> Any:
+        """Return the columns as buffers that a file reads into, or writes from."""
         buffers = libe57.VectorSourceDestBuffer()
         for name, column in columns.items():
             buffers.append(libe57.SourceDestBuffer(file, name, column, rows, True, True))

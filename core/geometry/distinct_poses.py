@@ -59,6 +59,7 @@ def _rows(rotations: Tensor, positions: Tensor, near: PoseDistance, groups: Tens
     least = _least_trace(near)
 
     def row(first: int) -> Flags:
+        """Return which poses (N,) are near the one numbered `first` and in its group."""
         alike: Flags = turns @ turns[first] > least
         alike &= np.square(places - places[first]).sum(1) < near.distance_m**2
         alike &= numbers[:, 0] == numbers[first, 0]
