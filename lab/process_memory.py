@@ -3,7 +3,7 @@
 import contextlib
 from pathlib import Path
 
-from service.host.process_tree import descendants, process_name
+from service.host.process_tree import command_of, descendants
 
 
 def proportional_bytes(pid: int) -> int:
@@ -18,9 +18,9 @@ def proportional_bytes(pid: int) -> int:
 
 
 def family_bytes(pid: int) -> dict[str, int]:
-    """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <name>"`."""
+    """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <command>"`."""
     found: dict[str, int] = {}
     for member in [pid, *descendants(pid)]:
         with contextlib.suppress(OSError):
-            found[f"{member} {process_name(member)}"] = proportional_bytes(member)
+            found[f"{member} {command_of(member)}"] = proportional_bytes(member)
     return found

@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import os
-import threading
 from collections.abc import MutableMapping
 
 from service.app import create_app
@@ -19,11 +18,8 @@ from service.host_names import is_loopback
 from service.http.draining_server import DrainingServer
 from service.http.guards.guarded_protocol import guarded_config
 from service.limits.connection_limits import ConnectionCount
-from service.ray.cluster import RayCluster
-from service.ray.front_doors import FrontDoors
-from service.ray.pool import RayPool
-from service.ray.queue.admission import Admission
-from service.ray.serving import RayServing
+from service.pool.local_workers import local_pool
+from service.pool.process_pool import ProcessPool
 from service.settings import Settings
 from service.storage import Storage, open_storage
 from service.storage.bucket import BucketStorage
@@ -34,8 +30,6 @@ from service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)
 
-# A thread that hangs inside Ray would keep the process; everything that could be lost is stored by then.
-_LEAVE_S = 10.0
 _WHY_NO_START = (DataFolderInUseError, BucketInUseError, EmbeddedRedisError, StorageUnusableError, TryAgainError)
 # Settings are read by now, and the workers get theirs with the plan.
 _SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
@@ -44,8 +38,7 @@ _SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
 def run_service(settings: Settings) -> int:
     """Run until SIGTERM or SIGINT and return 0; return 1 when the service could not start.
 
-    When it loses the workers of its own cluster, or its bucket to another service, this process ends with exit code 1, so that a
-    supervisor starts another.
+    When it loses its bucket to another service, it returns 1 as well, so that a supervisor starts another.
     """
     configure_logging(settings.log_level, settings.log_format)
     access = settings.bucket_access  # reads what is taken out of the environment now
@@ -70,13 +63,8 @@ def run_service(settings: Settings) -> int:
         except (*_WHY_NO_START, OSError) as error:
             _log.error("the service cannot start", extra={"error": str(error)})
             return 1
-        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), storage, claim, folder, lifeline)
-    if loss is not None:
-        # Threads that wait for Ray would be joined otherwise, and what it does at the exit would wait as well.
-        logging.shutdown()
-        os._exit(1)
-    _leave_even_if_a_thread_hangs()
-    return 0
+        loss = _serve(settings.model_copy(update={"redis_url": redis_url}), storage, claim)
+    return 0 if loss is None else 1
 
 
 def why_exposed(settings: Settings) -> str | None:
@@ -94,14 +82,14 @@ def take_secrets_out(environment: MutableMapping[str, str]) -> None:
     remove_variables(environment, [*_SECRETS, *variables_of_buckets(environment)])
 
 
-def build_pool(settings: Settings, redis_url: str, folder: RunFolder, lifeline: Lifeline) -> RayPool:
+def build_pool(settings: Settings, redis_url: str) -> ProcessPool:
     """Put the pool together from the settings; nothing starts yet."""
     plan = WorkerPlan(WorkerSettings.of(settings, redis_url))
-    front_doors = None if settings.ray_address is None else FrontDoors(plan, settings.num_workers)
-    introduction = None if front_doors is None else front_doors.introduction
-    cluster = RayCluster(settings.ray_address, folder.path / "ray", lifeline, introduction)
-    serving = RayServing(cluster, plan, settings.num_workers, front_doors)
-    return RayPool(cluster, serving, Admission(settings.queue_limit), settings.num_registrations)
+    if settings.ray_address is None:
+        return local_pool(settings, plan)
+    from service.ray.bridge_pool import bridge_pool
+
+    return bridge_pool(settings, plan)
 
 
 def _claim(settings: Settings, storage: Storage, stack: contextlib.ExitStack) -> BucketClaim | None:
@@ -123,25 +111,16 @@ def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitSt
     return server.url
 
 
-def _serve(
-    settings: Settings, storage: Storage, claim: BucketClaim | None, folder: RunFolder, lifeline: Lifeline
-) -> str | None:
+def _serve(settings: Settings, storage: Storage, claim: BucketClaim | None) -> str | None:
     """Run the HTTP process to its end; return what was lost when that made it end."""
     assert settings.redis_url is not None
-    pool = build_pool(settings, settings.redis_url, folder, lifeline)
+    pool = build_pool(settings, settings.redis_url)
     cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
     app = create_app(settings, pool, cache, storage)
     count: ConnectionCount = app.state.services.connections
     config = guarded_config(app, count, host=settings.host, port=settings.port, server_header=False)
     server = DrainingServer(config, pool, settings.drain_s)
-    pool.call_on_loss(server.end)
     if claim is not None:
         claim.call_when_lost(server.end)
     server.run()
-    return pool.loss or (claim.loss if claim is not None else None)
-
-
-def _leave_even_if_a_thread_hangs() -> None:
-    timer = threading.Timer(_LEAVE_S, os._exit, args=(0,))
-    timer.daemon = True
-    timer.start()
+    return claim.loss if claim is not None else None

@@ -48,10 +48,10 @@ class Settings(TokenSettings):
     ray_address: str | None = Field(
         None,
         validation_alias=AliasChoices("panoloc_ray_address", "ray_address"),
-        description="Ray cluster to join, the same for services that share their workers; without it one starts inside the service.",
+        description="Ray cluster whose workers answer queries (`panoloc workers`); without it the service runs its own.",
     )
     num_workers: int | None = Field(
-        None, ge=1, description="Workers that answer queries; one per GPU, else one per CPU socket or cluster node."
+        None, ge=1, description="Workers that answer queries; one per GPU, else one per CPU socket."
     )
     num_registrations: int = Field(
         1, ge=1, description="Scans read at the same time; each takes the memory of a whole scan."

@@ -7,7 +7,7 @@ import httpx
 import typer
 from rich.markup import escape
 
-from service.cli import keys, localize, maps, register, serve
+from service.cli import keys, localize, maps, register, serve, workers
 from service.cli.exit_codes import ExitCode
 from service.cli.placing import export, place
 from service.cli.session import Session
@@ -46,6 +46,7 @@ def _program(
 
 
 app.command()(serve.serve)
+app.command()(workers.workers)
 app.command()(register.register)
 app.command()(localize.localize)
 app.command()(place.place)

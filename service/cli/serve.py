@@ -1,6 +1,7 @@
 """`panoloc serve`: start the service in the foreground."""
 
 import difflib
+import importlib.util
 import os
 from collections.abc import Mapping
 from enum import StrEnum
@@ -42,9 +43,11 @@ def serve(
     data_dir: Annotated[Path | None, typer.Option(file_okay=False, help="Folder for scans and map records.")] = None,
     storage: Annotated[str | None, typer.Option(help="Bucket for them instead, such as s3://bucket/prefix.")] = None,
     redis_url: Annotated[str | None, typer.Option(help="Redis to use; without it the service starts its own.")] = None,
-    ray_address: Annotated[str | None, typer.Option(help="Ray cluster to join; without it one starts here.")] = None,
+    ray_address: Annotated[
+        str | None, typer.Option(help="Ray cluster whose workers to use; without it, workers of its own.")
+    ] = None,
     num_workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Workers; one per GPU or per CPU node otherwise.")
+        int | None, typer.Option("--workers", min=1, help="Workers; one per GPU or per CPU socket otherwise.")
     ] = None,
     log_level: Annotated[LogLevel | None, typer.Option(help="How much to log.")] = None,
     log_format: Annotated[LogFormat | None, typer.Option(help="Lines for people, or JSON.")] = None,
@@ -90,7 +93,7 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     if settings.ray_address is not None and (fault := _fault_of_ray_address(settings.ray_address)):
         session.messages.print(f"Setting PANOLOC_RAY_ADDRESS: {fault}", markup=False)
         return ExitCode.USAGE
-    # Before Redis and Ray start, and before the seconds that importing them takes.
+    # Before Redis and the workers start.
     fault = why_not_free(settings.host, settings.port)
     if fault is not None:
         session.messages.print(
@@ -117,6 +120,8 @@ def _fault_of_redis_url(url: str) -> str | None:
 
 def _fault_of_ray_address(address: str) -> str | None:
     """Return what is wrong with an address that no cluster can have; one that does not answer is tried again."""
+    if importlib.util.find_spec("ray") is None:
+        return 'expected Ray to be installed: pip install "panoloc[ray]"; or unset it to run workers of this machine'
     host, _, port = address.rpartition(":")
     if address == "auto" or (host and port.isdecimal() and 0 < int(port) < 2**16):
         return None

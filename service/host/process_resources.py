@@ -15,6 +15,8 @@ from pathlib import Path
 # wants the cores, and to sleep at once makes a query 1.7 times as long where none does.
 SPINNING = {"GOMP_SPINCOUNT": "5000"}
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
+_CGROUP_MEMORY = Path("/sys/fs/cgroup/memory.max")
+_GPUS = Path("/proc/driver/nvidia/gpus")
 _PACKAGES = Path("/sys/devices/system/cpu")
 # Numbers of <malloc.h>; 32 MB is the largest threshold that it takes.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
@@ -46,6 +48,23 @@ def num_sockets(cpus: Path = _PACKAGES) -> int:
     for topology in cpus.glob("cpu[0-9]*/topology/physical_package_id"):
         packages.add(topology.read_text().strip())
     return max(1, len(packages))
+
+
+def visible_gpus(drivers: Path = _GPUS) -> list[str]:
+    """Return the CUDA devices that this process may use, as `CUDA_VISIBLE_DEVICES` names them; asks no library."""
+    chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if chosen is not None:
+        return [device for device in chosen.split(",") if device and device != "-1"]
+    return [str(number) for number, _ in enumerate(drivers.glob("*"))]
+
+
+def usable_memory_bytes(cgroup_limit: Path = _CGROUP_MEMORY) -> int:
+    """Return the memory that this process may use: the machine's, or the container's limit."""
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        return min(machine, int(cgroup_limit.read_text()))
+    except (OSError, ValueError):  # no container, or "max"
+        return machine
 
 
 def limit_process(num_bytes: int, cpu_s: float) -> None:

@@ -17,11 +17,12 @@ def descendants(pid: int) -> list[int]:
     return found
 
 
-def process_name(pid: int) -> str:
-    """Return the name of the program, or what a Ray worker calls itself. Raises OSError when the process is gone."""
-    words = Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")
-    # Ray renames its workers to "ray::Something" in the first word.
-    return words[0].strip() if words[0].startswith("ray::") else Path(words[0]).name
+def command_of(pid: int) -> str:
+    """Return the command line of a process, its words between spaces; empty when the process is gone."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text(errors="replace").replace("\0", " ").strip()
+    except OSError:
+        return ""
 
 
 def _children_by_parent() -> defaultdict[int, list[int]]:

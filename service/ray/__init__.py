@@ -1,1 +1,1 @@
-"""The worker pool on Ray: `pool` is what the service calls, `remote` what runs in Ray's processes, `cluster` Ray itself."""
+"""The workers as a Ray Serve application, for those who outgrow one machine. Needs the extra `panoloc[ray]`."""

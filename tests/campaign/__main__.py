@@ -19,8 +19,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "parts",
         nargs="*",
-        help="scans, images, requests, replica, controller, redis, front-door, service, node, soak;\n"
-        "deaths: of a front door and a node during 200 queries;\n"
+        help="scans, images, requests; kills of: worker, redis, replica (of the API, behind a proxy), service; soak;\n"
+        "node: of a Ray cluster, killed during 200 queries;\n"
         "overload: clients that ask again at once; crowd: new clients at ten times the rate of answers; all",
     )
     parser.add_argument(
@@ -69,25 +69,20 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
 
         return run
 
-    def front_door() -> Outcome:
-        from tests.campaign.front_doors import front_door_kills
+    def replica() -> Outcome:
+        from tests.campaign.api_replicas import replica_kills
 
-        return front_door_kills(given.kills)
+        return replica_kills(given.kills)
 
     def service() -> Outcome:
-        from tests.campaign.front_doors import service_kills
+        from tests.campaign.api_replicas import service_kills
 
         return service_kills(given.kills)
 
     def node() -> Outcome:
-        from tests.campaign.cluster_nodes import node_kills
+        from tests.campaign.cluster_nodes import node_killed
 
-        return node_kills(given.kills)
-
-    def deaths() -> Outcome:
-        from tests.campaign.cluster_nodes import door_and_node_killed
-
-        return door_and_node_killed()
+        return node_killed()
 
     def overloaded() -> Outcome:
         from tests.campaign.overload import impatient
@@ -104,16 +99,15 @@ def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
 
         return soak(given.soak_s)
 
-    of_processes = {name: killed(name) for name in ("replica", "controller", "redis")}
+    of_processes = {name: killed(name) for name in ("worker", "redis")}
     return {
         "scans": scans,
         "images": images,
         "requests": requests,
         **of_processes,
-        "front-door": front_door,
+        "replica": replica,
         "service": service,
         "node": node,
-        "deaths": deaths,
         "overload": overloaded,
         "crowd": crowded,
         "soak": soaked,

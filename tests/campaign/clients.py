@@ -4,8 +4,6 @@ import itertools
 import ssl
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import httpx
@@ -44,8 +42,7 @@ class Clients:
         self._map_id, self._timeout_s = map_id, timeout_s
         urls = [url] if isinstance(url, str) else url
         self._lock = threading.Lock()
-        self._ending, self._going = threading.Event(), threading.Event()
-        self._going.set()
+        self._ending = threading.Event()
         self._threads = [
             threading.Thread(target=self._ask, args=(urls[each % len(urls)],), daemon=True) for each in range(number)
         ]
@@ -58,15 +55,6 @@ class Clients:
         for thread in self._threads:
             thread.join(self._timeout_s + 60)
         return self.answers
-
-    @contextmanager
-    def paused(self) -> Iterator[None]:
-        """Ask nothing new meanwhile."""
-        self._going.clear()
-        try:
-            yield
-        finally:
-            self._going.set()
 
     def answered_since(self, when: float) -> bool:
         """Tell whether there was a right answer to a request that ended after a moment."""
@@ -83,7 +71,6 @@ class Clients:
         options = f'{{"timeout_s": {self._timeout_s:g}}}'
         with httpx.Client(base_url=url, timeout=self._timeout_s + 30, verify=self._context) as client:
             while not self._ending.is_set():
-                self._going.wait()
                 began, status, wrong = time.monotonic(), 0, False
                 try:
                     reply = client.post(

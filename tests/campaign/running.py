@@ -10,14 +10,14 @@ from pathlib import Path
 import redis
 
 from lab.process_memory import family_bytes
-from service.host.process_tree import process_name
+from service.host.process_tree import command_of
 from tests.campaign.clients import Answers, Clients
 from tests.campaign.outcome import Outcome, quantile
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
-# What comes back by itself. Ray's own processes end the service, which a supervisor starts again.
-KILLED = {"replica": "ServeReplica", "controller": "ServeController", "redis": "redis.sock"}
+# What comes back by itself.
+KILLED = {"worker": "service.pool.child", "redis": "redis.sock"}
 PATIENCE_S = 300.0
 
 
@@ -92,14 +92,7 @@ def ready_service(folder: Path, **settings: str) -> tuple[RunningService, str]:
 
 
 def _pids(service: RunningService, process: str) -> list[int]:
-    return [pid for pid in service.family() if KILLED[process] in _name(pid)]
-
-
-def _name(pid: int) -> str:
-    try:
-        return process_name(pid)
-    except OSError:
-        return ""
+    return [pid for pid in service.family() if KILLED[process] in command_of(pid)]
 
 
 def tell(outcome: Outcome, answers: Answers, allowed: tuple[int, ...] = ()) -> None:

@@ -81,3 +81,11 @@ class RayClusterOfOthers:
         for number in sorted(self._processes, reverse=True):
             self.kill(number)
         self._folder.cleanup()
+
+
+def start_workers(address: str, data: Path, redis_url: str) -> None:
+    """Run `panoloc workers` on a cluster, as an operator would."""
+    variables = {"PANOLOC_DATA_DIR": str(data), "PANOLOC_REDIS_URL": redis_url, "PANOLOC_RAY_ADDRESS": address}
+    command = [sys.executable, "-m", "service.cli", "workers"]
+    ended = subprocess.run(command, cwd=ROOT, env=os.environ | variables, capture_output=True, text=True, timeout=240)
+    assert ended.returncode == 0, ended.stdout + ended.stderr

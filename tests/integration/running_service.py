@@ -13,7 +13,7 @@ from typing import Any
 
 import httpx
 
-from service.host.process_tree import descendants, process_name
+from service.host.process_tree import command_of, descendants
 
 ROOT = Path(__file__).parents[2]
 _WAITING = "panoloc_queue_depth "
@@ -44,16 +44,18 @@ def eventually(holds: Callable[[], bool], within_s: float) -> bool:
     return True
 
 
-def statuses_of_changes_at_once(doors: "list[RunningService]", map_id: str) -> list[int]:
-    """Rename a map through every front door at the same time, each naming the version that it replaces; return what they say, sorted."""
-    version = doors[0].map(map_id)["version"]
+def statuses_of_changes_at_once(replicas: "list[RunningService]", map_id: str) -> list[int]:
+    """Rename a map through every API replica at the same time, each naming the version that it replaces; return what they say, sorted."""
+    version = replicas[0].map(map_id)["version"]
 
-    def rename(door: RunningService) -> int:
+    def rename(replica: RunningService) -> int:
         headers = {"If-Match": f'"{version}"'}
-        return door.http.patch(f"/maps/{map_id}", json={"name": f"of {door.process.pid}"}, headers=headers).status_code
+        return replica.http.patch(
+            f"/maps/{map_id}", json={"name": f"of {replica.process.pid}"}, headers=headers
+        ).status_code
 
-    with ThreadPoolExecutor(len(doors)) as callers:
-        return sorted(callers.map(rename, doors))
+    with ThreadPoolExecutor(len(replicas)) as callers:
+        return sorted(callers.map(rename, replicas))
 
 
 class RunningService:
@@ -91,20 +93,15 @@ class RunningService:
             return None
 
     def wait_until_ready(self, within_s: float = 600) -> None:
-        """Return when the service takes requests; where it does not, show what it says itself and what its Ray says."""
+        """Return when the service takes requests; where it does not, show its log."""
         is_ready = eventually(lambda: self.status("/health/ready") == 200 or self.process.poll() is not None, within_s)
         assert is_ready, self._story()
         assert self.process.poll() is None, self._story()
 
     def _story(self) -> str:
         lines = [line for line in self.log.splitlines() if "path=/health" not in line]
-        children = [f"{pid} {process_name(pid)}" for pid in self.family() if is_running(pid)]
-        ray_logs = [
-            f"{path.name}: {path.read_text(errors='replace')[-1500:]}"
-            for path in sorted(self._data_dir.glob("run/ray/session_latest/logs/*"))
-            if path.suffix in (".err", ".out") and path.stat().st_size
-        ]
-        return "\n".join([f"exit code {self.process.poll()}", *children, *lines[-60:], *ray_logs])
+        children = [f"{pid} {command_of(pid)}" for pid in self.family() if is_running(pid)]
+        return "\n".join([f"exit code {self.process.poll()}", *children, *lines[-60:]])
 
     def register(self, scan: bytes, options: str) -> str:
         """Upload a PLY, wait until the map is ready, and return its id."""
@@ -144,7 +141,7 @@ class RunningService:
 
     def worker_pid(self) -> int:
         """Return the process that answers queries."""
-        (worker,) = [pid for pid in self.family() if "ServeReplica" in process_name(pid)]
+        (worker,) = [pid for pid in self.family() if command_of(pid).endswith("-m service.pool.child")]
         return worker
 
     def stop(self) -> int:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from service.host.process_tree import process_name
 from tests.integration.running_service import RunningService, eventually, is_running
 from tests.integration.small_room import OPTIONS, small_room
 
@@ -35,7 +34,6 @@ def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_ask
         service.wait_until_ready()
         map_id = service.register(small_room().scan, OPTIONS)
         family = service.family()
-        # Enough to last longer than the three seconds after which Ray's own handler of SIGTERM would abort.
         with ThreadPoolExecutor(8) as clients:
             requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(8)]
             service.wait_until_taken(requests)
@@ -68,32 +66,6 @@ def processor_time_s(pid: int) -> float:
     return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
-def test_without_its_raylet_it_refuses_what_runs_and_ends_with_a_message_for_its_supervisor(data_dir: Path) -> None:
-    service = RunningService(data_dir)
-    try:
-        service.wait_until_ready()
-        (known,) = service.http.get("/maps").json()["items"]
-        assert service.localize(small_room().panorama, known["id"]).status_code == 200
-        family = service.family()
-        (raylet,) = [pid for pid in family if process_name(pid) == "raylet"]
-        with ThreadPoolExecutor(12) as clients:
-            requests = [clients.submit(service.localize, small_room().panorama, known["id"]) for _ in range(12)]
-            service.wait_until_taken(requests)
-            os.kill(raylet, signal.SIGKILL)
-            answers = [request.result() for request in requests]
-        assert service.process.wait(120) == 1
-    finally:
-        service.kill()
-    # Some may have been answered before their worker was gone.
-    assert {answer.status_code for answer in answers} - {200} == {503}
-    assert all(int(answer.headers["Retry-After"]) >= 1 for answer in answers if answer.status_code == 503)
-    assert "the service ends" in service.log
-    (opened,) = (line for line in service.log.splitlines() if "the data folder is open" in line)
-    assert str(data_dir.resolve()) in opened
-    assert f"raylet (process {raylet}) has ended" in service.log
-    assert eventually(lambda: not any(is_running(pid) for pid in family), 90)
-
-
 def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data_dir: Path) -> None:
     service = RunningService(data_dir)
     try:
@@ -103,7 +75,7 @@ def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data
         family = service.family()
     finally:
         service.kill()
-    assert len(family) > 5
+    assert len(family) >= 3  # with its worker and its Redis
     assert eventually(lambda: not any(is_running(pid) for pid in family), 90), [
         Path(f"/proc/{pid}/cmdline").read_text() for pid in family if is_running(pid)
     ]

@@ -1,22 +1,15 @@
-"""How many requests may wait, how long the next one would, and whether that is too long for it."""
+"""Admission control: how many requests may wait, and whether a request can be answered before its deadline."""
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from service.errors import QueueFullError
-from service.ray.queue.turns import Turns
-
-# One computes, one more is already there when it ends: Ray Serve takes a moment to bring the next.
-REQUESTS_PER_WORKER = 2
 
 
 class Admission:
-    """Counts what is under way. Used from one event loop, so it needs no lock.
-
-    turns: in which what is admitted goes to the workers.
-    """
+    """Counts the requests that wait or run. Used from one event loop, so it needs no lock."""
 
     # Weight of the newest duration in the running mean; before the first one of its kind a second is assumed.
     _NEWEST = 0.2
@@ -28,8 +21,6 @@ class Admission:
     def __init__(self, queue_limit: int) -> None:
         self._queue_limit = queue_limit
         self._num_workers = 1
-        self.turns = Turns(REQUESTS_PER_WORKER)
-        self._others: list[int] = []
         self._mean_duration_s: dict[str, float] = {}
         self._admitted: Counter[str] = Counter()
 
@@ -49,16 +40,11 @@ class Admission:
         return self._within_reason(self._work_ahead_s())
 
     def set_num_workers(self, num_workers: int) -> None:
-        """Tell how many requests run at the same time."""
+        """Set how many requests run at the same time."""
         self._num_workers = max(1, num_workers)
-        self.turns.set_places(REQUESTS_PER_WORKER * self._num_workers)
-
-    def set_others(self, num_admitted: Sequence[int]) -> None:
-        """Tell how many requests each of the other front doors has under way that use the same workers."""
-        self._others = [each for each in num_admitted if each]
 
     def note_duration(self, duration_s: float, kind: str = "") -> None:
-        """Tell how long a worker took for a request. kind: of requests that take about as long as each other."""
+        """Record how long a request took once a worker had it. kind: the key under which durations are averaged."""
         mean_s = self._mean_s(kind)
         self._mean_duration_s[kind] = mean_s + self._NEWEST * (duration_s - mean_s)
 
@@ -66,8 +52,8 @@ class Admission:
     def admit(self, kind: str = "", remaining_s: float = math.inf) -> Iterator[None]:
         """Hold a place for the duration of the block.
 
-        remaining_s: until nobody waits for the answer any more. Raises QueueFullError when there is no place, and when those before
-        this request are expected to take so long that it would not be done by then; one that nobody is before is always tried.
+        remaining_s: seconds until the deadline. Raises QueueFullError when the queue is full, and when the requests before this one
+        leave it too little time. A request that need not wait is always admitted.
         """
         self._refuse_without_a_place()
         self._refuse_what_comes_too_late(self._mean_s(kind), remaining_s)
@@ -78,9 +64,9 @@ class Admission:
             self._admitted[kind] -= 1
 
     def require_place(self, longest_s: float) -> None:
-        """Raise QueueFullError where the next request is refused whatever it asks. longest_s: that it may allow for its answer."""
+        """Raise QueueFullError where the next request would be refused whatever it asks. longest_s: the longest deadline, in seconds."""
         self._refuse_without_a_place()
-        # How long the request itself would take is not known yet.
+        # The duration of the request itself is not known yet.
         self._refuse_what_comes_too_late(0.0, longest_s)
 
     def _refuse_without_a_place(self) -> None:
@@ -92,7 +78,7 @@ class Admission:
             )
 
     def _refuse_what_comes_too_late(self, duration_s: float, remaining_s: float) -> None:
-        if self.num_admitted < self._share():
+        if self.num_admitted < self._num_workers:
             return
         needed_s = self._CAUTION * (self._work_ahead_s() + duration_s)
         if needed_s > remaining_s:
@@ -106,11 +92,7 @@ class Admission:
             )
 
     def _work_ahead_s(self) -> float:
-        return sum(count * self._mean_s(kind) for kind, count in self._admitted.items()) / self._share()
-
-    def _share(self) -> float:
-        """Return how many workers are ours: Ray Serve serves front doors in turn, none of which uses more than it has requests for."""
-        return max(self._num_workers / (1 + len(self._others)), self._num_workers - sum(self._others))
+        return sum(count * self._mean_s(kind) for kind, count in self._admitted.items()) / self._num_workers
 
     def _mean_s(self, kind: str) -> float:
         return self._mean_duration_s.get(kind, self._FIRST_S)

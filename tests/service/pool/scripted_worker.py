@@ -1,4 +1,4 @@
-"""A worker that does what the image's bytes say, so that the pool is tested without the algorithm's seconds."""
+"""A worker that does what the image's bytes say, so that pools are tested without the algorithm's seconds."""
 
 import json
 import os
@@ -17,6 +17,8 @@ class ScriptedWorker:
     def __init__(self, settings: WorkerSettings) -> None:
         self._folder = Path(settings.storage_url)
         self._name = f"scripted-{os.getpid()}"
+        if (self._folder / "no-worker-starts").exists():
+            raise RuntimeError("no worker starts in this folder")
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         script = json.loads(job.images[0].data)
@@ -24,9 +26,11 @@ class ScriptedWorker:
         missing = tuple(ref for ref in job.maps if script.get("needs_index") and not self._index(ref).exists())
         if missing:
             return WorkerReply(missing=missing, worker=self._name)
-        if script.get("crash_once") and self._note("crashed", job.request_id):
+        if script.get("crash") or (script.get("crash_once") and self._note("crashed", job.request_id)):
             os.kill(os.getpid(), signal.SIGKILL)
-        time.sleep(script.get("seconds", 0.0))
+        if "take_mb" in script:
+            self._taken = b"x" * (script["take_mb"] << 20)
+        self._wait(script)
         if "fail" in script:
             return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
         outcome = LocalizeOutcome("localized", None, search={"pid": os.getpid(), "request_id": job.request_id})
@@ -34,25 +38,32 @@ class ScriptedWorker:
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         script = json.loads(job.scan_name)
+        self._note(f"registering-{os.getpid()}", job.map.id)
         if script.get("crash"):
             os.kill(os.getpid(), signal.SIGKILL)
-        while "until" in script and not Path(script["until"]).exists():
-            time.sleep(0.05)
+        self._wait(script)
         self._index(job.map).touch()
         stats = {"pid": os.getpid(), "nice": os.nice(0)}
         return WorkerReply(RegisterOutcome(stats, [], b""), worker=self._name)
 
     def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
-        time.sleep(0.3)
         self._note("rebuilt", f"{map_ref.id}-{time.time_ns()}")
-        self._index(map_ref).touch()
-        return WorkerReply(worker=self._name)
+        if not self._note("rebuild-crashed", map_ref.id) or map_ref.id != "map_crash_once":
+            time.sleep(0.2)
+            self._index(map_ref).touch()
+            return WorkerReply(worker=self._name)
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+    def _wait(self, script: dict[str, str]) -> None:
+        while "until" in script and not (self._folder / script["until"]).exists():
+            time.sleep(0.01)
 
     def _index(self, ref: MapRef) -> Path:
         return self._folder / f"{ref.id}.{ref.revision}.index"
 
     def _note(self, what: str, name: str) -> bool:
-        """Leave a file behind that survives this process; tell whether it is new."""
+        """Leave a file behind that survives this process; return whether it is new."""
         file = self._folder / f"{name}.{what}"
         is_new = not file.exists()
         file.touch()

@@ -15,36 +15,36 @@ from tests.integration.real_redis import RealRedis
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
-_DOORS = 3
+_REPLICAS = 3
 _READ_S = 2.0  # after a kill, in which a map is read again and again
 
 
-def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
+def replica_kills(times: int, num_clients: int = 4) -> Outcome:
     """Kill one of three HTTP processes again and again; each is started anew before the next."""
-    outcome = Outcome(f"kill one of {_DOORS} front doors under {num_clients} clients")
+    outcome = Outcome(f"kill one of {_REPLICAS} API replicas under {num_clients} clients")
     redis = RealRedis()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
         data, settings = Path(folder) / "data", {"shared": "true", "redis_url": redis.url}
-        doors: list[RunningService] = []
+        replicas: list[RunningService] = []
         try:
-            for _ in range(_DOORS):  # one after the other: each starts a Ray
-                doors.append(RunningService(data, **settings))
-                doors[-1].wait_until_ready()
-            map_id = doors[0].register(small_room().scan, OPTIONS)
+            replicas += [RunningService(data, **settings) for _ in range(_REPLICAS)]
+            for replica in replicas:
+                replica.wait_until_ready()
+            map_id = replicas[0].register(small_room().scan, OPTIONS)
 
             killed_at = []
 
             def kill(number: int) -> None:
                 killed_at.append(time.monotonic())
-                os.kill(doors[number % _DOORS].process.pid, signal.SIGKILL)
+                os.kill(replicas[number % _REPLICAS].process.pid, signal.SIGKILL)
 
             def start(number: int) -> None:
-                gone = doors[number % _DOORS]
+                gone = replicas[number % _REPLICAS]
                 gone.kill()
-                doors[number % _DOORS] = RunningService(data, port=str(gone.port), **settings)
-                doors[number % _DOORS].wait_until_ready()
+                replicas[number % _REPLICAS] = RunningService(data, port=str(gone.port), **settings)
+                replicas[number % _REPLICAS].wait_until_ready()
 
-            with proxy_before([f"127.0.0.1:{door.port}" for door in doors], Path(folder)) as proxy:
+            with proxy_before([f"127.0.0.1:{replica.port}" for replica in replicas], Path(folder)) as proxy:
                 reader = Reader(proxy.url, f"/maps/{map_id}", proxy.context)
                 clients = Clients(proxy.url, map_id, num_clients, context=proxy.context)
                 try:
@@ -58,8 +58,8 @@ def front_door_kills(times: int, num_clients: int = 4) -> Outcome:
                 if reader.refused:
                     outcome.faults.append(f"a map could not be read: {reader.refused}")
         finally:
-            for door in doors:
-                door.kill()
+            for replica in replicas:
+                replica.kill()
             redis.kill()
     return outcome
 
@@ -102,8 +102,7 @@ def killed_again(
             assert eventually(lambda since=asked: clients.num_answered_since(since) > 2 * clients.number, PATIENCE_S)  # type: ignore[misc]
             without_s.append(_next_answer_s(clients, lambda: None))
             back_s.append(_next_answer_s(clients, lambda: kill(number)))  # noqa: B023
-            with clients.paused():  # on two processors a Ray beside busy ones takes minutes to start
-                start(number)
+            start(number)
             outcome.cases += 1
     finally:
         answers = clients.stop()

@@ -1,6 +1,6 @@
 """Two services on machines of their own over one bucket and one Redis: each knows what the other did, and takes over when it dies.
 
-Those that share a folder are in `test_shared_cluster`.
+Those that share a folder are in `test_replicas_on_ray`.
 """
 
 import contextlib
@@ -25,28 +25,28 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def doors() -> Iterator[tuple[RunningService, RunningService]]:
+def replicas() -> Iterator[tuple[RunningService, RunningService]]:
     server = RealRedis()
     bucket = BucketServer()
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
         settings = {"shared": "true", "redis_url": server.url, "storage": f"s3://{BUCKET}/panoloc"}
         first, second = (RunningService(Path(folder) / name, bucket.variables, **settings) for name in ("one", "two"))
         try:
-            for door in (first, second):
-                door.wait_until_ready()
+            for replica in (first, second):
+                replica.wait_until_ready()
             yield first, second
         finally:
-            for door in (first, second):
-                door.stop()
+            for replica in (first, second):
+                replica.stop()
             server.kill()
             bucket.stop()
 
 
-Doors = tuple[RunningService, RunningService]
+Replicas = tuple[RunningService, RunningService]
 
 
-def test_a_map_posted_through_one_is_served_by_the_other(doors: Doors) -> None:
-    first, second = doors
+def test_a_map_posted_through_one_is_served_by_the_other(replicas: Replicas) -> None:
+    first, second = replicas
     map_id = first.register(small_room().scan, OPTIONS)
     assert second.map(map_id)["status"] == "ready"
     answer = second.localize(small_room().panorama, map_id)
@@ -54,23 +54,23 @@ def test_a_map_posted_through_one_is_served_by_the_other(doors: Doors) -> None:
     assert small_room().error_of(answer.json()).within(0.05, 5)
 
 
-def test_no_process_shows_the_key_of_the_bucket(doors: Doors) -> None:
-    for door in doors:
-        family = door.family()
-        assert len(family) > 3
+def test_no_process_shows_the_key_of_the_bucket(replicas: Replicas) -> None:
+    for replica in replicas:
+        family = replica.family()
+        assert len(family) >= 2  # with its worker
         for pid in family:
             with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # ended meanwhile
                 assert b"a-secret" not in Path(f"/proc/{pid}/environ").read_bytes()
 
 
-def test_of_two_changes_at_once_one_wins_and_the_other_is_told(doors: Doors) -> None:
-    (map_id,) = [each["id"] for each in doors[0].http.get("/maps").json()["items"]]
-    assert statuses_of_changes_at_once(list(doors), map_id) == [200, 412]
-    assert doors[0].map(map_id) == doors[1].map(map_id)
+def test_of_two_changes_at_once_one_wins_and_the_other_is_told(replicas: Replicas) -> None:
+    (map_id,) = [each["id"] for each in replicas[0].http.get("/maps").json()["items"]]
+    assert statuses_of_changes_at_once(list(replicas), map_id) == [200, 412]
+    assert replicas[0].map(map_id) == replicas[1].map(map_id)
 
 
-def test_a_registration_whose_front_door_is_killed_is_taken_over(doors: Doors) -> None:
-    first, second = doors
+def test_a_registration_whose_replica_is_killed_is_taken_over(replicas: Replicas) -> None:
+    first, second = replicas
     answer = first.http.post("/maps", files={"file": ("room.ply", small_room().scan)}, data={"options": OPTIONS})
     map_id = answer.json()["id"]
     assert eventually(lambda: second.map(map_id)["status"] in ("reading", "indexing", "ready"), 120)

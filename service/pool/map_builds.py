@@ -1,0 +1,76 @@
+"""Registrations and rebuilds of map indexes: a few at a time, and never the same rebuild twice at once."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Any
+
+from service.errors import NoWorkerError, RegistrationLimitError
+from service.jobs import MapRef, RegisterJob, RegisterOutcome, at_once
+from service.pool.messages import Kind
+from service.worker.reply import WorkerReply, error_of
+
+Build = Callable[[Kind, Any], Awaitable[WorkerReply[Any]]]
+"""Runs one build in a process of its own, which ends when the call is cancelled. Raises NoWorkerError when that process dies."""
+
+
+class MapBuilds:
+    """Used from one event loop."""
+
+    def __init__(self, build: Build, num_registrations: int) -> None:
+        self._build = build
+        self._registrations = asyncio.Semaphore(num_registrations)
+        # A rebuild has a place of its own: a query that needs it does not wait for somebody's large scan.
+        self._rebuild_place = asyncio.Semaphore(1)
+        self._rebuilds: dict[MapRef, asyncio.Task[WorkerReply[None]]] = {}
+
+    async def register(
+        self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once
+    ) -> WorkerReply[RegisterOutcome]:
+        """Run one registration after those that came before it, `begin` first.
+
+        Raises NoWorkerError when its process dies, RegistrationLimitError when it takes longer than the job allows.
+        """
+        async with self._registrations:
+            await begin()
+            try:
+                async with asyncio.timeout(job.time_limit_s) as limit:
+                    return await self._build("register", job)
+            except TimeoutError as error:
+                if not limit.expired():
+                    raise
+                raise RegistrationLimitError(
+                    f"expected a map within {job.time_limit_s:.0f} s, got none; thin the scan or export it in another format, or let "
+                    "the operator raise PANOLOC_REGISTRATION_TIME_S"
+                ) from error
+
+    async def rebuild(self, maps: Iterable[MapRef]) -> None:
+        """Wait until the lost indexes of `maps` are built; queries that miss the same one wait for the same build.
+
+        A build goes on when the query that asked for it gives up. Raises what the worker raised.
+        """
+        waiting = [asyncio.shield(self._running_rebuild(map_ref)) for map_ref in maps]
+        for reply in await asyncio.gather(*waiting):
+            if reply.failure is not None:
+                raise error_of(reply.failure)
+
+    async def cancel(self) -> None:
+        """End the rebuilds under way; the next query that misses such an index asks for it again."""
+        running = list(self._rebuilds.values())
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+    def _running_rebuild(self, map_ref: MapRef) -> asyncio.Task[WorkerReply[None]]:
+        running = self._rebuilds.get(map_ref)
+        if running is None:
+            running = asyncio.create_task(self._rebuild(map_ref))
+            self._rebuilds[map_ref] = running
+            running.add_done_callback(lambda _: self._rebuilds.pop(map_ref, None))
+        return running
+
+    async def _rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
+        async with self._rebuild_place:
+            try:
+                return await self._build("rebuild", map_ref)
+            except NoWorkerError:
+                return await self._build("rebuild", map_ref)
