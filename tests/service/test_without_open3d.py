@@ -11,7 +11,7 @@ PROGRAM = """
 import sys
 sys.modules["open3d"] = None  # as if it were not installed
 from pathlib import Path
-import service.serve, service.ray.remote, service.worker.localization_worker, service.worker.registrar
+import service.serve, service.pool.child, service.worker.localization_worker, service.worker.registrar
 from core.index.map_builder import build_map_index
 from core.localizer import Localizer
 from core.options import IndexOptions
