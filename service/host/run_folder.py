@@ -1,17 +1,14 @@
-"""The folder that holds sockets and logs of one running service, and the lock that keeps out others on the same data."""
+"""The lock that keeps other services out of the same data, and the folder for sockets and logs of a running service."""
 
-import contextlib
 import fcntl
-import hashlib
-import itertools
 import os
 import shutil
-import stat
+import tempfile
 from pathlib import Path
 from typing import IO
 
-# Unix socket paths end at 107 bytes on Linux (103 on macOS) and Ray appends about 65 to its folder.
-_LONGEST_RUN_PATH = 32
+# The path of a Unix socket ends at 107 bytes on Linux, at 103 on macOS; the folder holds `redis.sock`.
+_LONGEST_RUN_PATH = 90
 
 
 class DataFolderInUseError(RuntimeError):
@@ -23,9 +20,9 @@ class DataFolderUnusableError(OSError):
 
 
 class RunFolder:
-    """`<data_dir>/run`, or a short stand-in under /tmp when that path is too long for sockets, or others use the data as well.
+    """`<data_dir>/run`, or a temporary folder when that path is too long for sockets.
 
-    Holds a lock on the data for as long as it is open, one for itself alone or one that allows others which share it; the kernel
+    Holds a lock on the data for as long as it is open: an exclusive one, or one that allows others which share the data. The kernel
     drops it when the process ends in any way.
     """
 
@@ -33,7 +30,7 @@ class RunFolder:
         """Raise DataFolderInUseError when another service holds the folder, DataFolderUnusableError when it cannot be made, OSError when
         it cannot be written.
 
-        is_shared: other services that say so too may use the data.
+        is_shared: other services with the same setting may use the data; they have a Redis elsewhere and put nothing into the folder.
         """
         data_dir = data_dir.resolve()
         try:
@@ -42,34 +39,19 @@ class RunFolder:
             raise DataFolderUnusableError(
                 f"expected a data folder that can be made and written, got {data_dir} ({error.strerror}); correct PANOLOC_DATA_DIR"
             ) from error
-        self._own = data_dir / "run"
-        # What Ray makes in it is open to everybody; its sockets run code.
-        self._own.chmod(0o700)
+        own = data_dir / "run"
+        own.chmod(0o700)
         self._lock = lock_folder(data_dir, is_shared)
-        self._stand_in_lock: IO[str] | None = None
-        try:
-            if is_shared:
-                self.path, self._stand_in_lock = _free_stand_in(data_dir)
-            else:
-                self.path = _short_folder(data_dir)
+        self._is_temporary = len(os.fsencode(own)) > _LONGEST_RUN_PATH
+        self.path = Path(tempfile.mkdtemp(prefix="panoloc-")) if self._is_temporary else own
+        if not is_shared:
             _empty(self.path)
-        except OSError:
-            self._unlock()
-            raise
 
     def close(self) -> None:
-        """Remove what is left in the folder, and the folder itself where it is a stand-in, and let the next service in."""
-        _empty(self.path)
-        # One with a lock may be taken by another service at any time.
-        if self.path != self._own and self._stand_in_lock is None:
-            with contextlib.suppress(OSError):  # Ray may still write its last words
-                self.path.rmdir()
-        self._unlock()
-
-    def _unlock(self) -> None:
+        """Remove what is in a temporary folder, and let the next service in."""
+        if self._is_temporary:
+            shutil.rmtree(self.path, ignore_errors=True)
         self._lock.close()
-        if self._stand_in_lock is not None:
-            self._stand_in_lock.close()
 
 
 def lock_folder(folder: Path, is_shared: bool) -> IO[str]:
@@ -108,36 +90,6 @@ def _shared_lock(path: Path) -> IO[str]:
             "stop that one, or set PANOLOC_DATA_DIR"
         ) from error
     return lock
-
-
-def _free_stand_in(data_dir: Path) -> tuple[Path, IO[str]]:
-    """Return a folder of this machine's own, and the lock that keeps it ours: sockets on a disk of several machines lead nowhere."""
-    for number in itertools.count():
-        folder = _stand_in(data_dir, f"-{number}")
-        lock = (folder / "lock").open("a+", encoding="ascii")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            lock.close()
-            continue
-        return folder, lock
-    raise AssertionError
-
-
-def _short_folder(data_dir: Path) -> Path:
-    folder = data_dir / "run"
-    return folder if len(os.fsencode(folder)) <= _LONGEST_RUN_PATH else _stand_in(data_dir, "")
-
-
-def _stand_in(data_dir: Path, suffix: str) -> Path:
-    digest = hashlib.blake2b(os.fsencode(data_dir), digest_size=4).hexdigest()
-    short = Path("/tmp") / f"panoloc-{digest}{suffix}"
-    short.mkdir(mode=0o700, exist_ok=True)
-    found = short.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
-        raise PermissionError(f"{short}: expected a folder of our own user, got one of user {found.st_uid}; remove it")
-    short.chmod(0o700)
-    return short
 
 
 def _empty(folder: Path) -> None:
