@@ -185,10 +185,12 @@ class ProcessPool:
             _log.warning("a worker process ended, starting another", extra={"error": process.problem or how})
             if process.was_ready:
                 pause_s = _FIRST_PAUSE_S
-            else:
+                continue
+            # One that was killed while it started is no sign that others will not start.
+            if process.problem or pause_s > _FIRST_PAUSE_S:
                 self._refuse_waiting(process.problem or how)
-                await asyncio.sleep(pause_s)
-                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 
     def _refuse_waiting(self, problem: str) -> None:
         """Let no query wait for workers that do not start."""

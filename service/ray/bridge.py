@@ -83,8 +83,11 @@ async def _run(pipes: ChildPipes, watchdog: "Watchdog", plan: WorkerPlan) -> Non
         raise ValueError(f"workers and API replica differ in {differences}; set both alike")
     bridge = Bridge(pipes, localizer, serve.get_deployment_handle(BUILDER, APPLICATION))
     loop = asyncio.get_running_loop()
-    taking = lambda request: loop.call_soon_threadsafe(bridge.take, request)  # noqa: E731
-    threading.Thread(target=pipes.follow, args=(taking,), daemon=True).start()
+
+    def take(request: Request) -> None:
+        loop.call_soon_threadsafe(bridge.take, request)
+
+    threading.Thread(target=pipes.follow, args=(take,), daemon=True).start()
     published = None
     while True:
         # A call of Ray in another thread: where the cluster is away it hangs, and the watchdog ends this process.
