@@ -6,7 +6,7 @@ from core.scan.box.boxed_reading import read_in_box
 from core.scan.box.limits import BoxLimits
 from core.scan.e57.reader import read_e57
 from core.scan.gltf.reader import read_gltf
-from core.scan.las.reader import read_las
+from core.scan.las import read_las
 from core.scan.obj.reader import read_obj
 from core.scan.pcd.reader import read_pcd
 from core.scan.ply.reader import read_ply
@@ -24,7 +24,7 @@ READERS: dict[str, ScanReader] = {
     "obj": read_obj,
     "text": read_text,
 }
-BOXED = frozenset({"gltf", "obj", "e57"})
+BOXED = frozenset({"gltf", "obj", "e57", "las"})
 """Formats of many parts that refer to each other and hold pictures, or whose parser is a native one for all of the file."""
 
 
