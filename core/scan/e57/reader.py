@@ -1,6 +1,5 @@
 """Read E57 scans with pye57: several scans with their poses become one cloud."""
 
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -10,13 +9,9 @@ from numpy.typing import NDArray
 
 from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
 from core.scan.e57.coloring import ImageColors, with_poses
-from core.scan.e57.description import MAX_XML_BYTES, check_description
 from core.scan.e57.images import images_of
 from core.scan.e57.scan_entry import E57Scan
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
-
-_HEADER = struct.Struct("<8sIIQQQQ")
-_PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020
 
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
@@ -31,8 +26,7 @@ def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
 
 @contextmanager
 def opened(context: ReadingContext) -> Iterator[Any]:
-    """Give the `libe57.ImageFile` of a file whose header and description are checked. Raises as `read_e57` does."""
-    _check_header(context)
+    """Give the `libe57.ImageFile` of a file. Raises as `read_e57` does."""
     try:
         from pye57 import libe57
     except ImportError as error:
@@ -48,45 +42,11 @@ def opened(context: ReadingContext) -> Iterator[Any]:
         raise
     except Exception as error:  # E57Exception, and what the bindings raise for nodes of an unexpected kind
         raise ScanDamagedError(
-            f"The E57 file is damaged: {_first_line(error)}. Copy or export the scan again and upload it again."
+            f"The E57 file is damaged: {_first_line(error)}. {CUT_SHORT}"
         ) from error
     finally:
         if image_file is not None:
             image_file.close()
-
-
-def _check_header(context: ReadingContext) -> None:
-    with context.path.open("rb") as stream:
-        header = stream.read(_HEADER.size)
-    if len(header) < _HEADER.size:
-        raise ScanDamagedError(f"The E57 file has {len(header)} bytes; its header takes {_HEADER.size}. {CUT_SHORT}")
-    _, _, _, announced, xml_offset, xml_length, page_bytes = _HEADER.unpack(header)
-    if announced != context.size_bytes:
-        raise ScanDamagedError(
-            f"The E57 header announces {announced:,} bytes, but the file has {context.size_bytes:,}. {CUT_SHORT}"
-        )
-    if page_bytes != _PAGE_BYTES or xml_offset + xml_length > announced:
-        raise ScanDamagedError(
-            f"The E57 header is damaged: pages of {page_bytes:,} bytes (expected 1024), description at byte "
-            f"{xml_offset:,} with {xml_length:,} bytes. {CUT_SHORT}"
-        )
-    _check_description(context, xml_offset, xml_length)
-
-
-def _check_description(context: ReadingContext, xml_offset: int, xml_length: int) -> None:
-    if xml_length > MAX_XML_BYTES:
-        raise ScanContentError(
-            f"The E57 file describes itself in {xml_length:,} bytes of XML; at most {MAX_XML_BYTES:,} are read. Export fewer stations "
-            "or pictures into one file."
-        )
-    first_page = xml_offset // _PAGE_BYTES * _PAGE_BYTES
-    num_pages = (xml_offset - first_page + xml_length) // _PAGE_CONTENT_BYTES + 1
-    with context.path.open("rb") as stream:
-        stream.seek(first_page)
-        pages = stream.read(num_pages * _PAGE_BYTES)
-    starts = range(0, len(pages), _PAGE_BYTES)
-    xml = b"".join(pages[start : start + _PAGE_CONTENT_BYTES] for start in starts)[xml_offset - first_page :]
-    check_description(xml[:xml_length])
 
 
 def _iter_file(context: ReadingContext, image_file: Any) -> Iterator[RawChunk]:
