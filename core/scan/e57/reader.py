@@ -41,9 +41,7 @@ def opened(context: ReadingContext) -> Iterator[Any]:
     except (CoreError, OSError):
         raise
     except Exception as error:  # E57Exception, and what the bindings raise for nodes of an unexpected kind
-        raise ScanDamagedError(
-            f"The E57 file is damaged: {_first_line(error)}. {CUT_SHORT}"
-        ) from error
+        raise ScanDamagedError(f"The E57 file is damaged: {_first_line(error)}. {CUT_SHORT}") from error
     finally:
         if image_file is not None:
             image_file.close()
