@@ -8,9 +8,9 @@ from core.scan.e57.reader import read_e57
 from core.scan.gltf.reader import read_gltf
 from core.scan.las import read_las
 from core.scan.obj.reader import read_obj
-from core.scan.pcd.reader import read_pcd
+from core.scan.pcd import read_pcd
 from core.scan.ply.reader import read_ply
-from core.scan.ptx.reader import read_ptx
+from core.scan.ptx import read_ptx
 from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
 from core.scan.text.reader import read_text
 

@@ -52,7 +52,9 @@ def _iter_file(context: ReadingContext, image_file: Any) -> Iterator[RawChunk]:
     if not any(scan.has_color for scan in scans):
         yield from _colored_by_images(context, scans, image_file)
         return
-    scans = _colored_scans(context, scans)
+    num_scans = len(scans)
+    scans = [scan for scan in scans if scan.has_color]
+    context.note_scans(num_scans, len(scans), "scans")
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
     dtype, factors = _color_scales(scans)
@@ -110,19 +112,6 @@ def _scans(image_file: Any) -> list[E57Scan]:
     if not scans:
         raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
     return scans
-
-
-def _colored_scans(context: ReadingContext, scans: list[E57Scan]) -> list[E57Scan]:
-    colored = [scan for scan in scans if scan.has_color]
-    if len(colored) < len(scans):
-        context.note(
-            "scans_without_color",
-            f"{len(scans) - len(colored)} of {len(scans)} scans in the file have no colour and were left out.",
-            "warning",
-        )
-    if len(colored) > 1:
-        context.note("scans_merged", f"{len(colored)} scans were merged with their poses.")
-    return colored
 
 
 def _color_scales(scans: list[E57Scan]) -> tuple[np.dtype[Any], list[float]]:

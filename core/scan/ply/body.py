@@ -91,13 +91,8 @@ def _as_numbers(element: PlyElement) -> PlyElement:
 
 
 def _iter_lines(lines: TextLines, element: PlyElement) -> Iterator[TextBlock]:
-    num_done = 0
-    while element.properties and num_done < element.count:
-        block = lines.take(min(CHUNK_ROWS, element.count - num_done))
-        if block is None:
-            raise _cut_short_error(element, num_done)
-        num_done += len(block)
-        yield block
+    num_lines = element.count if element.properties else 0
+    return lines.iter_rows(num_lines, "The PLY header", f"rows of {element.name!r}")
 
 
 def _iter_binary_rows(stream: BinaryIO, element: PlyElement) -> Iterator[NDArray[np.void]]:
