@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from core.errors import ExportRefusedError
-from core.exports import e57
+from core.exports import e57, robots, viewers
 from core.exports.earth import arcgis, geojson, gpano, stac
 from core.exports.earth.placing import grid_of
 from core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
-from core.exports.robots import ros, tum
 from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
-from core.exports.viewers import gltf, navvis, pannellum, photo_sphere_viewer, potree
 from core.options import FORMATS_ON_EARTH, ExportFormat
 from core.shown_name import shown_name
 
@@ -34,8 +32,8 @@ class Exporter:
 
 
 EXPORTERS: dict[ExportFormat, Exporter] = {
-    "potree": Exporter(potree.write),
-    "navvis": Exporter(navvis.write),
+    "potree": Exporter(viewers.write_potree),
+    "navvis": Exporter(viewers.write_navvis),
     "colmap": Exporter(colmap.write, colmap.why_not),
     "colmap-rig": Exporter(colmap_rig.write),
     "opensfm": Exporter(opensfm.write, uses_georeference=True),
@@ -45,11 +43,11 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "stac": Exporter(stac.write, uses_grid=True),
     "e57": Exporter(e57.write, e57.why_not),
     "gpano": Exporter(gpano.write, gpano.why_not),
-    "ros": Exporter(ros.write, spheres_only=False),
-    "tum": Exporter(tum.write, spheres_only=False),
-    "gltf": Exporter(gltf.write, spheres_only=False),
-    "psv": Exporter(photo_sphere_viewer.write),
-    "pannellum": Exporter(pannellum.write),
+    "ros": Exporter(robots.write_ros, spheres_only=False),
+    "tum": Exporter(robots.write_tum, spheres_only=False),
+    "gltf": Exporter(viewers.write_gltf, spheres_only=False),
+    "psv": Exporter(viewers.write_psv),
+    "pannellum": Exporter(viewers.write_pannellum),
     "geojson": Exporter(geojson.write, spheres_only=False),
 }
 

@@ -1,7 +1,10 @@
 """Placed photos, ready to be written, and the files that come of them."""
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from core.geometry.pose import Pose
 
@@ -78,3 +81,13 @@ class ExportedFile:
 
     path: str
     content: bytes | Path
+
+
+def json_file(path: str, document: Any) -> ExportedFile:
+    """Return a document as a file of JSON."""
+    return ExportedFile(path, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def text_file(path: str, lines: Iterable[str]) -> ExportedFile:
+    """Return lines as a text file."""
+    return ExportedFile(path, "".join(f"{line}\n" for line in lines).encode())

@@ -11,7 +11,7 @@ from PIL import Image, ImageOps
 from core.distinct_names import distinct_names
 from core.exports.axes import cam_from_world
 from core.exports.reconstruction.colmap import points_of, pose_text, table
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
 from core.geometry.pose import Pose
 
 FACES: tuple[str, ...] = ("front", "right", "back", "left", "up", "down")
@@ -49,8 +49,8 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
     yield table("sparse/0/frames.txt", "FRAME_ID RIG_ID RIG_FROM_WORLD NUM_DATA_IDS DATA_IDS[]", frames)
     yield table("sparse/0/images.txt", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]", images)
     yield table("sparse/0/points3D.txt", "POINT3D_ID X Y Z R G B ERROR TRACK[]", points_of(tour.scan))
-    photos_of = (f"{name}; {photo.name}\n" for name, photo in zip(names, tour.photos, strict=True))
-    yield ExportedFile("names.csv", "".join(("# name below images/FACE; name of the photo\n", *photos_of)).encode())
+    photos_of = (f"{name}; {photo.name}" for name, photo in zip(names, tour.photos, strict=True))
+    yield text_file("names.csv", ("# name below images/FACE; name of the photo", *photos_of))
     for photo, image_name in zip(tour.photos, names, strict=True):
         if photo.image is not None:
             yield from _cut(photo, image_name)

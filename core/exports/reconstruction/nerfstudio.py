@@ -4,7 +4,6 @@ Its parser holds poses and points in single precision before it centres them: co
 metre off. So large ones leave without the offset of `map_offset_m`, as the service itself counts.
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.exports.axes import GL_FROM_FLU
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
 from core.geometry.pose import Pose
 from core.options import ScanOptions
 from core.scan.ply.writer import encode_ply
@@ -43,7 +42,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
     if len(sizes) == 1:
         document |= _intrinsics(*next(iter(sizes)))
     document["frames"] = [_frame(photo, offset, own_size=len(sizes) > 1) for photo in tour.photos]
-    yield ExportedFile("transforms.json", (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+    yield json_file("transforms.json", document)
     if has_points and tour.scan is not None:
         yield ExportedFile(_POINTS, _moved(tour.scan, offset) if offset.any() else tour.scan)
 
