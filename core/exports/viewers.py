@@ -16,7 +16,10 @@ from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_f
 from core.geometry.pose import quaternion_of
 
 _POTREE_COLUMNS = ("filename", "time", "long", "lat", "alt", "course", "pitch", "roll")
-_NAVVIS_HEADER = "# pano poses v1.0: ID; filename; timestamp; pano_pos_x; pano_pos_y; pano_pos_z; pano_ori_w; pano_ori_x; pano_ori_y; pano_ori_z"
+_NAVVIS_COLUMNS = (
+    *("ID", "filename", "timestamp", "pano_pos_x", "pano_pos_y", "pano_pos_z"),
+    *("pano_ori_w", "pano_ori_x", "pano_ori_y", "pano_ori_z"),
+)
 _ON_ITS_SIDE = 1e-9  # radians; nearer to a roll of 90 degrees than that the other two angles are one turn
 
 
@@ -40,7 +43,7 @@ def write_navvis(tour: Tour) -> Iterator[ExportedFile]:
 
     The quaternion has w first, body axes are x forward, y left, z up.
     """
-    lines, names = [_NAVVIS_HEADER], ["# filename; name of the photo"]
+    lines, names = [f"# pano poses v1.0: {'; '.join(_NAVVIS_COLUMNS)}"], ["# filename; name of the photo"]
     for number, (photo, time_unix_s) in enumerate(zip(tour.photos, tour.times_unix_s, strict=True)):
         pose = photo.map_from_camera
         file_name = f"{number:05}-pano{PurePosixPath(photo.name).suffix or '.jpg'}"

@@ -8,7 +8,7 @@ from core.options import ScanOptions
 from core.scan.archive.reading import read_archive
 from core.scan.format_detection import detect_format
 from core.scan.point_cloud import PointCloud
-from core.scan.single_file import read_file
+from core.scan.readers import read_file
 
 
 def read_scan(

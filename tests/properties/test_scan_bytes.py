@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyproj import CRS
 
 from core.errors import CoreError, ScanError
 from core.options import ScanOptions
@@ -32,7 +31,6 @@ HERE = {
     "ptx": station_text(CLOUD.positions.astype(np.float64), CLOUD.colors, np.eye(3), np.ones(3)).encode(),
     "splats": splat_ply(CLOUD, np.full(40, 0.9)),
     "zip": zip_of({"a.ply": encode_ply(HALF), "b/c.xyz": b"0 0 0 1 2 3\n1 1 1 4 5 6\n", "d.las": las_of(HALF)}),
-    "las": las_of(CLOUD, CRS("EPSG:25832").to_wkt()),
 }
 changes = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8)
 FEW = ScanOptions(max_points=100_000, max_points_used=500)

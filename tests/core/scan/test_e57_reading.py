@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from core.errors import ScanContentError, ScanDamagedError, ScanError
 from core.options import ScanOptions
-from core.scan.box.boxed_reading import read_in_box
-from core.scan.box.limits import BoxLimits
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from core.scan.reading_context import ReadingContext
+from core.scan.sandbox.limits import SandboxLimits
+from core.scan.sandbox.reading import read_in_sandbox
 
 libe57 = pytest.importorskip("pye57.libe57")
 pye57 = pytest.importorskip("pye57")
@@ -203,7 +203,7 @@ def test_the_sandbox_stops_nodes_that_take_too_long_to_compare(tmp_path: Path) -
     path.write_bytes(e57_of(description(b"".join(b'<d:a%d type="Integer"/>' % number for number in range(20_000)))))
     context = ReadingContext(path, ScanOptions(), path.stat().st_size)
     with pytest.raises(ScanError, match="takes longer than 1 s"):
-        list(read_in_box("e57", context, BoxLimits(cpu_s=1)))
+        list(read_in_sandbox("e57", context, SandboxLimits(cpu_s=1)))
 
 
 def test_a_name_outside_ascii_is_opened(cloud: PointCloud, tmp_path: Path, assert_same_points: Compare) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from core.errors import ScanContentError, ScanDamagedError, ScanError
 from core.options import ScanOptions
-from core.scan.box.boxed_reading import read_in_box
-from core.scan.box.limits import BoxLimits
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from core.scan.reading_context import ReadingContext
+from core.scan.sandbox.limits import SandboxLimits
+from core.scan.sandbox.reading import read_in_sandbox
 
 Compare = Callable[..., None]
 
@@ -133,7 +133,7 @@ def test_the_sandbox_stops_a_layer_of_a_laz_chunk_that_is_larger_than_its_memory
     patched(path, start + 8 + record_bytes + 4, "<I", 0xFFFFFFF0)
     context = ReadingContext(path, ScanOptions(), path.stat().st_size)
     with pytest.raises(ScanError, match=r"cannot be read|more than the 1 GiB"):
-        list(read_in_box("las", context, BoxLimits(memory_bytes=1 << 30)))
+        list(read_in_sandbox("las", context, SandboxLimits(memory_bytes=1 << 30)))
 
 
 def test_damage_inside_compressed_points_never_crashes(cloud: PointCloud, tmp_path: Path) -> None:

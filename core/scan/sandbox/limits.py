@@ -1,4 +1,4 @@
-"""What a boxed reader may take of its machine."""
+"""What a sandboxed reader may take of its machine."""
 
 import sys
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ _GRACE_S = 5
 
 
 @dataclass(frozen=True)
-class BoxLimits:
+class SandboxLimits:
     """memory_bytes: of address space. cpu_s: seconds of the processor. silence_s: without a word of it."""
 
     memory_bytes: int = 6 << 30
@@ -15,7 +15,7 @@ class BoxLimits:
     silence_s: float = 300.0
 
 
-def take_limits(limits: BoxLimits) -> None:
+def take_limits(limits: SandboxLimits) -> None:
     """Hold this process to `limits`; it may write no file and leaves no core dump. Does nothing where there are no such limits."""
     if sys.platform == "win32":
         return

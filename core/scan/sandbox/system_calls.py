@@ -1,4 +1,4 @@
-"""What a boxed reader may not ask of Linux: network, other programs, other processes. A seccomp filter, which nothing takes off again."""
+"""What a sandboxed reader may not ask of Linux: network, other programs, other processes. A seccomp filter, which nothing takes off again."""
 
 import ctypes
 import errno

@@ -1,4 +1,4 @@
-"""What a boxed reader tells: JSON lines, a chunk followed by its arrays as they lie in memory. Nothing in them is ever executed."""
+"""What a sandboxed reader tells: JSON lines, a chunk followed by its arrays as they lie in memory. Nothing in them is ever executed."""
 
 import json
 from collections.abc import Callable
