@@ -1,4 +1,4 @@
-"""The registry of formats: what each can hold, and the one way into all of them."""
+"""The registry of formats: what each can hold, and the entry to all of them."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -53,9 +53,9 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
 
 
 def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the files of a tour in a format, and beside them `unplaced.txt` and `export.json`, which say what is not in them and why.
+    """Yield the files of a tour in a format, then `unplaced.txt` and `export.json`, which say what is left out and why.
 
-    Files are made one after the other, so that no more than one is in memory. Raises ExportRefusedError for a map without a georeference
+    Files are made one by one, so that at most one is in memory. Raises ExportRefusedError for a map without a georeference
     where the format needs one.
     """
     exporter = EXPORTERS[format_name]
@@ -72,7 +72,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
 
 
 def north_of(format_name: ExportFormat, tour: Tour) -> North:
-    """Return what headings and axes of an export refer to: the map's own axes, which may be those of a grid, or true north."""
+    """Return what headings and axes of an export refer to: the map's axes, those of its grid, or true north."""
     exporter = EXPORTERS[format_name]
     if format_name in FORMATS_ON_EARTH and not (exporter.uses_grid and grid_of(tour) is not None):
         return "true"
@@ -82,7 +82,7 @@ def north_of(format_name: ExportFormat, tour: Tour) -> North:
 
 
 def _held(exporter: Exporter, tour: Tour) -> Tour:
-    """Return the tour without the photos that the format cannot hold, which are left out with a reason."""
+    """Return the tour without the photos that the format cannot hold; these are left out with a reason."""
     reasons = [_why_not(exporter, photo) for photo in tour.photos]
     photos = tuple(photo for photo, reason in zip(tour.photos, reasons, strict=True) if reason is None)
     refused = [LeftOut(photo.name, reason) for photo, reason in zip(tour.photos, reasons, strict=True) if reason]

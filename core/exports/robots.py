@@ -16,11 +16,11 @@ RADIUS_PER_SIGMA = 1.872
 
 
 def write_ros(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `poses.json` and `poses.yaml` (what `ros2 topic pub` takes), `geometry_msgs/PoseWithCovarianceStamped` per photo.
+    """Yield `poses.json` and `poses.yaml` (for `ros2 topic pub`), `geometry_msgs/PoseWithCovarianceStamped` per photo.
 
-    With a georeference also `geo_poses.json`, of `geographic_msgs/GeoPoseWithCovariance`. The body frame is x forward, y left, z up
-    (REP-103), not an `_optical` one. Covariances are about the map's fixed axes, in m² and rad²; zeros where the accuracy is not known,
-    as ROS has it.
+    With a georeference also `geo_poses.json`, of `geographic_msgs/GeoPoseWithCovariance`. The body frame is x forward,
+    y left, z up (REP-103), not an `_optical` one. Covariances are about the map's fixed axes, in m² and rad²; zeros where
+    the accuracy is not known, as ROS has it.
     """
     messages = [_stamped(photo, time) for photo, time in zip(tour.photos, tour.times_unix_s, strict=True)]
     named = [{"image": photo.name, "message": each} for photo, each in zip(tour.photos, messages, strict=True)]
@@ -73,7 +73,7 @@ def _on_earth(photo: PlacedPhoto, tour: Tour) -> dict[str, Any]:
 
 
 def _covariance(photo: PlacedPhoto) -> list[float]:
-    """Return 36 numbers, row by row, over x, y, z and rotations about them; the same on every axis, so turning the axes changes nothing."""
+    """Return 36 numbers, row by row, over x, y, z and rotations about them; equal on all axes, so that axes can be turned."""
     variances = [0.0, 0.0]
     if photo.position_radius_m is not None and photo.orientation_radius_deg is not None:
         sigmas = photo.position_radius_m, math.radians(photo.orientation_radius_deg)

@@ -26,8 +26,8 @@ _ON_ITS_SIDE = 1e-9  # radians; nearer to a roll of 90 degrees than that the oth
 def write_potree(tour: Tour) -> Iterator[ExportedFile]:
     """Yield `coordinates.txt` for the Images360Loader of Potree 1.8, which lies in the folder of the photos.
 
-    Positions are map coordinates, `course` clockwise from the map's y axis, `pitch` up, `roll` right side down. Eight columns, because
-    forks read a ninth as part of a quaternion; the loader always skips the first line.
+    Positions are map coordinates, `course` clockwise from the map's y axis, `pitch` up, `roll` right side down. There are
+    eight columns, because forks read a ninth as part of a quaternion. The loader always skips the first line.
     """
     lines = ["\t".join(_POTREE_COLUMNS)]
     for photo, time_unix_s in zip(tour.photos, tour.times_unix_s, strict=True):
@@ -57,7 +57,7 @@ def write_navvis(tour: Tour) -> Iterator[ExportedFile]:
 
 
 def write_psv(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `tour.json` for Photo Sphere Viewer from 5.15.1 on: options of the viewer, and one node of its virtual tour per photo.
+    """Yield `tour.json` for Photo Sphere Viewer from 5.15.1 on: its options, and one node of its virtual tour per photo.
 
     A node is turned so that yaw 0 looks along the map's y axis. Earlier versions have heading or roll inverted.
     """
@@ -114,7 +114,7 @@ def _horizon(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def write_gltf(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `tour.gltf` (glTF 2.0, y up): nodes `panorama:NAME`, or `photo:NAME` of what is no full sphere, with a camera along local −z.
+    """Yield `tour.gltf` (glTF 2.0, y up): a node with a camera along local −z per photo, `panorama:NAME` or `photo:NAME`.
 
     `extras` of a node have heading, elevation and roll from the map's y axis, those of the scene the georeference.
     """

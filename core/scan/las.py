@@ -1,4 +1,4 @@
-"""Read LAS, LAZ and COPC scans with laspy. Always run in the sandbox: the decompressor allocates whatever a damaged file announces."""
+"""Read LAS, LAZ and COPC scans with laspy, always in the sandbox: a damaged file makes the decompressor allocate gigabytes."""
 
 import struct
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Read PCD scans of the Point Cloud Library (version 0.7): ascii, binary and binary_compressed, with packed or separate colours."""
+"""Read PCD scans of the Point Cloud Library 0.7: ascii, binary, binary_compressed; packed or separate colours."""
 
 import struct
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ _SEPARATE_NAMES = (("r", "g", "b"), ("red", "green", "blue"))
 
 @dataclass(frozen=True)
 class _Header:
-    """dtype: of one point, packed. encoding: "ascii", "binary" or "binary_compressed". size_bytes, num_lines: where the data begins."""
+    """dtype: of one point, packed. encoding: a key of _ITERATORS. size_bytes, num_lines: where the data begins."""
 
     dtype: np.dtype[np.void]
     num_points: int
@@ -33,10 +33,15 @@ class _Header:
     size_bytes: int
     num_lines: int
 
+    @property
+    def kinds(self) -> dict[str, np.dtype[Any]]:
+        """Return the types of all fields, in their order."""
+        return {name: kind for name, (kind, *_) in (self.dtype.fields or {}).items()}
+
     def kind_of(self, name: str) -> np.dtype[Any] | None:
         """Return the type of a field of one value, None where there is no such field."""
-        found = (self.dtype.fields or {}).get(name)
-        return None if found is None or found[0].shape else found[0]
+        found = self.kinds.get(name)
+        return None if found is None or found.shape else found
 
 
 def read_pcd(context: ReadingContext) -> Iterator[RawChunk]:
@@ -140,8 +145,7 @@ def _separate_names(header: _Header) -> tuple[str, str, str] | None:
 
 
 def _iter_ascii(stream: BinaryIO, header: _Header, size_bytes: int) -> Iterator[NDArray[np.void]]:
-    fields = header.dtype.fields or {}
-    dtype = np.dtype([(name, np.float64, fields[name][0].shape) for name in header.dtype.names or ()])
+    dtype = np.dtype([(name, np.float64, kind.shape) for name, kind in header.kinds.items()])
     lines = TextLines(stream, first_line=header.num_lines + 1)
     for block in lines.iter_rows(header.num_points, "The PCD header", "points"):
         yield block.to_table(dtype.itemsize // 8).view(dtype)[:, 0]
@@ -163,7 +167,7 @@ def _iter_compressed(stream: BinaryIO, header: _Header, size_bytes: int) -> Iter
     data = _decompress(stream, header, size_bytes)
     columns: dict[str, NDArray[Any]] = {}
     offset = 0
-    for name, (kind, *_) in (header.dtype.fields or {}).items():
+    for name, kind in header.kinds.items():
         columns[name] = np.ndarray((header.num_points, *kind.shape), kind.base, data, offset)
         offset += header.num_points * kind.itemsize
     for start in range(0, header.num_points, CHUNK_ROWS):

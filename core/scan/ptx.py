@@ -19,7 +19,7 @@ _COLUMNS = "x y z intensity"
 
 @dataclass(frozen=True)
 class _Station:
-    """num_points: cells of the grid, those without a return included. rotation (3, 3), translation (3,): x_file = R x + t."""
+    """num_points: cells of the grid, also those without a return. rotation (3, 3), translation (3,): x_file = R x + t."""
 
     num_points: int
     rotation: NDArray[np.float64]

@@ -30,7 +30,7 @@ READERS: dict[str, ScanReader] = {
     "text": read_text,
 }
 SANDBOXED = frozenset({"gltf", "obj", "e57", "las"})
-"""Formats that run in the sandbox even for trusted files: their parsers are native, or follow references between many parts."""
+"""Formats read in the sandbox even when the file is trusted: native parsers, or references between many parts."""
 # Points as text take a second of a processor for a few megabytes.
 _CPU_S_PER_BYTE = 2e-6
 _SHARE_OF_READING = 0.95
@@ -39,7 +39,7 @@ _SHARE_OF_READING = 0.95
 def read_file(
     path: Path, options: ScanOptions, report: Callable[[float], None], folder: Path | None = None
 ) -> PointCloud:
-    """Read the scan at `path` as `core.scan.reading.read_scan` does. folder: below which the files lie that it may refer to."""
+    """Read one scan file as `core.scan.reading.read_scan` does. folder: the files that it may refer to lie below it."""
     name, remark = detect_format(path, options.format)
     context = ReadingContext(path, options, path.stat().st_size, folder=folder)
     if remark:

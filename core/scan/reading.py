@@ -19,8 +19,8 @@ def read_scan(
 ) -> PointCloud:
     """Read the scan at `path`, thin it to `options.max_points_used` and bring it to metres, z up.
 
-    progress: called with 0..1 after every chunk; whatever it raises passes through. temporary: returns the folder in which archives are
-    unpacked, asked for one alone; the system's own when not given.
+    progress: called with 0..1 after every chunk; its exceptions pass through. temporary: returns the folder in which
+    archives are unpacked, called for archives alone; by default the system's.
 
     Raises ScanFormatError, ScanDamagedError or ScanContentError with what was expected, what came and what to do.
     """

@@ -14,7 +14,7 @@ _END = b'<?xpacket end="w"?>'
 
 
 def with_fields(jpeg: bytes, fields: Mapping[str, str]) -> bytes:
-    """Return the JPEG with these GPano fields in place of all that it had; the rest of its XMP is kept where it can be read."""
+    """Return the JPEG with these GPano fields instead of its own; other XMP is kept where it can be read."""
     kept, insert_at, end = bytearray(jpeg[:2]), 2, 2
     for start, end in _segments(jpeg):
         if not _is_xmp(jpeg, start):
@@ -44,7 +44,7 @@ def _is_xmp(jpeg: bytes, at: int) -> bool:
 
 
 def _segment(fields: Mapping[str, str], former: bytes | None) -> bytes:
-    """Return an APP1 segment. What was there before is left out where it is no XMP, or would not fit beside the new fields."""
+    """Return an APP1 segment. The former packet is left out where it is no XMP or does not fit beside the new fields."""
     for packet in (former, None):
         payload = _SIGNATURE + _BEGIN + _packet(fields, packet) + _END
         if len(payload) <= _MAX_SEGMENT_BYTES:

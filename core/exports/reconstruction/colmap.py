@@ -24,7 +24,7 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield cameras, images (camera from world; axes right, down, forward) and the points of the map, without tracks."""
+    """Yield cameras, images (camera from world; axes right, down, forward) and the map's points without tracks."""
     sizes = sorted({(photo.width, photo.height) for photo in tour.photos})
     cameras = [
         f"{number} EQUIRECTANGULAR {width} {height} {width} {height}" for number, (width, height) in enumerate(sizes, 1)

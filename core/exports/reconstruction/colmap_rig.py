@@ -20,8 +20,9 @@ _QUALITY = 95
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`, four faces around, one up, one down, each 90 degrees wide; `names.csv`
-    has the photo of each NAME.
+    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`: four faces around, one up, one down, each 90 degrees wide.
+
+    `names.csv` has the photo of each NAME.
 
     The reference sensor of a rig is its front face, so the rig of a frame stands where the panorama does.
     """
@@ -62,7 +63,7 @@ def face_size(photo: PlacedPhoto) -> int:
 
 
 def turned(face: str) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) from the axes of a face's camera (x forward, y left, z up) to those of the panorama."""
+    """Return the rotation (3, 3) from a face's camera (x forward, y left, z up) to the panorama."""
     up, right = _AXIS_TURNS[face]
     if up:
         return np.array([[0.0, 0, -up], [0, 1, 0], [up, 0, 0]])
@@ -113,7 +114,7 @@ def _cut(photo: PlacedPhoto, image_name: str) -> Iterator[ExportedFile]:
 
 
 def cut_face(colors: NDArray[np.uint8], size: int, face: str) -> NDArray[np.uint8]:
-    """Return (size, size, 3) what a camera of 90 degrees sees, interpolated between the pixels of a panorama (h, w, 3)."""
+    """Return the face (size, size, 3) of a panorama (h, w, 3), interpolated between its pixels."""
     height, width = colors.shape[:2]
     across = (np.arange(size) + 0.5) / size * 2 - 1
     left, up = np.meshgrid(-across, -across)

@@ -1,7 +1,7 @@
 """nerfstudio: `transforms.json`, which lies in the folder of the photos.
 
-Its parser holds poses and points in single precision before it centres them: coordinates of a survey, in the millions, would be half a
-metre off. So large ones leave without the offset of `map_offset_m`, as the service itself counts.
+Its parser holds poses and points in single precision before it centres them: survey coordinates, in the millions, would
+be half a metre off. Large coordinates are therefore written without the offset `map_offset_m`.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ _LARGE_M = 1000.0  # single precision resolves 0.06 mm there
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield poses from camera (right, up, backward) to the map, whose z is up, and the points of the map where there are some.
+    """Yield poses from camera (right, up, backward) to the z-up map, and the points of the map where it has some.
 
     The fields that forbid turning and scaling are written out, because loaders assume COLMAP's axes without them.
     """
@@ -35,7 +35,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         "orientation_override": "none",
         "applied_transform": np.eye(3, 4).tolist(),
         **({"ply_file_path": _POINTS} if has_points else {}),
-        # Of nobody's format: add it to positions to have those of the map.
+        # Our own field: add it to positions to have those of the map.
         **({"map_offset_m": offset.tolist()} if offset.any() else {}),
     }
     sizes = {(photo.width, photo.height) for photo in tour.photos}

@@ -13,7 +13,7 @@ from core.geometry.pose import Pose, quaternion_of
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the reconstruction. Its world is east, north, up of `reference_lla.json`; without a georeference it is the map.
+    """Yield the reconstruction. Its world is east, north, up of `reference_lla.json`, without a georeference the map.
 
     Poses are world to camera, axes right, down, forward; rotations are vectors in radians.
     """
@@ -53,7 +53,7 @@ def _shot(photo: PlacedPhoto, world_from_map: NDArray[np.float64], time_unix_s: 
 
 
 def _rotation_vector(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return axis times angle in radians, through the quaternion, which is exact for small angles and for half turns."""
+    """Return axis times angle in radians, by way of the quaternion: exact for small angles and half turns."""
     quaternion = quaternion_of(rotation)
     sine = float(np.linalg.norm(quaternion[:3]))
     angle = 2 * float(np.arctan2(sine, quaternion[3]))

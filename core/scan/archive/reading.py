@@ -66,7 +66,7 @@ def _read_together(
 
 
 def _common_system(systems: dict[str | None, str], context: ReadingContext) -> str | None:
-    """Return the system that all scans name. systems: each with the first scan that names it; None: of those that name none."""
+    """Return the system that all scans name. systems: each with the first scan that names it; None: scans without one."""
     named = {system: name for system, name in systems.items() if system is not None}
     if len(named) > 1:
         listed = ", ".join(f"{name}: {system[:60]}" for system, name in named.items())

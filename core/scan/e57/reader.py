@@ -15,7 +15,7 @@ from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield the points of all coloured scans of an E57 file in its frame; without any, those that its panoramas see, in their colours.
+    """Yield the points of all coloured scans in the file's frame; without colours, those that its own images see.
 
     Raises ScanDamagedError for a short file or a wrong checksum, ScanContentError without scans, points or colour.
     """

@@ -108,7 +108,7 @@ class E57Scan:
 
 
 def pose_of(node: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return rotation (3, 3) and translation (3,) from the frame of a scan or an image to the file's; none is the file's own."""
+    """Return rotation (3, 3) and translation (3,) from the frame of a scan or image to the file's; identity without a pose."""
     if not node.isDefined("pose"):
         return np.eye(3), np.zeros(3)
     pose = node["pose"]

@@ -36,7 +36,8 @@ _COMPRESSED = {
 class GltfFile:
     """The JSON of a glTF file, `document`, and its bytes.
 
-    Raises ScanDamagedError and ScanContentError; of JSON that contradicts itself also KeyError, TypeError, ValueError and their like.
+    Raises ScanDamagedError and ScanContentError. JSON that contradicts itself also raises KeyError, TypeError, ValueError
+    and their like.
     """
 
     def __init__(self, context: ReadingContext) -> None:
@@ -62,7 +63,7 @@ class GltfFile:
         return found
 
     def array(self, number: Any) -> NDArray[Any]:
-        """Return an accessor as (n, width) in the type that is stored, whole numbers that stand for fractions as float64."""
+        """Return an accessor as (n, width) in its stored type; normalized integers as float64."""
         accessor = self.entry("accessors", number)
         if "sparse" in accessor or "bufferView" not in accessor:
             raise ScanContentError(

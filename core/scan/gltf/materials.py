@@ -72,7 +72,7 @@ def _base_color(material: Json) -> tuple[NDArray[np.float64], Json | None]:
 
 
 def _transformed(uv: NDArray[np.float64], transform: Json) -> NDArray[np.float64]:
-    """Apply KHR_texture_transform: offset · rotation · scale, counter-clockwise as seen in the picture, whose v points down.
+    """Apply KHR_texture_transform: offset · rotation · scale, counter-clockwise in the picture, whose v points down.
 
     So do Khronos' own viewer and three.js; the shader on the extension's page turns the other way.
     """

@@ -20,9 +20,9 @@ _POINTS, _TRIANGLES, _STRIP, _FAN = 0, 4, 5, 6
 
 
 def read_gltf(context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield points on the surfaces of the scene; colours are uint8. y is up in every glTF file, so that z is in what is yielded.
+    """Yield points on the surfaces of the scene; colours are uint8. Every glTF file is y-up; what is yielded is z-up.
 
-    Raises ScanDamagedError for a file that contradicts itself, ScanContentError for one that has no colour or is compressed.
+    Raises ScanDamagedError for a file that contradicts itself, ScanContentError for one without colour or compressed.
     """
     try:
         parts = _parts(GltfFile(context))
@@ -34,7 +34,7 @@ def read_gltf(context: ReadingContext) -> Iterator[RawChunk]:
             "axes_converted", "The scan is y-up, as every glTF file; (x, y, z) became (x, −z, y), so that z is up."
         )
     for chunk in iter_surface_samples(parts, context):
-        # Whoever says that y is up has it turned together with every other format.
+        # With `up_axis` y the collector turns every format.
         turned = chunk.positions[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
         yield chunk if context.options.up_axis == "y" else replace(chunk, positions=turned)
 

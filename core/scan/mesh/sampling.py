@@ -27,7 +27,7 @@ def _num_samples_on(area: float, context: ReadingContext) -> int:
 
 
 def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield points spread evenly over all parts together, colours uint8; vertices of parts without triangles as they are.
+    """Yield points spread evenly over all parts, colours uint8; of parts without triangles, their vertices.
 
     Raises ScanContentError for surfaces without colours or without extent.
     """

@@ -11,10 +11,10 @@ from core.scan.mesh.texture import Texture
 
 @dataclass(frozen=True)
 class Paint:
-    """Colours of a part: texture, colours of vertices and triangles, and factor are multiplied, as far as they are there.
+    """Colours of a part. Texture, colours of vertices and triangles, and factor are multiplied where present.
 
     texture with uv: (T, 3, 2) per corner. vertex_colors: (V, 3), triangle_colors: (T, 3), factor: (3,), all sRGB 0..1.
-    alpha_cutoff: what is more transparent in the texture is no surface; 0: all of it is.
+    alpha_cutoff: texture pixels below this alpha are no surface; 0: all are.
     """
 
     texture: Texture | None = None

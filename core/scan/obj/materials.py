@@ -14,7 +14,7 @@ _NUM_VALUES = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}
 
 @dataclass(frozen=True)
 class ObjMaterial:
-    """diffuse: (3,), sRGB 0..1. texture: the name of its file, None without. scale, offset: (2,), of texture coordinates."""
+    """diffuse: (3,), sRGB 0..1. texture: name of its file, or None. scale, offset: (2,), of texture coordinates."""
 
     diffuse: NDArray[np.float64]
     texture: str | None = None

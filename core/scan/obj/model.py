@@ -19,9 +19,10 @@ MAX_ROWS = 50_000_000
 
 @dataclass(frozen=True)
 class ObjModel:
-    """vertices: (V, 3 or 6), colours behind the position. texture_coordinates: (U, 2). triangles, triangle_uv: (T, 3) numbers of both,
-    −1 where a corner has no texture coordinate. materials: names in the order of their first use. triangle_materials: (T,) numbers
-    of those, −1: none. libraries: files that describe them.
+    """vertices: (V, 3 or 6), colours behind the position. texture_coordinates: (U, 2).
+
+    triangles, triangle_uv: (T, 3) numbers of both, −1 where a corner has no texture coordinate. materials: names in the
+    order of their first use. triangle_materials: (T,) numbers of those, −1: none. libraries: names of material files.
     """
 
     vertices: NDArray[np.float64]

@@ -9,7 +9,7 @@ from core.errors import ScanContentError
 from core.scan.companions import companion
 from core.scan.mesh.sampling import iter_surface_samples
 from core.scan.mesh.surface import Paint, SurfacePart
-from core.scan.mesh.texture import Texture, TextureReader
+from core.scan.mesh.texture import Texture, TextureReader, Wrap
 from core.scan.obj.materials import ObjMaterial, read_materials
 from core.scan.obj.model import ObjModel, read_model
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
@@ -18,7 +18,7 @@ from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 def read_obj(context: ReadingContext) -> Iterator[RawChunk]:
     """Yield points on the surface; colours are uint8.
 
-    Raises ScanDamagedError for lines that are not understood, ScanContentError without colour or where a file is missing.
+    Raises ScanDamagedError for lines that it does not understand, ScanContentError without colour or without a file.
     """
     model = read_model(context.path)
     if not len(model.vertices):
@@ -75,5 +75,5 @@ def _parts(context: ReadingContext, model: ObjModel, colors: NDArray[np.float64]
 
 def _textured(material: ObjMaterial, texture: Texture, uv: NDArray[np.float64]) -> Paint:
     placed = (uv * material.scale + material.offset) * [1.0, -1.0] + [0.0, 1.0]  # OBJ counts v from the lower edge
-    wrap = ("clamp", "clamp") if material.clamped else texture.wrap
-    return Paint(Texture(texture.pixels, wrap), placed, factor=material.diffuse)
+    wrap: Wrap = "clamp" if material.clamped else "repeat"
+    return Paint(Texture(texture.pixels, (wrap, wrap)), placed, factor=material.diffuse)

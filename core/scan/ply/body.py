@@ -30,7 +30,7 @@ class RowBatch:
 
 
 class PlyBody:
-    """Reads the elements of `header` from `stream` in the order of the file. Raises ScanDamagedError for rows that do not fit it."""
+    """Reads the elements of `header` in the order of the file. Raises ScanDamagedError for rows that do not fit it."""
 
     def __init__(self, stream: BinaryIO, header: PlyHeader):
         stream.seek(header.size_bytes)

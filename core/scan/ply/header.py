@@ -27,7 +27,7 @@ _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": 
 
 @dataclass(frozen=True)
 class PlyProperty:
-    """name: lower case. type: in the notation of numpy, such as "<f4". count_type: of the length of a list, None for a scalar."""
+    """name: lower case. type: as numpy writes it, such as "<f4". count_type: type of a list's length, None for a scalar."""
 
     name: str
     type: str
@@ -130,7 +130,8 @@ def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
 
 
 def check_ply_file(path: Path, options: ScanOptions) -> None:
-    """Hold a PLY file against its own header, without reading it; other files, and headers that are not understood, pass.
+    """Compare the size of a PLY file with its header, without reading the data. Files of other formats pass, and so do
+    headers that are not understood.
 
     Raises ScanTooLargeError and ScanDamagedError.
     """

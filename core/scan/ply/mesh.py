@@ -1,4 +1,4 @@
-"""Turn a PLY mesh with colours or textures into points: its vertices where they are dense, samples of its faces where they are not."""
+"""Turn a PLY mesh into points: its vertices where they are dense, else samples of its faces."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -33,7 +33,10 @@ _TEXTURE_NUMBER = "texnumber"
 
 @dataclass(frozen=True)
 class _Faces:
-    """triangles: (T, 3) vertex numbers. uv: (T, 3, 2), v up. textures: (T,) numbers. colors: (T, 3) raw. The last three may be empty."""
+    """triangles: (T, 3) vertex numbers. uv: (T, 3, 2), v up. textures: (T,) numbers. colors: (T, 3), raw.
+
+    uv and colors are empty where the file has none.
+    """
 
     triangles: NDArray[np.int64]
     uv: NDArray[np.float64]
@@ -67,7 +70,7 @@ def has_texture(header: PlyHeader) -> bool:
 
 
 def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody, *, is_textured: bool) -> Iterator[RawChunk]:
-    """Yield points on the surface of a mesh; which ones is noted in the diagnostics. Raises ScanDamagedError and ScanContentError."""
+    """Yield points on the surface of a mesh; the diagnostics say which. Raises ScanDamagedError and ScanContentError."""
     rows, faces = _load(header, body)
     vertices = header.element("vertex")
     assert vertices is not None

@@ -1,1 +1,1 @@
-"""Readers in a process of their own: one that crashes, or takes too much memory or time, fails its scan and nothing else."""
+"""The sandbox: a process of its own for a reader. One that crashes or takes too much fails its scan and nothing else."""

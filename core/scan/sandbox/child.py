@@ -20,7 +20,7 @@ _LONGEST_MESSAGE = 2000
 
 
 def main() -> None:
-    """Read the scan that the one argument describes as JSON, and tell its points on standard output."""
+    """Read the scan that the argument describes as JSON, and send its points to standard output."""
     job: dict[str, Any] = json.loads(sys.argv[1])
     # Whatever a library prints must not get between the messages.
     stream = os.fdopen(os.dup(1), "wb")
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of standard input, which comes when the parent is gone, however that went."""
+    """Watch the parent: standard input ends when it dies, however it dies."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -1,4 +1,4 @@
-"""Read a scan with any reader in a process of its own, with limits of memory and time."""
+"""Run a reader in the sandbox, with limits of memory and time."""
 
 import dataclasses
 import json
@@ -24,11 +24,11 @@ _EXPORT_AGAIN = "The file is damaged or made to do harm; export the scan again."
 
 
 def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
-    """Yield the chunks of a reader; its notes and its coordinate system arrive in `context` at the end.
+    """Yield the chunks of a reader; its notes and its coordinate system reach `context` at the end.
 
     reader: a format of `core.scan.readers.READERS`, or "module:function".
 
-    Raises what the reader raises on purpose; ScanDamagedError when it crashes, ScanContentError when it takes more than `limits`.
+    Raises the reader's own errors; ScanDamagedError when it crashes, ScanContentError when it exceeds `limits`.
     """
     sandbox = _Sandbox(reader, context, limits or SandboxLimits())
     try:
@@ -45,7 +45,7 @@ def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits 
 
 
 def _environment() -> dict[str, str]:
-    """Return what a reader needs of our environment, which has passwords and tokens in it."""
+    """Return the part of the environment that a reader needs: no passwords, no tokens."""
     return {name: value for name, value in os.environ.items() if name in _NEEDED or name.startswith(("LC_", "PYTHON"))}
 
 
@@ -74,10 +74,10 @@ class _Sandbox:
         self._pending = bytearray()
 
     def next_message(self) -> Message:
-        """Return the next message; raise as `read_in_sandbox` does when the process ends or falls silent."""
+        """Return the next message. Raises as `read_in_sandbox` does when the process ends or falls silent."""
         while (end := self._pending.find(b"\n")) < 0:
             if len(self._pending) > MAX_LINE_BYTES:
-                raise self._crashed("it wrote nonsense")
+                raise self._crashed("it wrote no message")
             self._fill()
         line = bytes(self._pending[:end])
         del self._pending[: end + 1]
@@ -92,7 +92,7 @@ class _Sandbox:
         return taken
 
     def fail(self, kind: str, message: str) -> NoReturn:
-        """Raise what the reader said went wrong."""
+        """Raise the error that the reader reported."""
         found = getattr(core.errors, kind, None)
         if isinstance(found, type) and issubclass(found, ScanError):
             raise found(message)
@@ -122,7 +122,7 @@ class _Sandbox:
         self._pending += data
 
     def _ended(self) -> ScanError:
-        """Return the error for a process that ended before it said so."""
+        """Return the error for a process that ended without a message."""
         deadline = time.monotonic() + 10.0
         while (code := self._process.poll()) is None and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -125,7 +125,10 @@ class TextLines:
         return block
 
     def iter_rows(self, count: int, announcer: str, what: str) -> Iterator[TextBlock]:
-        """Yield blocks of `count` lines together. Raises ScanDamagedError, with who announced what, where the file ends before."""
+        """Yield blocks of `count` lines together. Raises ScanDamagedError where the file ends before.
+
+        announcer, what: for the message, such as "The PCD header" and "points".
+        """
         num_done = 0
         while num_done < count:
             block = self.take(min(CHUNK_ROWS, count - num_done))
