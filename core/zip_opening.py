@@ -1,4 +1,4 @@
-"""Opens zip archives of strangers: how long their list of files may be, and what no file in them may be. Needs no numpy."""
+"""Open untrusted zip archives: limits of the file list, and checks of names and entries. Needs no numpy."""
 
 import io
 import re
@@ -10,19 +10,19 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 MAX_LIST_BYTES = 8 << 20
-"""Of the list of files at the end of an archive, which is read at once: each of its 46 bytes or more takes a kilobyte of memory."""
+"""Of the file list at the end of an archive, which zipfile reads at once: each entry of 46 bytes takes a kilobyte of memory."""
 _ENCRYPTED = 0x1
 
 
 @contextmanager
 def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
-    """Open an archive for the duration of a block. Raises zipfile.BadZipFile for what is none, and where its list is too long."""
+    """Open an archive for a block. Raises zipfile.BadZipFile for other files, and for a list that is too long."""
     with _BoundedReads(io.FileIO(path)) as file, _opened(file) as archive:
         yield archive
 
 
 def unpacked_bytes(path: Path, most: int) -> int:
-    """Return the bytes that an archive announces to hold, `most` where that is more; of what is no archive, or holds less, its own size."""
+    """Return the bytes that an archive announces, at least its own size and at most `most`; of other files their size."""
     size_bytes = path.stat().st_size
     try:
         with open_zip(path) as archive:
@@ -33,7 +33,7 @@ def unpacked_bytes(path: Path, most: int) -> int:
 
 
 def leads_out(name: str) -> bool:
-    """Tell whether a file of this name would lie outside of the folder that its archive is unpacked into."""
+    """Tell whether a file name leads out of the folder that the archive is unpacked into."""
     place = PurePosixPath(name.replace("\\", "/"))
     return place.is_absolute() or ".." in place.parts or re.match("[A-Za-z]:", name) is not None or "\x00" in name
 

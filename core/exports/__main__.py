@@ -1,6 +1,6 @@
-"""`python -m core.exports TOUR.json FORMAT TARGET`: writes an export in a process of its own, into a folder, or a zip by its ending.
+"""`python -m core.exports TOUR.json FORMAT TARGET`: write an export into a folder, or into a `.zip`.
 
-What cannot be written in a format is said on standard error in one line, with exit code 3.
+A refusal is reported on standard error in one line, with exit code 3.
 """
 
 import shutil

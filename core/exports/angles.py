@@ -1,6 +1,7 @@
 """Heading, elevation and roll of a photo as photographers mean them, in a frame whose y axis is north and z axis up.
 
-Convention: rotation = Rz(90° − heading) · Ry(−elevation) · Rx(roll), heading clockwise from north, elevation up, roll right side down.
+Convention: rotation = Rz(90° − heading) · Ry(−elevation) · Rx(roll). Heading is clockwise from north, elevation up,
+roll right side down.
 """
 
 import math

@@ -30,10 +30,10 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `tour.e57`: the scans of the survey, or one of the map's points, where there are some; and `images2D` with spherical images.
+    """Yield `tour.e57`: the scans of the survey, else one of the map's points, and `images2D` with spherical images.
 
-    Poses are camera to file, which is the map's own frame, body axes x forward, y left, z up; no image names a scan as its own, because
-    the scanner did not take it. Raises ExportRefusedError where the package pye57 is missing.
+    Poses are camera to file, which is the map's own frame; body axes x forward, y left, z up. No image names a scan as its
+    own, because the scanner did not take it. Raises ExportRefusedError where the package pye57 is missing.
     """
     try:
         from pye57 import E57

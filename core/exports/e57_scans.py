@@ -1,4 +1,4 @@
-"""The scans of an E57 file in another one: poses, points and every field as they are, integers up to 2⁵³, chunk by chunk."""
+"""Copy the scans of an E57 file into another: poses, points and all fields, integers up to 2⁵³, chunk by chunk."""
 
 from pathlib import Path
 from typing import Any

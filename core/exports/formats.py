@@ -1,4 +1,4 @@
-"""The registry of formats: what each can hold, and the one way into all of them."""
+"""The registry of formats: what each can hold, and the entry to all of them."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from core.errors import ExportRefusedError
-from core.exports import e57
+from core.exports import e57, robots, viewers
 from core.exports.earth import arcgis, geojson, gpano, stac
 from core.exports.earth.placing import grid_of
 from core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
-from core.exports.robots import ros, tum
 from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
-from core.exports.viewers import gltf, navvis, pannellum, photo_sphere_viewer, potree
 from core.options import FORMATS_ON_EARTH, ExportFormat
 from core.shown_name import shown_name
 
@@ -34,8 +32,8 @@ class Exporter:
 
 
 EXPORTERS: dict[ExportFormat, Exporter] = {
-    "potree": Exporter(potree.write),
-    "navvis": Exporter(navvis.write),
+    "potree": Exporter(viewers.write_potree),
+    "navvis": Exporter(viewers.write_navvis),
     "colmap": Exporter(colmap.write, colmap.why_not),
     "colmap-rig": Exporter(colmap_rig.write),
     "opensfm": Exporter(opensfm.write, uses_georeference=True),
@@ -45,19 +43,19 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "stac": Exporter(stac.write, uses_grid=True),
     "e57": Exporter(e57.write, e57.why_not),
     "gpano": Exporter(gpano.write, gpano.why_not),
-    "ros": Exporter(ros.write, spheres_only=False),
-    "tum": Exporter(tum.write, spheres_only=False),
-    "gltf": Exporter(gltf.write, spheres_only=False),
-    "psv": Exporter(photo_sphere_viewer.write),
-    "pannellum": Exporter(pannellum.write),
+    "ros": Exporter(robots.write_ros, spheres_only=False),
+    "tum": Exporter(robots.write_tum, spheres_only=False),
+    "gltf": Exporter(viewers.write_gltf, spheres_only=False),
+    "psv": Exporter(viewers.write_psv),
+    "pannellum": Exporter(viewers.write_pannellum),
     "geojson": Exporter(geojson.write, spheres_only=False),
 }
 
 
 def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the files of a tour in a format, and beside them `unplaced.txt` and `export.json`, which say what is not in them and why.
+    """Yield the files of a tour in a format, then `unplaced.txt` and `export.json`, which say what is left out and why.
 
-    Files are made one after the other, so that no more than one is in memory. Raises ExportRefusedError for a map without a georeference
+    Files are made one by one, so that at most one is in memory. Raises ExportRefusedError for a map without a georeference
     where the format needs one.
     """
     exporter = EXPORTERS[format_name]
@@ -74,7 +72,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
 
 
 def north_of(format_name: ExportFormat, tour: Tour) -> North:
-    """Return what headings and axes of an export refer to: the map's own axes, which may be those of a grid, or true north."""
+    """Return what headings and axes of an export refer to: the map's axes, those of its grid, or true north."""
     exporter = EXPORTERS[format_name]
     if format_name in FORMATS_ON_EARTH and not (exporter.uses_grid and grid_of(tour) is not None):
         return "true"
@@ -84,7 +82,7 @@ def north_of(format_name: ExportFormat, tour: Tour) -> North:
 
 
 def _held(exporter: Exporter, tour: Tour) -> Tour:
-    """Return the tour without the photos that the format cannot hold, which are left out with a reason."""
+    """Return the tour without the photos that the format cannot hold; these are left out with a reason."""
     reasons = [_why_not(exporter, photo) for photo in tour.photos]
     photos = tuple(photo for photo, reason in zip(tour.photos, reasons, strict=True) if reason is None)
     refused = [LeftOut(photo.name, reason) for photo, reason in zip(tour.photos, reasons, strict=True) if reason]

@@ -14,7 +14,7 @@ from core.georeference import HeightReference
 
 @dataclass(frozen=True)
 class EarthPose:
-    """A camera on Earth. height_m: above what height_reference says. enu_from_camera: (3, 3), east, north, up at the camera itself."""
+    """A camera on Earth. height_m: above height_reference. enu_from_camera: (3, 3), east, north, up at the camera."""
 
     latitude_deg: float
     longitude_deg: float
@@ -36,7 +36,7 @@ def turned_by(heading_deg: float) -> NDArray[np.float64]:
 
 
 def earth_pose(georeference: Georeference, map_from_camera: Pose) -> EarthPose:
-    """Return where a camera is on Earth. East, north and up are those of the camera, which turn as it moves away from the origin."""
+    """Return where a camera is on Earth. East, north and up are those at the camera, not at the map's origin."""
     at_origin = ecef_from_enu(georeference.latitude_deg, georeference.longitude_deg)
     axes = enu_from_map(georeference)
     origin = ecef_of(georeference.latitude_deg, georeference.longitude_deg, georeference.height_m)

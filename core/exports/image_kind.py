@@ -1,4 +1,4 @@
-"""What an image file is by its first bytes; clients name files as they like, and photos are localized by their content."""
+"""The real format of an image file, by its first bytes: names may lie, and photos are localized by their content."""
 
 from pathlib import Path, PurePosixPath
 

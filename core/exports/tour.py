@@ -1,7 +1,10 @@
 """Placed photos, ready to be written, and the files that come of them."""
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from core.geometry.pose import Pose
 
@@ -10,9 +13,9 @@ from core.geometry.pose import Pose
 class PlacedPhoto:
     """A photo with its pose.
 
-    name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres. width, height:
-    pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where nobody knows. position_radius_m,
-    orientation_radius_deg: 68 % radii, None where unknown. image: the file itself, None where only its pose is there.
+    name: of its file, with `/` between folders, unique in its tour. map_from_camera: in the map's own frame, metres.
+    width, height: pixels. is_sphere: a full equirectangular panorama. time_unix_s: when it was taken, None where unknown.
+    position_radius_m, orientation_radius_deg: 68 % radii, None where unknown. image: the file, None without one.
     """
 
     name: str
@@ -49,10 +52,10 @@ class Georeference:
 class Tour:
     """Photos of one map.
 
-    coordinate_system: of the map's positions, by EPSG code or WKT; where there is a georeference, that counts. geoid_undulation_m: of the
-    geoid above the ellipsoid there, None where nobody said. created_unix_s: when they were placed; stands for the time of a photo where a
-    format cannot do without. scan: a PLY with the points of the map in its own frame,
-    for formats that hold points. survey: the scan as it was made, an E57 in the map's own frame, which the export as E57 holds as it is.
+    coordinate_system: of the map's positions, by EPSG code or WKT; a georeference takes precedence. geoid_undulation_m:
+    height of the geoid above the ellipsoid there, None where unknown. created_unix_s: when the photos were placed; stands
+    for the time of a photo where a format needs one. scan: a PLY with the points of the map in its own frame, for formats
+    that hold points. survey: the original scan, an E57 in the map's own frame, which the export as E57 copies.
     """
 
     name: str
@@ -74,7 +77,17 @@ class Tour:
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """A file to be written. path: below the folder or in the zip, with `/`. content: its bytes, or a file that has them."""
+    """A file to write. path: below the folder or in the zip, with `/`. content: its bytes, or a file that has them."""
 
     path: str
     content: bytes | Path
+
+
+def json_file(path: str, document: Any) -> ExportedFile:
+    """Return a document as a file of JSON."""
+    return ExportedFile(path, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def text_file(path: str, lines: Iterable[str]) -> ExportedFile:
+    """Return lines as a text file."""
+    return ExportedFile(path, "".join(f"{line}\n" for line in lines).encode())

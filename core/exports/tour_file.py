@@ -1,4 +1,4 @@
-"""A tour as JSON: what the process that writes exports is given. Sizes and times are read from the photos themselves.
+"""A tour as JSON: the input of the process that writes exports. Sizes and times are read from the photos.
 
 {"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "coordinate_system": null | "EPSG:25832",
      "geoid_undulation_m": null | 46.2, "scan": null | "points.ply", "survey": null | "scan.e57",
@@ -67,7 +67,7 @@ def _photo(given: dict[str, Any]) -> PlacedPhoto:
 
 
 def _time_taken(exif: dict[int, Any]) -> float | None:
-    """Return when a photo was taken in Unix seconds, None where it does not say. Without an offset the clock is taken for UTC."""
+    """Return when a photo was taken in Unix seconds, None where unknown. A clock without an offset counts as UTC."""
     text, offset = str(exif.get(_TAKEN, "")), str(exif.get(_TAKEN_OFFSET, "")).strip("\x00 ")
     try:
         taken = datetime.strptime(text.strip("\x00 ") + (offset or "+00:00"), "%Y:%m:%d %H:%M:%S%z")

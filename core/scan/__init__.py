@@ -1,1 +1,1 @@
-"""Readers of scan files: `core.scan.reading.read_scan` finds the format out, streams the file in chunks and thins while it reads."""
+"""Readers of scan files: `core.scan.reading.read_scan` detects the format and thins points while it reads chunks."""

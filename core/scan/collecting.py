@@ -35,7 +35,7 @@ class ScanCollector:
         self._highest = np.full(3, -np.inf)
 
     def add(self, chunk: RawChunk, num_read: int | None = None) -> None:
-        """Take the usable points of `chunk`. num_read: how many points they were in their file; as many as they are when not given."""
+        """Take the usable points of `chunk`. num_read: how many points they were in their file, by default as many."""
         self._num_read += len(chunk.positions) if num_read is None else num_read
         self._context.options.check_num_points(self._num_read)
         positions = self._to_map_frame(chunk.positions)
@@ -74,7 +74,7 @@ class ScanCollector:
         )
 
     def _coordinate_system(self) -> str | None:
-        """Return the definition of the system that the file names, None where it names none or its coordinates cannot be in it."""
+        """Return the coordinate system that the file names, None without one or where the coordinates cannot be in it."""
         context, metres = self._context, METRES_PER_UNIT[self._context.options.unit]
         if context.coordinate_system is None:
             return None

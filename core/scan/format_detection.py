@@ -46,7 +46,7 @@ def detect_format(path: Path, extension: str | None) -> tuple[str, str | None]:
 
 
 def format_of(head: bytes, extension: str) -> tuple[str, str | None]:
-    """Return the format ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj", "zip" or "text") and a remark when the name says something else.
+    """Return the format ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj", "zip" or "text"), and a remark when the name differs.
 
     head: the first HEAD_BYTES of the file. extension: with or without its dot, or empty.
 
@@ -74,7 +74,7 @@ def extension_of(name: str) -> str:
 
 
 def is_named_like_a_scan(name: str) -> bool:
-    """Tell whether a file's extension is that of a scan format, of which nobody writes anything else."""
+    """Tell whether a file's extension is used for scans alone."""
     return _EXTENSION_FORMATS.get(extension_of(name).lstrip("."), "text") != "text" or extension_of(name) in (
         ".xyz",
         ".pts",

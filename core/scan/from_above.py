@@ -1,4 +1,4 @@
-"""Points of a scan seen from above, without what lies over them: floor plans for people."""
+"""Draw a scan from above, without its ceiling: floor plans for people."""
 
 from dataclasses import dataclass
 
@@ -57,7 +57,7 @@ def draw_from_above(
 
 
 def _with_gaps_closed(picture: NDArray[np.uint8], shown: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the picture (H, W, 3) with the mean of their neighbours where no point fell but most around did; shown: (H, W)."""
+    """Fill pixels of a picture (H, W, 3) without a point by the mean of their neighbours, where most have one; shown: (H, W)."""
     for _ in range(_GAP_PASSES):
         colors = np.pad(picture * shown[..., None].astype(np.float32), ((1, 1), (1, 1), (0, 0)))
         counts = np.pad(shown.astype(np.float32), 1)

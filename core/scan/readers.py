@@ -1,17 +1,22 @@
-"""Which reader reads which format, and which of them in a process of its own even where the file is trusted."""
+"""Which reader reads which format, which of them run in the sandbox, and how one file is read."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
-from core.scan.box.boxed_reading import read_in_box
-from core.scan.box.limits import BoxLimits
+from core.options import ScanOptions
+from core.scan.collecting import ScanCollector
 from core.scan.e57.reader import read_e57
+from core.scan.format_detection import detect_format
 from core.scan.gltf.reader import read_gltf
-from core.scan.las.reader import read_las
+from core.scan.las import read_las
 from core.scan.obj.reader import read_obj
-from core.scan.pcd.reader import read_pcd
+from core.scan.pcd import read_pcd
 from core.scan.ply.reader import read_ply
-from core.scan.ptx.reader import read_ptx
+from core.scan.point_cloud import PointCloud
+from core.scan.ptx import read_ptx
 from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
+from core.scan.sandbox.limits import SandboxLimits
+from core.scan.sandbox.reading import read_in_sandbox
 from core.scan.text.reader import read_text
 
 READERS: dict[str, ScanReader] = {
@@ -24,18 +29,35 @@ READERS: dict[str, ScanReader] = {
     "obj": read_obj,
     "text": read_text,
 }
-BOXED = frozenset({"gltf", "obj", "e57"})
-"""Formats of many parts that refer to each other and hold pictures, or whose parser is a native one for all of the file."""
-
-
+SANDBOXED = frozenset({"gltf", "obj", "e57", "las"})
+"""Formats read in the sandbox even when the file is trusted: native parsers, or references between many parts."""
 # Points as text take a second of a processor for a few megabytes.
 _CPU_S_PER_BYTE = 2e-6
+_SHARE_OF_READING = 0.95
+
+
+def read_file(
+    path: Path, options: ScanOptions, report: Callable[[float], None], folder: Path | None = None
+) -> PointCloud:
+    """Read one scan file as `core.scan.reading.read_scan` does. folder: the files that it may refer to lie below it."""
+    name, remark = detect_format(path, options.format)
+    context = ReadingContext(path, options, path.stat().st_size, folder=folder)
+    if remark:
+        context.note("extension_mismatch", remark, "warning")
+    collector = ScanCollector(context)
+    for chunk in iter_chunks(name, context):
+        collector.add(chunk)
+        report(_SHARE_OF_READING * min(max(chunk.fraction, 0.0), 1.0))
+    cloud = collector.finish()
+    report(1.0)
+    return cloud
 
 
 def iter_chunks(name: str, context: ReadingContext) -> Iterator[RawChunk]:
     """Yield the raw points of a scan of the format `name`."""
     # A PLY that came with other files may have textures.
-    is_apart = name in BOXED or (name == "ply" and context.folder is not None) or context.options.from_strangers
+    is_apart = name in SANDBOXED or (name == "ply" and context.folder is not None) or context.options.from_strangers
     if not is_apart:
         return READERS[name](context)
-    return read_in_box(name, context, BoxLimits(cpu_s=BoxLimits.cpu_s + int(_CPU_S_PER_BYTE * context.size_bytes)))
+    cpu_s = SandboxLimits.cpu_s + int(_CPU_S_PER_BYTE * context.size_bytes)
+    return read_in_sandbox(name, context, SandboxLimits(cpu_s=cpu_s))

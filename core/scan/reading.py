@@ -8,7 +8,7 @@ from core.options import ScanOptions
 from core.scan.archive.reading import read_archive
 from core.scan.format_detection import detect_format
 from core.scan.point_cloud import PointCloud
-from core.scan.single_file import read_file
+from core.scan.readers import read_file
 
 
 def read_scan(
@@ -19,8 +19,8 @@ def read_scan(
 ) -> PointCloud:
     """Read the scan at `path`, thin it to `options.max_points_used` and bring it to metres, z up.
 
-    progress: called with 0..1 after every chunk; whatever it raises passes through. temporary: returns the folder in which archives are
-    unpacked, asked for one alone; the system's own when not given.
+    progress: called with 0..1 after every chunk; its exceptions pass through. temporary: returns the folder in which
+    archives are unpacked, called for archives alone; by default the system's.
 
     Raises ScanFormatError, ScanDamagedError or ScanContentError with what was expected, what came and what to do.
     """

@@ -55,6 +55,17 @@ class ReadingContext:
             raise ScanContentError("The file holds no points: its header announces 0. Export the scan again.")
         self.options.check_num_points(num_points)
 
+    def note_scans(self, num_scans: int, num_colored: int, what: str) -> None:
+        """Record how many scans of a file were merged, and how many were left out. what: such as "stations"."""
+        if num_colored < num_scans:
+            self.note(
+                "scans_without_color",
+                f"{num_scans - num_colored} of {num_scans} {what} in the file have no colour and were left out.",
+                "warning",
+            )
+        if num_colored > 1:
+            self.note("scans_merged", f"{num_colored} {what} were merged with their poses.")
+
 
 class ScanReader(Protocol):
     """A function that yields the points of one format."""

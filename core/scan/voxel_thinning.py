@@ -123,7 +123,7 @@ class VoxelThinner:
             # Surfaces: the number of occupied voxels falls with the square of their size.
             guess = size * float(np.sqrt(count / (self._max_points_used * (1 + _FILL_GOAL) / 2)))
             if count > self._max_points_used:
-                # Voxels far below the point spacing hold one point each: their number says nothing, so the size must grow fast.
+                # Voxels far below the point spacing hold one point each: their count says nothing, so grow fast.
                 guess = max(guess, _MIN_GROWTH * size)
             if not too_fine < guess < coarse_enough:
                 guess = float(np.sqrt(max(too_fine, coarse_enough * 1e-6) * coarse_enough))
@@ -153,7 +153,7 @@ def thin_cloud(cloud: PointCloud, max_points_used: int, color_kind: ColorKind = 
 
 
 def thin_to_spacing(cloud: PointCloud, spacing_m: float, color_kind: ColorKind = "rgb") -> PointCloud:
-    """Leave one point in each voxel with edges of `spacing_m`; the same object where that would hardly take any away."""
+    """Leave one point in each voxel of `spacing_m`; return the same object where that hardly changes anything."""
     thinner = VoxelThinner(len(cloud), color_kind)
     cells = thinner.merged(cloud.positions.astype(np.float64), cloud.colors, spacing_m)
     if len(cells.positions) > _WORTH_THINNING * len(cloud):

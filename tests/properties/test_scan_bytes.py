@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyproj import CRS
 
 from core.errors import CoreError, ScanError
 from core.options import ScanOptions
@@ -21,7 +20,6 @@ from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import colored_quad, glb, glb_of, obj_files, zip_of
 from tests.core.scan.ptx_files import station_text
 from tests.core.scan.splat_files import splat_ply
-from tests.core.scan.test_coordinate_systems import las_of
 
 CLOUD = PaintedBox(size_m=(2.0, 2.0, 2.0)).scan(40)
 HALF = PointCloud(CLOUD.positions[:20], CLOUD.colors[:20])
@@ -31,8 +29,7 @@ APART = {"gltf": (glb(*colored_quad()), glb_of(PaintedBox())), "obj": (OBJ.repla
 HERE = {
     "ptx": station_text(CLOUD.positions.astype(np.float64), CLOUD.colors, np.eye(3), np.ones(3)).encode(),
     "splats": splat_ply(CLOUD, np.full(40, 0.9)),
-    "zip": zip_of({"a.ply": encode_ply(HALF), "b/c.xyz": b"0 0 0 1 2 3\n1 1 1 4 5 6\n", "d.las": las_of(HALF)}),
-    "las": las_of(CLOUD, CRS("EPSG:25832").to_wkt()),
+    "zip": zip_of({"a.ply": encode_ply(HALF), "b/c.xyz": b"0 0 0 1 2 3\n1 1 1 4 5 6\n"}),
 }
 changes = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8)
 FEW = ScanOptions(max_points=100_000, max_points_used=500)

@@ -37,7 +37,7 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `oriented_imagery.csv`: positions and headings in the grid of a map that has one, else WGS 84 and from true north.
+    """Yield `oriented_imagery.csv`: positions and headings in the map's grid, else in WGS 84 and from true north.
 
     Its pitch is 0 straight down, 90 at the horizon: 90 + elevation.
     """

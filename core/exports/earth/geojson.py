@@ -1,10 +1,9 @@
 """GeoJSON (RFC 7946): a point per photo."""
 
-import json
 from collections.abc import Iterator
 
 from core.exports.earth.placing import coordinates, on_earth, time_text
-from core.exports.tour import ExportedFile, Tour
+from core.exports.tour import ExportedFile, Tour, json_file
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
@@ -28,5 +27,4 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         }
         for photo, place, angles in on_earth(tour)
     ]
-    document = {"type": "FeatureCollection", "features": features}
-    yield ExportedFile("photos.geojson", (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+    yield json_file("photos.geojson", {"type": "FeatureCollection", "features": features})

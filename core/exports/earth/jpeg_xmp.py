@@ -1,7 +1,7 @@
 """The XMP packet of a JPEG: read, changed and put back; every other byte stays as it is."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from xml.etree import ElementTree
 
 GPANO = "http://ns.google.com/photos/1.0/panorama/"
@@ -14,29 +14,29 @@ _END = b'<?xpacket end="w"?>'
 
 
 def with_fields(jpeg: bytes, fields: Mapping[str, str]) -> bytes:
-    """Return the JPEG with these GPano fields in place of all that it had; the rest of its XMP is kept where it can be read."""
-    segment = _segment(fields, xmp_of(jpeg))
-    kept, insert_at = bytearray(jpeg[:2]), 2
-    at = 2
-    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and 0xE0 <= jpeg[at + 1] <= 0xEF:
-        (length,) = struct.unpack(">H", jpeg[at + 2 : at + 4])
-        if not _is_xmp(jpeg, at):
-            kept += jpeg[at : at + 2 + length]
-        if jpeg[at + 1] in (_APP0, _APP1):
+    """Return the JPEG with these GPano fields instead of its own; other XMP is kept where it can be read."""
+    kept, insert_at, end = bytearray(jpeg[:2]), 2, 2
+    for start, end in _segments(jpeg):
+        if not _is_xmp(jpeg, start):
+            kept += jpeg[start:end]
+        if jpeg[start + 1] in (_APP0, _APP1):
             insert_at = len(kept)  # JFIF and EXIF want to come first
-        at += 2 + length
-    return bytes(kept[:insert_at]) + segment + bytes(kept[insert_at:]) + jpeg[at:]
+    return bytes(kept[:insert_at]) + _segment(fields, xmp_of(jpeg)) + bytes(kept[insert_at:]) + jpeg[end:]
 
 
 def xmp_of(jpeg: bytes) -> bytes | None:
     """Return the XMP packet of a JPEG, None without one."""
+    found = (jpeg[start + 4 + len(_SIGNATURE) : end] for start, end in _segments(jpeg) if _is_xmp(jpeg, start))
+    return next(found, None)
+
+
+def _segments(jpeg: bytes) -> Iterator[tuple[int, int]]:
+    """Yield where each of the application segments begins and ends."""
     at = 2
     while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and 0xE0 <= jpeg[at + 1] <= 0xEF:
-        (length,) = struct.unpack(">H", jpeg[at + 2 : at + 4])
-        if _is_xmp(jpeg, at):
-            return jpeg[at + 4 + len(_SIGNATURE) : at + 2 + length]
-        at += 2 + length
-    return None
+        end = at + 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
+        yield at, end
+        at = end
 
 
 def _is_xmp(jpeg: bytes, at: int) -> bool:
@@ -44,7 +44,7 @@ def _is_xmp(jpeg: bytes, at: int) -> bool:
 
 
 def _segment(fields: Mapping[str, str], former: bytes | None) -> bytes:
-    """Return an APP1 segment. What was there before is left out where it is no XMP, or would not fit beside the new fields."""
+    """Return an APP1 segment. The former packet is left out where it is no XMP or does not fit beside the new fields."""
     for packet in (former, None):
         payload = _SIGNATURE + _BEGIN + _packet(fields, packet) + _END
         if len(payload) <= _MAX_SEGMENT_BYTES:

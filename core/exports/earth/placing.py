@@ -24,7 +24,7 @@ def on_earth(tour: Tour) -> Iterator[tuple[PlacedPhoto, EarthPose, PhotoAngles]]
 
 
 def grid_of(tour: Tour) -> int | None:
-    """Return the EPSG code of the map's own axes, None where they have none, or where its unit is not the metre of the map."""
+    """Return the EPSG code of the map's own axes, None without one or where its unit is not the metre."""
     if tour.georeference is not None or tour.coordinate_system is None:
         return None
     code = _EPSG.match(tour.coordinate_system)
@@ -57,6 +57,6 @@ def _place(tour: Tour, photo: PlacedPhoto) -> EarthPose:
 
 
 def time_text(tour: Tour, photo: PlacedPhoto) -> str:
-    """Return when a photo was taken, or placed where nobody knows, as RFC 3339 in UTC."""
+    """Return when a photo was taken, or else placed, as RFC 3339 in UTC."""
     time_unix_s = tour.created_unix_s if photo.time_unix_s is None else photo.time_unix_s
     return datetime.fromtimestamp(time_unix_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,6 +1,5 @@
 """STAC items with the Panorama extension 1.0.0, one per photo."""
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import PurePosixPath
@@ -11,7 +10,7 @@ from core.exports.angles import PhotoAngles, photo_angles
 from core.exports.axes import GL_FROM_FLU
 from core.exports.earth.placing import coordinates, grid_of, on_earth, time_text
 from core.exports.geodesy import EarthPose
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
 
 _EXTENSIONS = (
     "https://360-geo.github.io/stac-panorama/v1.0.0/schema.json",
@@ -31,8 +30,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
     ids = distinct_names(re.sub(r"[^\w.-]", "_", photo.name) for photo in tour.photos)
     placed = zip(ids, on_earth(tour), strict=True)
     items = [_item(tour, item_id, photo, place, angles) for item_id, (photo, place, angles) in placed]
-    document = {"type": "FeatureCollection", "features": items}
-    yield ExportedFile("items.json", (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+    yield json_file("items.json", {"type": "FeatureCollection", "features": items})
 
 
 def _item(tour: Tour, item_id: str, photo: PlacedPhoto, place: EarthPose, angles: PhotoAngles) -> dict[str, Any]:

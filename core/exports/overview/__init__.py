@@ -1,1 +1,1 @@
-"""Pictures of a whole placement for people: the scan from above with its photos, and all photos with what became of them."""
+"""Pictures of a whole placement for people: a plan with the photos in it, and a contact sheet of all photos."""

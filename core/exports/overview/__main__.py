@@ -1,4 +1,4 @@
-"""`python -m core.exports.overview DOCUMENT.json PICTURE...`: draws pictures by their endings, PNG the plan, JPEG the contact sheet."""
+"""`python -m core.exports.overview DOCUMENT.json PICTURE...`: draw the plan (PNG) and the contact sheet (JPEG)."""
 
 import sys
 from pathlib import Path

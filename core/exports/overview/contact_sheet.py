@@ -1,4 +1,4 @@
-"""The contact sheet: every photo small, with its number, its name and what became of it."""
+"""The contact sheet: every photo small, with its number, name and status."""
 
 import math
 
@@ -17,7 +17,7 @@ _PAGE_SHAPE = 1.3  # width over height
 
 
 def draw_contact_sheet(placement: Placement) -> NDArray[np.uint8]:
-    """Return (H, W, 3); the frame of a photo has the colour of its status. A file that does not decode is an empty place."""
+    """Return (H, W, 3); frames have the colour of the status. A file that does not decode leaves an empty place."""
     photos = placement.photos
     width = next(width for most, width in _WIDTHS if len(photos) <= most)
     text = max(11, width // 20)

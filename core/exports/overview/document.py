@@ -1,4 +1,4 @@
-"""What became of many photos, as JSON: what the process that draws overviews is given.
+"""Results of many photos as JSON: the input of the process that draws overviews.
 
 {"map": "map_…", "scan": null | "points.ply",
  "photos": [{"name": "a.jpg", "image": null | "/…/a.jpg", "status": "localized|ambiguous|not_localized|failed|waiting", "confidence": 0.9,
@@ -17,10 +17,10 @@ PhotoStatus = Literal["localized", "ambiguous", "not_localized", "failed", "wait
 
 @dataclass(frozen=True)
 class PhotoSeen:
-    """A photo and what became of it. number: from 1, the same in all pictures.
+    """A photo and its result. number: from 1, the same in all pictures.
 
-    poses: `map_from_camera` in the map that is drawn: one where the photo is `localized` there, of an `ambiguous` one the likeliest and
-    the others that fit. image: its file, None where that is not there.
+    poses: `map_from_camera` in the map that is drawn: one of a `localized` photo; of an `ambiguous` one the likeliest,
+    then the others. image: its file, or None.
     """
 
     number: int
@@ -33,7 +33,7 @@ class PhotoSeen:
 
 @dataclass(frozen=True)
 class Placement:
-    """All photos, in their order. map_name: the map that is drawn. scan: a PLY with its points, None where there is none."""
+    """All photos, in order. map_name: the map that is drawn. scan: a PLY with its points, or None."""
 
     map_name: str
     photos: tuple[PhotoSeen, ...]

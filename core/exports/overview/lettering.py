@@ -1,4 +1,4 @@
-"""Colours and letters that all pictures of a placement share."""
+"""Colours and fonts that all pictures of a placement share."""
 
 import unicodedata
 from importlib.util import find_spec
@@ -42,7 +42,7 @@ def legible(text: str, font: Font) -> str:
 
 
 def shortened(text: str, font: Font, width_px: float) -> str:
-    """Return the text, or as much of its end as fits after an ellipsis: photos of a folder differ at the end of their names."""
+    """Return the text, or an ellipsis and as much of its end as fits: names in a folder differ at their ends."""
     if font.getlength(text) <= width_px:
         return text
     while text and font.getlength("..." + text) > width_px:

@@ -23,8 +23,8 @@ _EMPTY_ROOM_M = 5.0
 
 
 def draw_plan(placement: Placement) -> NDArray[np.uint8]:
-    """Return (H, W, 3): x to the right, y up. A filled dot with an arrow along the heading is a photo; hollow dots of the same number are
-    the other places that an ambiguous one fits. Below it a scale and what the colours mean.
+    """Return (H, W, 3), x to the right, y up. A filled dot with an arrow along the heading is a photo. Hollow dots of the
+    same number are the other poses of an ambiguous one. Below are a scale and a legend of the colours.
     """
     places = np.array([pose.position for photo in placement.photos for pose in photo.poses]).reshape(-1, 3)
     seen = _scan(placement, places)

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.exports.axes import cam_from_world, quaternion_wxyz
 from core.exports.number_text import plain
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
 from core.geometry.pose import Pose
 from core.options import ScanOptions
 from core.scan.reading import read_scan
@@ -24,7 +24,7 @@ def why_not(photo: PlacedPhoto) -> str | None:
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield cameras, images (camera from world; axes right, down, forward) and the points of the map, without tracks."""
+    """Yield cameras, images (camera from world; axes right, down, forward) and the map's points without tracks."""
     sizes = sorted({(photo.width, photo.height) for photo in tour.photos})
     cameras = [
         f"{number} EQUIRECTANGULAR {width} {height} {width} {height}" for number, (width, height) in enumerate(sizes, 1)
@@ -41,7 +41,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
 
 def table(name: str, columns: str, lines: Sequence[str]) -> ExportedFile:
     """Return a file of a text model."""
-    return ExportedFile(name, "".join(f"{line}\n" for line in (f"# {columns}", *lines)).encode())
+    return text_file(name, (f"# {columns}", *lines))
 
 
 def pose_text(pose: Pose) -> str:

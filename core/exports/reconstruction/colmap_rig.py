@@ -11,7 +11,7 @@ from PIL import Image, ImageOps
 from core.distinct_names import distinct_names
 from core.exports.axes import cam_from_world
 from core.exports.reconstruction.colmap import points_of, pose_text, table
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
 from core.geometry.pose import Pose
 
 FACES: tuple[str, ...] = ("front", "right", "back", "left", "up", "down")
@@ -20,8 +20,9 @@ _QUALITY = 95
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`, four faces around, one up, one down, each 90 degrees wide; `names.csv`
-    has the photo of each NAME.
+    """Yield the model in `sparse/0/`, then `images/FACE/NAME.jpg`: four faces around, one up, one down, each 90 degrees wide.
+
+    `names.csv` has the photo of each NAME.
 
     The reference sensor of a rig is its front face, so the rig of a frame stands where the panorama does.
     """
@@ -49,8 +50,8 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
     yield table("sparse/0/frames.txt", "FRAME_ID RIG_ID RIG_FROM_WORLD NUM_DATA_IDS DATA_IDS[]", frames)
     yield table("sparse/0/images.txt", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]", images)
     yield table("sparse/0/points3D.txt", "POINT3D_ID X Y Z R G B ERROR TRACK[]", points_of(tour.scan))
-    photos_of = (f"{name}; {photo.name}\n" for name, photo in zip(names, tour.photos, strict=True))
-    yield ExportedFile("names.csv", "".join(("# name below images/FACE; name of the photo\n", *photos_of)).encode())
+    photos_of = (f"{name}; {photo.name}" for name, photo in zip(names, tour.photos, strict=True))
+    yield text_file("names.csv", ("# name below images/FACE; name of the photo", *photos_of))
     for photo, image_name in zip(tour.photos, names, strict=True):
         if photo.image is not None:
             yield from _cut(photo, image_name)
@@ -62,7 +63,7 @@ def face_size(photo: PlacedPhoto) -> int:
 
 
 def turned(face: str) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) from the axes of a face's camera (x forward, y left, z up) to those of the panorama."""
+    """Return the rotation (3, 3) from a face's camera (x forward, y left, z up) to the panorama."""
     up, right = _AXIS_TURNS[face]
     if up:
         return np.array([[0.0, 0, -up], [0, 1, 0], [up, 0, 0]])
@@ -113,7 +114,7 @@ def _cut(photo: PlacedPhoto, image_name: str) -> Iterator[ExportedFile]:
 
 
 def cut_face(colors: NDArray[np.uint8], size: int, face: str) -> NDArray[np.uint8]:
-    """Return (size, size, 3) what a camera of 90 degrees sees, interpolated between the pixels of a panorama (h, w, 3)."""
+    """Return the face (size, size, 3) of a panorama (h, w, 3), interpolated between its pixels."""
     height, width = colors.shape[:2]
     across = (np.arange(size) + 0.5) / size * 2 - 1
     left, up = np.meshgrid(-across, -across)

@@ -15,7 +15,7 @@ from core.geometry.pose import Pose
 def write(tour: Tour) -> Iterator[ExportedFile]:
     """Yield spherical sensors, one per size, and poses from camera (right, down, forward) to the chunk, which is the map.
 
-    Cameras are labelled by file names without their endings, as Metashape labels photos; with them where two would be one.
+    Cameras are labelled by file names without suffix, as Metashape labels photos; with it where two would be one.
     """
     document = ElementTree.Element("document", version="2.0.0")
     chunk = ElementTree.SubElement(document, "chunk", label=tour.name, enabled="true")

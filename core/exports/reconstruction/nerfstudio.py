@@ -1,10 +1,9 @@
 """nerfstudio: `transforms.json`, which lies in the folder of the photos.
 
-Its parser holds poses and points in single precision before it centres them: coordinates of a survey, in the millions, would be half a
-metre off. So large ones leave without the offset of `map_offset_m`, as the service itself counts.
+Its parser holds poses and points in single precision before it centres them: survey coordinates, in the millions, would
+be half a metre off. Large coordinates are therefore written without the offset `map_offset_m`.
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.exports.axes import GL_FROM_FLU
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
 from core.geometry.pose import Pose
 from core.options import ScanOptions
 from core.scan.ply.writer import encode_ply
@@ -25,7 +24,7 @@ _LARGE_M = 1000.0  # single precision resolves 0.06 mm there
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield poses from camera (right, up, backward) to the map, whose z is up, and the points of the map where there are some.
+    """Yield poses from camera (right, up, backward) to the z-up map, and the points of the map where it has some.
 
     The fields that forbid turning and scaling are written out, because loaders assume COLMAP's axes without them.
     """
@@ -36,14 +35,14 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         "orientation_override": "none",
         "applied_transform": np.eye(3, 4).tolist(),
         **({"ply_file_path": _POINTS} if has_points else {}),
-        # Of nobody's format: add it to positions to have those of the map.
+        # Our own field: add it to positions to have those of the map.
         **({"map_offset_m": offset.tolist()} if offset.any() else {}),
     }
     sizes = {(photo.width, photo.height) for photo in tour.photos}
     if len(sizes) == 1:
         document |= _intrinsics(*next(iter(sizes)))
     document["frames"] = [_frame(photo, offset, own_size=len(sizes) > 1) for photo in tour.photos]
-    yield ExportedFile("transforms.json", (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+    yield json_file("transforms.json", document)
     if has_points and tour.scan is not None:
         yield ExportedFile(_POINTS, _moved(tour.scan, offset) if offset.any() else tour.scan)
 

@@ -1,6 +1,5 @@
 """OpenSfM: `reconstruction.json`, and `reference_lla.json` where the map has a georeference."""
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,12 +8,12 @@ from numpy.typing import NDArray
 
 from core.exports.axes import cam_from_world
 from core.exports.geodesy import enu_from_map
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
 from core.geometry.pose import Pose, quaternion_of
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield the reconstruction. Its world is east, north, up of `reference_lla.json`; without a georeference it is the map.
+    """Yield the reconstruction. Its world is east, north, up of `reference_lla.json`, without a georeference the map.
 
     Poses are world to camera, axes right, down, forward; rotations are vectors in radians.
     """
@@ -30,11 +29,11 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         },
         "points": {},
     }
-    yield ExportedFile("reconstruction.json", _json([reconstruction]))
+    yield json_file("reconstruction.json", [reconstruction])
     place = tour.georeference
     if place is not None:
         origin = {"latitude": place.latitude_deg, "longitude": place.longitude_deg, "altitude": place.height_m}
-        yield ExportedFile("reference_lla.json", _json(origin))
+        yield json_file("reference_lla.json", origin)
 
 
 def _camera_of(photo: PlacedPhoto) -> str:
@@ -54,13 +53,9 @@ def _shot(photo: PlacedPhoto, world_from_map: NDArray[np.float64], time_unix_s: 
 
 
 def _rotation_vector(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return axis times angle in radians, through the quaternion, which is exact for small angles and for half turns."""
+    """Return axis times angle in radians, by way of the quaternion: exact for small angles and half turns."""
     quaternion = quaternion_of(rotation)
     sine = float(np.linalg.norm(quaternion[:3]))
     angle = 2 * float(np.arctan2(sine, quaternion[3]))
     vector: NDArray[np.float64] = quaternion[:3] * (angle / sine if sine > 1e-12 else 2.0)
     return vector
-
-
-def _json(document: Any) -> bytes:
-    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()

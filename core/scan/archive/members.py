@@ -1,4 +1,4 @@
-"""What a zip archive announces, checked before a byte of it is unpacked."""
+"""Checks of what a zip archive announces, before a byte of it is unpacked."""
 
 import zipfile
 from collections import Counter
@@ -11,7 +11,7 @@ from core.zip_opening import is_encrypted, is_link, leads_out
 MAX_MEMBERS = 10_000
 MAX_UNPACKED_BYTES = 64 << 30
 MAX_RATIO = 200
-"""Of unpacked to packed bytes, all files together: tables of numbers are packed to a tenth, empty ones to a thousandth."""
+"""Of unpacked to packed bytes, all files together. Tables of numbers reach 10, empty ones 1000."""
 _UNSUSPICIOUS_BYTES = 256 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _LOCAL_HEADER_BYTES = 30
@@ -41,7 +41,7 @@ def checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zip
 
 
 def _place(info: zipfile.ZipInfo) -> PurePosixPath:
-    # As it is written, not as it is shown: zipfile cuts names at a zero byte.
+    # As stored: zipfile cuts names at a zero byte.
     name = info.orig_filename.replace("\\", "/")
     place = PurePosixPath(name)
     if leads_out(name) or not place.parts:

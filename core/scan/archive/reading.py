@@ -12,8 +12,8 @@ from core.scan.archive.unpacking import unpacked
 from core.scan.collecting import ScanCollector
 from core.scan.format_detection import HEAD_BYTES, KNOWN_FORMATS, detect_format, extension_of, is_named_like_a_scan
 from core.scan.point_cloud import PointCloud
+from core.scan.readers import read_file
 from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.single_file import read_file
 from core.scan.text.layout import detect_layout
 
 _SHARE_OF_UNPACKING = 0.2
@@ -66,7 +66,7 @@ def _read_together(
 
 
 def _common_system(systems: dict[str | None, str], context: ReadingContext) -> str | None:
-    """Return the system that all scans name. systems: each with the first scan that names it; None: of those that name none."""
+    """Return the system that all scans name. systems: each with the first scan that names it; None: scans without one."""
     named = {system: name for system, name in systems.items() if system is not None}
     if len(named) > 1:
         listed = ", ".join(f"{name}: {system[:60]}" for system, name in named.items())

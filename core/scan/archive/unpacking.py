@@ -1,4 +1,4 @@
-"""Unpack a zip archive into a folder that is gone afterwards, whatever happens."""
+"""Unpack a zip archive into a folder that is always removed afterwards."""
 
 import errno
 import os
@@ -24,7 +24,7 @@ _PACK_AGAIN = "The archive is damaged or was cut short: pack the scan again and 
 
 @contextmanager
 def unpacked(path: Path, report: Callable[[float], None], temporary: Path) -> Iterator[Path]:
-    """Unpack the archive at `path` below `temporary` for the duration of a block; yields the folder. report: called with 0..1.
+    """Unpack the archive at `path` below `temporary` and yield the folder, which is removed afterwards. report: takes 0..1.
 
     Raises ScanDamagedError and ScanContentError.
     """
@@ -79,7 +79,7 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
 
 
 def remove_remains(temporary: Path) -> None:
-    """Remove folders of processes of this machine that were killed while they read; registrations of any scan begin with it."""
+    """Remove the folders of killed processes of this machine; every registration begins with it."""
     for folder in temporary.glob(f"{_PREFIX}*"):
         match = re.match(rf"{_PREFIX}{re.escape(socket.gethostname())}-(\d+)-", folder.name)
         if match and not _is_alive(int(match.group(1))):

@@ -1,8 +1,7 @@
-"""`python -m core.scan.e57 SCAN.e57 FOLDER`: writes the images of a file into a folder, and prints how many there are.
+"""`python -m core.scan.e57 SCAN.e57 FOLDER`: write the images of a file into a folder, and print how many there are.
 
-Those of pinholes, such as the faces of cubes, are in `cameras.json` with their intrinsics, as queries have them. An image that lies there
-already, the same to the byte, is left alone, so that its time stays what it was. Damage is said in one line on
-standard error, with exit code 3.
+`cameras.json` holds the intrinsics of pinhole images, such as cube faces, in the form that queries take. An image that
+is already there with the same bytes keeps its time. Damage is reported in one line on standard error, with exit code 3.
 """
 
 import json
@@ -45,7 +44,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _names(images: list[E57Image]) -> list[str]:
-    """Return names of files: those of the images, without folders and what is not printable, with the ending of what they are."""
+    """Return file names of the images: without folders and control characters, with the suffix of their real format."""
     plain = [re.sub(r"[^\w.+ -]", "_", PurePosixPath(image.name).name).strip(". ") or "image" for image in images]
     stems = [re.sub(r"(?i)\.(jpe?g|png)$", "", name)[-150:] for name in plain]
     return distinct_names(f"{stem or 'image'}{image.suffix}" for stem, image in zip(stems, images, strict=True))

@@ -1,6 +1,6 @@
-"""Colours of points from images with known poses: each point gets the colour of the nearest panorama or photo that shows it.
+"""Colour points by images with known poses: each point gets the colour of the nearest image that shows it.
 
-What is seen from a place is told by a picture of the distances of all points around it: a point behind nearer ones is hidden.
+A depth image around each place tells what is visible there: a point behind nearer ones is hidden.
 """
 
 import io
@@ -19,7 +19,8 @@ _DEPTH_ROWS, _DEPTH_COLUMNS = 256, 512  # 0.7 degrees: what scans of a few centi
 _FARTHEST_M = 40.0  # farther away a pixel shows more than the details of a point
 _NEAREST_M = 0.05
 _TOLERANCE, _TOLERANCE_M = 0.06, 0.08  # floors that a pixel sees at a slant
-_HOLE = 0.7  # of its own distance; most neighbours nearer than that: what is seen there is seen through a gap between points
+# A direction whose neighbours are mostly nearer than this share of its distance is a gap between nearer points.
+_HOLE = 0.7
 _MOST_NEIGHBOURS = 5  # of eight
 _COLOR_PIXELS = 160_000_000  # of all panoramas together, in memory as bytes of red, green and blue
 _WIDEST = 4096
@@ -65,7 +66,7 @@ class ImageColors:
     """Used in two passes over the points: `add` all of them, then `of` each chunk."""
 
     def __init__(self, images: Sequence[E57Image]) -> None:
-        """images: with poses, at most MAX_IMAGES; decoded here. Raises ScanContentError for one that does not decode."""
+        """images: with poses, at most MAX_IMAGES. Raises ScanContentError for one that does not decode."""
         widest = min(_WIDEST, int(np.sqrt(2 * _COLOR_PIXELS / max(1, len(images)))))
         self._stations: list[_Station] = []
         for image in images:
@@ -86,7 +87,7 @@ class ImageColors:
             np.minimum.at(station.depth, _pixels(offsets, _DEPTH_ROWS, _DEPTH_COLUMNS), distances)
 
     def close_gaps(self) -> None:
-        """End the first pass: directions in which points are seen through gaps between nearer ones become as near as those."""
+        """End the first pass: a gap between nearer points becomes as near as they are."""
         for station in self._stations:
             padded = np.pad(station.depth, ((1, 1), (0, 0)), mode="edge")
             around = np.stack(
@@ -143,7 +144,7 @@ def _view(image: E57Image, widest: int) -> _View:
 def _near(
     station: _Station, positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the numbers of the points that are near enough, their offsets from the station (m, 3), and their distances."""
+    """Return the numbers of the points in reach, their offsets from the station (m, 3), and their distances."""
     offset = positions - station.position
     squared = np.einsum("ij,ij->i", offset, offset)
     with np.errstate(invalid="ignore"):  # points that the scanner calls invalid are NaN

@@ -12,7 +12,8 @@ from core.scan.e57.scan_entry import pose_of
 _BLOBS = {"jpegImage": ".jpg", "pngImage": ".png"}
 _MAX_IMAGE_BYTES = 256 << 20
 _SAME_PLACE_M = 0.01
-# Rows are the axes of the standard's pinhole camera (x right, y up, z backward) written in ours (x forward, y left, z up).
+# Rows: the axes of the standard's pinhole camera (x right, y up, z backward)
+# in ours (x forward, y left, z up).
 _PINHOLE_AXES = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
 
@@ -37,8 +38,8 @@ class Pinhole:
 class E57Image:
     """An image of an E57 file.
 
-    pinhole: None of a full sphere. rotation: (3, 3) and position: (3,), from the camera (x forward, y left, z up) to the file's frame;
-    None where the file does not say. suffix: of the format that the file says it is, `.jpg` or `.png`.
+    pinhole: None for a full sphere. rotation (3, 3), position (3,): from the camera (x forward, y left, z up) to the
+    file's frame; None where the file does not say. suffix: `.jpg` or `.png`, as the file says.
     """
 
     name: str
@@ -57,11 +58,11 @@ class E57Image:
 
 
 def images_of(root: Any) -> tuple[list[E57Image], int]:
-    """Return the images of an open file, and how many others it has: of other projections, or larger than is read.
+    """Return the images of an open file, and how many images are not read: of other projections, or too large.
 
-    Those are its panoramas, and the pinhole images, such as six faces of a cube, of places where it has no panorama. A panorama's x axis
-    looks at the middle of its image, y to the left, z up. An image twice as wide as high is a full sphere whatever size of pixels it
-    states, because files state wrong ones.
+    It returns panoramas, and pinhole images, such as six cube faces, of places without a panorama. A panorama's x axis
+    looks at the middle of its image, y to the left, z up. An image twice as wide as high is a full sphere: the
+    pixel size that files state is often wrong.
     """
     nodes = root["images2D"] if root.isDefined("images2D") else ()
     found = [each for number in range(len(nodes)) if (each := _image(nodes[number], number)) is not None]

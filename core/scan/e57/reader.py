@@ -1,6 +1,5 @@
 """Read E57 scans with pye57: several scans with their poses become one cloud."""
 
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -10,17 +9,13 @@ from numpy.typing import NDArray
 
 from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
 from core.scan.e57.coloring import ImageColors, with_poses
-from core.scan.e57.description import MAX_XML_BYTES, check_description
 from core.scan.e57.images import images_of
 from core.scan.e57.scan_entry import E57Scan
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
-_HEADER = struct.Struct("<8sIIQQQQ")
-_PAGE_BYTES, _PAGE_CONTENT_BYTES = 1024, 1020
-
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield the points of all coloured scans of an E57 file in its frame; without any, those that its panoramas see, in their colours.
+    """Yield the points of all coloured scans in the file's frame; without colours, those that its own images see.
 
     Raises ScanDamagedError for a short file or a wrong checksum, ScanContentError without scans, points or colour.
     """
@@ -31,8 +26,7 @@ def read_e57(context: ReadingContext) -> Iterator[RawChunk]:
 
 @contextmanager
 def opened(context: ReadingContext) -> Iterator[Any]:
-    """Give the `libe57.ImageFile` of a file whose header and description are checked. Raises as `read_e57` does."""
-    _check_header(context)
+    """Give the `libe57.ImageFile` of a file. Raises as `read_e57` does."""
     try:
         from pye57 import libe57
     except ImportError as error:
@@ -47,46 +41,10 @@ def opened(context: ReadingContext) -> Iterator[Any]:
     except (CoreError, OSError):
         raise
     except Exception as error:  # E57Exception, and what the bindings raise for nodes of an unexpected kind
-        raise ScanDamagedError(
-            f"The E57 file is damaged: {_first_line(error)}. Copy or export the scan again and upload it again."
-        ) from error
+        raise ScanDamagedError(f"The E57 file is damaged: {_first_line(error)}. {CUT_SHORT}") from error
     finally:
         if image_file is not None:
             image_file.close()
-
-
-def _check_header(context: ReadingContext) -> None:
-    with context.path.open("rb") as stream:
-        header = stream.read(_HEADER.size)
-    if len(header) < _HEADER.size:
-        raise ScanDamagedError(f"The E57 file has {len(header)} bytes; its header takes {_HEADER.size}. {CUT_SHORT}")
-    _, _, _, announced, xml_offset, xml_length, page_bytes = _HEADER.unpack(header)
-    if announced != context.size_bytes:
-        raise ScanDamagedError(
-            f"The E57 header announces {announced:,} bytes, but the file has {context.size_bytes:,}. {CUT_SHORT}"
-        )
-    if page_bytes != _PAGE_BYTES or xml_offset + xml_length > announced:
-        raise ScanDamagedError(
-            f"The E57 header is damaged: pages of {page_bytes:,} bytes (expected 1024), description at byte "
-            f"{xml_offset:,} with {xml_length:,} bytes. {CUT_SHORT}"
-        )
-    _check_description(context, xml_offset, xml_length)
-
-
-def _check_description(context: ReadingContext, xml_offset: int, xml_length: int) -> None:
-    if xml_length > MAX_XML_BYTES:
-        raise ScanContentError(
-            f"The E57 file describes itself in {xml_length:,} bytes of XML; at most {MAX_XML_BYTES:,} are read. Export fewer stations "
-            "or pictures into one file."
-        )
-    first_page = xml_offset // _PAGE_BYTES * _PAGE_BYTES
-    num_pages = (xml_offset - first_page + xml_length) // _PAGE_CONTENT_BYTES + 1
-    with context.path.open("rb") as stream:
-        stream.seek(first_page)
-        pages = stream.read(num_pages * _PAGE_BYTES)
-    starts = range(0, len(pages), _PAGE_BYTES)
-    xml = b"".join(pages[start : start + _PAGE_CONTENT_BYTES] for start in starts)[xml_offset - first_page :]
-    check_description(xml[:xml_length])
 
 
 def _iter_file(context: ReadingContext, image_file: Any) -> Iterator[RawChunk]:
@@ -94,7 +52,9 @@ def _iter_file(context: ReadingContext, image_file: Any) -> Iterator[RawChunk]:
     if not any(scan.has_color for scan in scans):
         yield from _colored_by_images(context, scans, image_file)
         return
-    scans = _colored_scans(context, scans)
+    num_scans = len(scans)
+    scans = [scan for scan in scans if scan.has_color]
+    context.note_scans(num_scans, len(scans), "scans")
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
     dtype, factors = _color_scales(scans)
@@ -152,19 +112,6 @@ def _scans(image_file: Any) -> list[E57Scan]:
     if not scans:
         raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
     return scans
-
-
-def _colored_scans(context: ReadingContext, scans: list[E57Scan]) -> list[E57Scan]:
-    colored = [scan for scan in scans if scan.has_color]
-    if len(colored) < len(scans):
-        context.note(
-            "scans_without_color",
-            f"{len(scans) - len(colored)} of {len(scans)} scans in the file have no colour and were left out.",
-            "warning",
-        )
-    if len(colored) > 1:
-        context.note("scans_merged", f"{len(colored)} scans were merged with their poses.")
-    return colored
 
 
 def _color_scales(scans: list[E57Scan]) -> tuple[np.dtype[Any], list[float]]:

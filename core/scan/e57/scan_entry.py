@@ -1,5 +1,6 @@
 """One scan (station) inside an E57 file: its fields, its pose, and its points in the file's frame."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
+from core.geometry.pose import Pose
 from core.scan.reading_context import CHUNK_ROWS
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -106,29 +108,18 @@ class E57Scan:
 
 
 def pose_of(node: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return rotation (3, 3) and translation (3,) from the frame of a scan or an image to the file's; none is the file's own."""
-    rotation, translation = np.eye(3), np.zeros(3)
+    """Return rotation (3, 3) and translation (3,) from the frame of a scan or image to the file's; identity without a pose."""
     if not node.isDefined("pose"):
-        return rotation, translation
+        return np.eye(3), np.zeros(3)
     pose = node["pose"]
+    position, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     if pose.isDefined("translation"):
-        translation = np.array([pose["translation"][axis].value() for axis in "xyz"], np.float64)
+        position = tuple(pose["translation"][axis].value() for axis in "xyz")
     if pose.isDefined("rotation"):
-        rotation = _rotation_matrix(np.array([pose["rotation"][part].value() for part in "wxyz"], np.float64))
-    return rotation, translation
-
-
-def _rotation_matrix(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    norm = float(np.linalg.norm(quaternion_wxyz))
-    if not np.isfinite(norm) or norm < 1e-6:
+        turn = tuple(pose["rotation"][part].value() for part in "xyzw")
+    if not 1e-6 < math.hypot(*turn) < math.inf:
         raise ScanDamagedError(
             "A scan or an image of the E57 file has a pose without a rotation. Export the scan again."
         )
-    w, x, y, z = quaternion_wxyz / norm
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    found = Pose.from_frame(position, turn, "ros")
+    return found.rotation, found.position

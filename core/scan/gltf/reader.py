@@ -2,17 +2,17 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ScanDamagedError, ScanTooLargeError
-from core.scan.gltf.accessors import file_index, read_accessor
-from core.scan.gltf.container import GltfFile, Json
+from core.geometry.pose import Pose
+from core.scan.gltf.file import GltfFile, Json
 from core.scan.gltf.materials import Materials
-from core.scan.gltf.nodes import iter_meshes
 from core.scan.mesh.sampling import iter_surface_samples
-from core.scan.mesh.surface import SurfacePart
+from core.scan.mesh.surface import SurfacePart, check_vertex_numbers
 from core.scan.reading_context import RawChunk, ReadingContext
 
 MAX_TRIANGLES = 20_000_000
@@ -20,13 +20,13 @@ _POINTS, _TRIANGLES, _STRIP, _FAN = 0, 4, 5, 6
 
 
 def read_gltf(context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield points on the surfaces of the scene; colours are uint8. y is up in every glTF file, so that z is in what is yielded.
+    """Yield points on the surfaces of the scene; colours are uint8. Every glTF file is y-up; what is yielded is z-up.
 
-    Raises ScanDamagedError for a file that contradicts itself, ScanContentError for one that has no colour or is compressed.
+    Raises ScanDamagedError for a file that contradicts itself, ScanContentError for one without colour or compressed.
     """
     try:
         parts = _parts(GltfFile(context))
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         reason = f"{type(error).__name__}: {str(error)[:80]}"
         raise ScanDamagedError(f"The glTF description contradicts itself ({reason}). Export the scan again.") from error
     if context.options.up_axis == "z":
@@ -34,7 +34,7 @@ def read_gltf(context: ReadingContext) -> Iterator[RawChunk]:
             "axes_converted", "The scan is y-up, as every glTF file; (x, y, z) became (x, −z, y), so that z is up."
         )
     for chunk in iter_surface_samples(parts, context):
-        # Whoever says that y is up has it turned together with every other format.
+        # With `up_axis` y the collector turns every format.
         turned = chunk.positions[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
         yield chunk if context.options.up_axis == "y" else replace(chunk, positions=turned)
 
@@ -43,11 +43,11 @@ def _parts(file: GltfFile) -> list[SurfacePart]:
     materials = Materials(file)
     parts = []
     num_triangles = 0
-    for number, matrix in iter_meshes(file.document):
-        for primitive in file.document["meshes"][number]["primitives"]:
+    for mesh, matrix in _placed_meshes(file):
+        for primitive in mesh["primitives"]:
+            if primitive.get("mode", _TRIANGLES) not in (_POINTS, _TRIANGLES, _STRIP, _FAN):
+                continue  # lines
             part = _part(file, materials, primitive, matrix)
-            if part is None:
-                continue
             num_triangles += max(len(part.triangles), len(part.positions) // 3)
             if num_triangles > MAX_TRIANGLES:
                 raise ScanTooLargeError(
@@ -57,26 +57,55 @@ def _parts(file: GltfFile) -> list[SurfacePart]:
     return parts
 
 
-def _part(file: GltfFile, materials: Materials, primitive: Json, matrix: NDArray[np.float64]) -> SurfacePart | None:
-    mode = primitive.get("mode", _TRIANGLES)
-    if mode not in (_POINTS, _TRIANGLES, _STRIP, _FAN):
-        return None  # lines
-    positions = read_accessor(file, primitive["attributes"]["POSITION"], "vertices").astype(np.float64)
-    if "indices" in primitive:
-        corners = read_accessor(file, file_index(primitive["indices"]), "triangle corners")[:, 0].astype(np.int64)
+def _placed_meshes(file: GltfFile) -> Iterator[tuple[Json, NDArray[np.float64]]]:
+    """Yield the meshes that the scene shows, each with its matrix, (4, 4)."""
+    nodes: list[Json] = file.document.get("nodes", [])
+    if "scenes" in file.document:
+        roots = file.entry("scenes", file.document.get("scene", 0)).get("nodes", [])
     else:
-        corners = np.arange(len(positions))
-    if len(corners) and corners.max() >= len(positions):
-        raise ScanDamagedError(
-            f"A triangle of the glTF file refers to vertex {corners.max()}, but there are {len(positions):,} vertices. "
-            "The mesh is damaged; export it again."
-        )
-    triangles = _triangles(corners, mode)
+        children = {child for node in nodes for child in node.get("children", [])}
+        roots = [number for number in range(len(nodes)) if number not in children]
+    waiting = [(number, np.eye(4)) for number in reversed(roots)]
+    seen: set[int] = set()
+    while waiting:
+        number, parent = waiting.pop()
+        node = file.entry("nodes", number)
+        if number in seen:
+            raise ScanDamagedError(
+                f"Node {number} of the glTF file stands in two places, or below itself; expected a tree. Export the scan again."
+            )
+        seen.add(number)
+        matrix = parent @ _matrix(node)
+        if "mesh" in node:
+            yield file.entry("meshes", node["mesh"]), matrix
+        waiting.extend((child, matrix) for child in reversed(node.get("children", [])))
+
+
+def _matrix(node: Json) -> NDArray[np.float64]:
+    """Return parent_from_node, (4, 4); glTF stores matrices column by column and quaternions as x, y, z, w."""
+    if "matrix" in node:
+        matrix = np.array(node["matrix"], np.float64).reshape(4, 4).T
+    else:
+        translation, rotation = node.get("translation", (0, 0, 0)), node.get("rotation", (0, 0, 0, 1))
+        matrix = Pose.from_frame(translation, rotation, "ros").matrix
+        matrix[:3, :3] *= np.array(node.get("scale", (1, 1, 1)), np.float64).reshape(3)
+    if not np.isfinite(matrix).all():
+        raise ScanDamagedError("A node of the glTF file has a pose that is not finite. Export the scan again.")
+    return matrix
+
+
+def _part(file: GltfFile, materials: Materials, primitive: Json, matrix: NDArray[np.float64]) -> SurfacePart:
+    positions = file.array(primitive["attributes"]["POSITION"]).astype(np.float64)
+    corners = np.arange(len(positions))
+    if "indices" in primitive:
+        corners = file.array(primitive["indices"])[:, 0].astype(np.int64)
+    triangles = _triangles(corners, primitive.get("mode", _TRIANGLES))
+    check_vertex_numbers(triangles, len(positions), "vertex")
     placed = positions[:, :3] @ matrix[:3, :3].T + matrix[:3, 3]
     return SurfacePart(placed, triangles, materials.paint(primitive, triangles))
 
 
-def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+def _triangles(corners: NDArray[np.int64], mode: Any) -> NDArray[np.int64]:
     if mode == _POINTS:
         return np.empty((0, 3), np.int64)
     if mode == _TRIANGLES:

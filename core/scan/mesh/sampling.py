@@ -19,7 +19,7 @@ MIN_SAMPLES = 1000
 _R2_STEPS = (0.7548776662466927, 0.5698402909980532)
 
 
-def num_samples_on(area: float, context: ReadingContext) -> int:
+def _num_samples_on(area: float, context: ReadingContext) -> int:
     """Return how many samples a surface gets. area: in the file's own unit, squared."""
     metres = METRES_PER_UNIT[context.options.unit]
     most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points_used, context.options.max_points)
@@ -27,7 +27,7 @@ def num_samples_on(area: float, context: ReadingContext) -> int:
 
 
 def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) -> Iterator[RawChunk]:
-    """Yield points spread evenly over all parts together, colours uint8; vertices of parts without triangles as they are.
+    """Yield points spread evenly over all parts, colours uint8; of parts without triangles, their vertices.
 
     Raises ScanContentError for surfaces without colours or without extent.
     """
@@ -50,7 +50,7 @@ def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) 
     total = float(sum(each.sum() for each in areas))
     if not total > 0:
         raise ScanContentError("The surface of the mesh has no extent: all of its triangles are flat or not finite.")
-    num_samples = num_samples_on(total, context)
+    num_samples = _num_samples_on(total, context)
     num_triangles = sum(len(each) for each in areas)
     context.note(
         "mesh_sampled", f"A mesh with {num_triangles:,} triangles: {num_samples:,} points were sampled on its faces."
@@ -58,7 +58,7 @@ def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) 
     yield from _iter_samples(surfaces, areas, total / num_samples, is_label)
 
 
-def barycentric_weights(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+def _barycentric_weights(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the weights of the three corners, (n, 3), for samples by their numbers, (n,): even over each triangle."""
     first, second = ((numbers * step) % 1.0 for step in _R2_STEPS)
     folded = first + second > 1
@@ -83,7 +83,7 @@ def _iter_samples(
         for start in range(first, last, CHUNK_ROWS):
             numbers = np.arange(start, min(start + CHUNK_ROWS, last))
             chosen = np.searchsorted(ends, (numbers + 0.5) * area_per_sample).clip(0, len(part_areas) - 1)
-            weights = barycentric_weights(numbers)
+            weights = _barycentric_weights(numbers)
             corners = part.triangles[chosen]
             positions = np.einsum("nk,nkd->nd", weights, part.positions[corners])
             colors, is_solid = _colors(part.paint, chosen, corners, weights, is_label)
@@ -106,6 +106,8 @@ def _colors(
         is_solid = rgba[:, 3] >= paint.alpha_cutoff
     if paint.vertex_colors is not None:
         layers.append(np.einsum("nk,nkd->nd", weights, paint.vertex_colors[corners]))
+    if paint.triangle_colors is not None:
+        layers.append(paint.triangle_colors[chosen])
     if not layers or np.any(paint.factor != 1):
         layers.append(np.broadcast_to(paint.factor, (len(chosen), 3)))
     mixed = layers[0] if len(layers) == 1 else _product(layers)

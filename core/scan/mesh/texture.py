@@ -22,7 +22,7 @@ class Texture:
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
 
     def colors_at(self, uv: NDArray[np.float64], interpolated: bool = True) -> NDArray[np.float64]:
-        """Return RGBA, (n, 4), 0..255, at (n, 2) places: u to the right, v down, both 0..1 from the upper left corner."""
+        """Return RGBA, (n, 4), 0..255, at places (n, 2): u to the right, v down, 0..1 from the upper left corner."""
         height, width = self.pixels.shape[:2]
         column = _wrapped(np.nan_to_num(uv[:, 0]), self.wrap[0]) * width - 0.5
         row = _wrapped(np.nan_to_num(uv[:, 1]), self.wrap[1]) * height - 0.5

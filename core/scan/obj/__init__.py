@@ -1,1 +1,1 @@
-"""Wavefront OBJ with its materials and textures."""
+"""OBJ models with their materials and textures."""

@@ -27,17 +27,18 @@ def color_names(element: PlyElement) -> tuple[str, str, str] | None:
 def convert_colors(rows: NDArray[np.void], element: PlyElement, names: tuple[str, str, str]) -> NDArray[Any]:
     """Return the raw colours of `rows`, (n, 3) in a type that tells their range apart (see RawChunk)."""
     declared = {prop.name: prop.type for prop in element.properties}[names[0]]
-    if declared.kind == "f" or declared.num_bytes > 2:
+    num_bytes = int(declared[2])
+    if declared[1] == "f" or num_bytes > 2:
         return stack_columns(rows, names, np.float64)
     # Some programs call their colour bytes "char" or "short"; nobody means negative colours.
-    unsigned = np.dtype(f"u{declared.num_bytes}")
+    unsigned = np.dtype(f"u{num_bytes}")
     stored = rows.dtype[names[0]]
     if stored.kind != "f":
         return stack_columns(rows, names, unsigned)
     values = stack_columns(rows, names, np.float64)
     if not np.array_equal(values, np.clip(np.rint(values), 0, np.iinfo(unsigned).max)):
         raise ScanDamagedError(
-            f"The PLY header declares colours as whole numbers of {declared.num_bytes * 8} bits, but the data holds "
+            f"The PLY header declares colours as whole numbers of {num_bytes * 8} bits, but the data holds "
             f"values from {np.nanmin(values):g} to {np.nanmax(values):g}. Export the scan again."
         )
     return values.astype(unsigned)

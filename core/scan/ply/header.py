@@ -11,45 +11,32 @@ MAX_HEADER_BYTES = 1 << 20
 MAX_ELEMENTS = 64
 MAX_PROPERTIES = 1024
 
+# Names of a type in the notation of numpy, without its byte order.
 _TYPES = {
-    **dict.fromkeys(("char", "int8"), ("i", 1)),
-    **dict.fromkeys(("uchar", "uint8"), ("u", 1)),
-    **dict.fromkeys(("short", "int16"), ("i", 2)),
-    **dict.fromkeys(("ushort", "uint16"), ("u", 2)),
-    **dict.fromkeys(("int", "int32"), ("i", 4)),
-    **dict.fromkeys(("uint", "uint32"), ("u", 4)),
-    **dict.fromkeys(("float", "float32"), ("f", 4)),
-    **dict.fromkeys(("double", "float64"), ("f", 8)),
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
 }
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 @dataclass(frozen=True)
-class PlyType:
-    """A number in the notation of numpy. order: "<", ">" or "=". kind: "i", "u" or "f"."""
-
-    order: str
-    kind: str
-    num_bytes: int
-
-    @property
-    def dtype(self) -> str:
-        """Return what numpy calls it, such as "<f4"."""
-        return f"{self.order}{self.kind}{self.num_bytes}"
-
-
-@dataclass(frozen=True)
 class PlyProperty:
-    """name: lower case. count_type: of the length of a list, None for a scalar."""
+    """name: lower case. type: as numpy writes it, such as "<f4". count_type: type of a list's length, None for a scalar."""
 
     name: str
-    type: PlyType
-    count_type: PlyType | None = None
+    type: str
+    count_type: str | None = None
 
     @property
     def min_bytes(self) -> int:
         """Return the bytes that one value takes at least."""
-        return (self.count_type or self.type).num_bytes
+        return int((self.count_type or self.type)[2])
 
 
 @dataclass(frozen=True)
@@ -143,7 +130,8 @@ def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
 
 
 def check_ply_file(path: Path, options: ScanOptions) -> None:
-    """Hold a PLY file against its own header, without reading it; other files, and headers that are not understood, pass.
+    """Compare the size of a PLY file with its header, without reading the data. Files of other formats pass, and so do
+    headers that are not understood.
 
     Raises ScanTooLargeError and ScanDamagedError.
     """
@@ -189,8 +177,8 @@ def _add_property(properties: list[PlyProperty], words: list[str], byte_order: s
     types = words[2:4] if is_list else words[1:2]
     if len(words) != (5 if is_list else 3) or any(name not in _TYPES for name in types):
         raise _header_error(f"the property {line[:80]!r} has an unknown form or type")
-    found = [PlyType(byte_order, *_TYPES[name]) for name in types]
-    if is_list and found[0].kind == "f":
+    found = [byte_order + _TYPES[name] for name in types]
+    if is_list and found[0][1] == "f":
         raise _header_error(f"the list length in {line[:80]!r} must be a whole number type")
     name = words[-1].lower()
     if any(prop.name == name for prop in properties):

@@ -1,4 +1,4 @@
-"""Turn a coloured PLY mesh into points: its vertices where they are dense, samples of its faces where they are not."""
+"""Turn a PLY mesh into points: its vertices where they are dense, else samples of its faces."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
+from core.errors import ScanContentError, ScanDamagedError
 from core.options import METRES_PER_UNIT
-from core.scan.mesh.sampling import barycentric_weights, num_samples_on
-from core.scan.mesh.surface import triangle_areas
-from core.scan.ply.body import PlyBody
+from core.scan.color_range import ColorRange
+from core.scan.companions import companion
+from core.scan.mesh.sampling import iter_surface_samples
+from core.scan.mesh.surface import Paint, SurfacePart, check_vertex_numbers, triangle_areas
+from core.scan.mesh.texture import TextureReader
+from core.scan.ply.body import PlyBody, RowBatch
 from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
 from core.scan.ply.header import PlyElement, PlyHeader
 from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
@@ -22,22 +25,29 @@ MAX_FACES = 5_000_000
 # Vertices farther apart than this leave holes in synthetic views.
 SPARSE_SPACING_M = 0.02
 _INDEX_NAMES = ("vertex_indices", "vertex_index")
+# Texture coordinates: a list per face, or two properties per vertex. The faces may name one of several textures.
+_PER_CORNER = "texcoord"
+_PER_VERTEX = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_TEXTURE_NUMBER = "texnumber"
 
 
 @dataclass(frozen=True)
-class _Mesh:
-    """positions: (V, 3). triangles: (T, 3) vertex numbers. Colours per vertex, (V, 3), or else per triangle, (T, 3)."""
+class _Faces:
+    """triangles: (T, 3) vertex numbers. uv: (T, 3, 2), v up. textures: (T,) numbers. colors: (T, 3), raw.
 
-    positions: NDArray[np.float64]
+    uv and colors are empty where the file has none.
+    """
+
     triangles: NDArray[np.int64]
-    vertex_colors: NDArray[Any] | None
-    triangle_colors: NDArray[Any] | None
+    uv: NDArray[np.float64]
+    textures: NDArray[np.int64]
+    colors: NDArray[Any]
 
 
 def has_mesh(header: PlyHeader) -> bool:
     """Tell whether the faces of the file may be needed besides its vertices."""
     vertices, faces = header.element("vertex"), header.element("face")
-    if vertices is None or faces is None or index_name(faces) is None:
+    if vertices is None or faces is None or _index_name(faces) is None:
         return False
     return vertices.count <= MAX_VERTICES and 0 < faces.count <= MAX_FACES
 
@@ -48,110 +58,139 @@ def has_face_colors(header: PlyHeader) -> bool:
     return has_mesh(header) and faces is not None and color_names(faces) is not None
 
 
-def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody) -> Iterator[RawChunk]:
-    """Yield points on the surface of a mesh; which ones is noted in the diagnostics."""
-    mesh = _load(header, body)
-    areas = triangle_areas(mesh.positions, mesh.triangles)
-    metres = METRES_PER_UNIT[context.options.unit]
-    spacing_m = float(np.sqrt(areas.sum() / len(mesh.positions))) * metres
-    is_dense = spacing_m <= SPARSE_SPACING_M or not areas.any()
-    if is_dense and mesh.vertex_colors is not None:
-        context.note("mesh_vertices_used", f"A mesh: its {len(mesh.positions):,} vertices are dense enough as points.")
-        for start in range(0, len(mesh.positions), CHUNK_ROWS):
-            part = slice(start, start + CHUNK_ROWS)
-            fraction = min(1.0, (start + CHUNK_ROWS) / len(mesh.positions))
-            yield RawChunk(mesh.positions[part], mesh.vertex_colors[part], fraction)
+def texture_names(header: PlyHeader) -> list[str]:
+    """Return the names of the texture files that the comments of the header give."""
+    pairs = (comment.partition(" ") for comment in header.comments)
+    return [name.strip() for word, _, name in pairs if word.lower() == "texturefile" and name.strip()]
+
+
+def has_texture(header: PlyHeader) -> bool:
+    """Tell whether the faces have textures and say where each corner lies in them."""
+    return bool(texture_names(header)) and has_mesh(header) and (_is_per_corner(header) or _uv_names(header) != ())
+
+
+def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody, *, is_textured: bool) -> Iterator[RawChunk]:
+    """Yield points on the surface of a mesh; the diagnostics say which. Raises ScanDamagedError and ScanContentError."""
+    rows, faces = _load(header, body)
+    vertices = header.element("vertex")
+    assert vertices is not None
+    positions = stack_columns(rows, POSITION_NAMES, np.float64)
+    check_vertex_numbers(faces.triangles, len(positions), "vertex")
+    if is_textured:
+        yield from iter_surface_samples(_textured_parts(context, header, rows, faces), context)
         return
-    num_samples = num_samples_on(float(areas.sum()), context)
-    context.note(
-        "mesh_sampled",
-        f"A mesh with {len(mesh.positions):,} vertices about {spacing_m:.3g} m apart and {len(mesh.triangles):,} "
-        f"triangles: {num_samples:,} points were sampled on its faces.",
-    )
-    yield from _iter_samples(mesh, areas, num_samples, is_label=context.options.color_kind == "labels")
+    names = color_names(vertices)
+    areas = triangle_areas(positions, faces.triangles)
+    spacing_m = float(np.sqrt(areas.sum() / len(positions))) * METRES_PER_UNIT[context.options.unit]
+    if names and (spacing_m <= SPARSE_SPACING_M or not areas.any()):
+        colors = convert_colors(rows, vertices, names)
+        context.note("mesh_vertices_used", f"A mesh: its {len(positions):,} vertices are dense enough as points.")
+        for start in range(0, len(positions), CHUNK_ROWS):
+            part = slice(start, start + CHUNK_ROWS)
+            yield RawChunk(positions[part], colors[part], min(1.0, (start + CHUNK_ROWS) / len(positions)))
+        return
+    if names:
+        paint = Paint(vertex_colors=_unit_range(convert_colors(rows, vertices, names)))
+    else:
+        paint = Paint(triangle_colors=_unit_range(faces.colors))
+    yield from iter_surface_samples([SurfacePart(positions, faces.triangles, paint)], context)
 
 
-def _load(header: PlyHeader, body: PlyBody) -> _Mesh:
-    positions, colors, faces = np.empty((0, 3)), None, None
+def _textured_parts(
+    context: ReadingContext, header: PlyHeader, rows: NDArray[np.void], faces: _Faces
+) -> list[SurfacePart]:
+    reader = TextureReader()
+    textures = [reader.read(companion(context, name, "texture").read_bytes(), name) for name in texture_names(header)]
+    if not len(faces.triangles):
+        raise ScanContentError("The PLY mesh has a texture, but no faces. Export the scan again.")
+    check_vertex_numbers(faces.textures, len(textures), "texture")
+    if _is_per_corner(header):
+        uv = faces.uv
+    else:
+        uv = np.stack([rows[name].astype(np.float64) for name in _uv_names(header)], axis=1)[faces.triangles]
+    uv = uv * [1.0, -1.0] + [0.0, 1.0]  # counted from the lower edge
+    positions = stack_columns(rows, POSITION_NAMES, np.float64)
+    numbers = [faces.textures == number for number in range(len(textures))]
+    return [
+        SurfacePart(positions, faces.triangles[chosen], Paint(texture, uv[chosen]))
+        for chosen, texture in zip(numbers, textures, strict=True)
+        if chosen.any()
+    ]
+
+
+def _unit_range(raw: NDArray[Any]) -> NDArray[np.float64]:
+    """Return raw colours in 0..1, whatever their range."""
+    colors = ColorRange()
+    colors.observe(raw[np.isfinite(raw).all(axis=1)])
+    colors.check()
+    return colors.to_bytes(raw) / 255.0
+
+
+def _load(header: PlyHeader, body: PlyBody) -> tuple[NDArray[np.void], _Faces]:
+    rows, faces = None, None
     for element in header.elements:
         if element.name == "vertex":
-            positions, colors = _load_vertices(element, body)
+            names = [*POSITION_NAMES, *(color_names(element) or ()), *_uv_names(header)]
+            rows = np.concatenate([part[names] for part in body.iter_scalar_rows(element, names)])
         elif element.name == "face":
             faces = _load_faces(element, body)
         else:
             body.skip(element)
-        if faces is not None and len(positions):
-            break
-    triangles, triangle_colors = faces or (np.empty((0, 3), np.int64), None)
-    outside = (triangles < 0) | (triangles >= len(positions))
-    if outside.any():
-        raise ScanDamagedError(
-            f"A face refers to vertex {triangles[outside][0]}, but there are {len(positions):,} vertices. "
-            "The mesh is damaged; export it again."
-        )
-    return _Mesh(positions, triangles, colors, triangle_colors)
+        if rows is not None and faces is not None:
+            return rows, faces
+    raise AssertionError("a mesh has vertices and faces; see has_mesh")
 
 
-def _load_vertices(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
+def _load_faces(element: PlyElement, body: PlyBody) -> _Faces:
     names = color_names(element)
-    rows = list(body.iter_scalar_rows(element, [*POSITION_NAMES, *(names or ())]))
-    positions = np.concatenate([stack_columns(part, POSITION_NAMES, np.float64) for part in rows])
-    colors = np.concatenate([convert_colors(part, element, names) for part in rows]) if names else None
-    return positions, colors
-
-
-def _load_faces(element: PlyElement, body: PlyBody) -> tuple[NDArray[np.int64], NDArray[Any] | None]:
-    corners_name, names = index_name(element), color_names(element)
-    assert corners_name is not None
-    triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
-    colors: list[NDArray[Any]] = []
+    triangles, uv = [np.empty((0, 3), np.int64)], [np.empty((0, 3, 2))]
+    textures, colors = [np.empty(0, np.int64)], []
     for batches in body.iter_list_rows(element):
         for batch in batches:
-            corners = batch.records[corners_name]
-            if corners.dtype.kind == "f":
-                corners = np.nan_to_num(corners, nan=-1.0).clip(-1, MAX_VERTICES)
-            corners = corners.astype(np.int64)
+            corners, places = _corners(batch, element)
+            fields = batch.records.dtype.names or ()
+            number = batch.records[_TEXTURE_NUMBER] if _TEXTURE_NUMBER in fields else np.zeros(len(corners))
             for last in range(2, corners.shape[1]):  # a polygon becomes a fan
-                triangles.append(corners[:, [0, last - 1, last]])
+                fan = [0, last - 1, last]
+                triangles.append(corners[:, fan])
+                uv.append(places[:, fan] if places is not None else np.empty((0, 3, 2)))
+                textures.append(number.astype(np.int64))
                 if names:
                     colors.append(convert_colors(batch.records, element, names))
-    return np.concatenate(triangles), np.concatenate(colors) if colors else None
+    raw_colors = np.concatenate(colors) if colors else np.empty((0, 3))
+    return _Faces(np.concatenate(triangles), np.concatenate(uv), np.concatenate(textures), raw_colors)
 
 
-def _iter_samples(mesh: _Mesh, areas: NDArray[np.float64], num_samples: int, is_label: bool) -> Iterator[RawChunk]:
-    ends = np.cumsum(areas)
-    for start in range(0, num_samples, CHUNK_ROWS):
-        numbers = np.arange(start, min(start + CHUNK_ROWS, num_samples))
-        chosen = np.searchsorted(ends, (numbers + 0.5) * (ends[-1] / num_samples))
-        chosen = np.minimum(chosen, len(areas) - 1)
-        weights = barycentric_weights(numbers)
-        corners = mesh.triangles[chosen]
-        positions = np.einsum("nk,nkd->nd", weights, mesh.positions[corners])
-        yield RawChunk(positions, _sample_colors(mesh, chosen, corners, weights, is_label), numbers[-1] / num_samples)
+def _corners(batch: RowBatch, element: PlyElement) -> tuple[NDArray[np.int64], NDArray[np.float64] | None]:
+    """Return the vertices of faces, (n, k), and their texture coordinates, (n, k, 2), where they have some."""
+    name = _index_name(element)
+    assert name is not None
+    corners = batch.records[name]
+    if corners.dtype.kind == "f":
+        corners = np.nan_to_num(corners, nan=-1.0).clip(-1, MAX_VERTICES)
+    corners = corners.astype(np.int64)
+    if _PER_CORNER not in (batch.records.dtype.names or ()):
+        return corners, None
+    places = batch.records[_PER_CORNER].astype(np.float64).reshape(len(corners), -1)
+    if places.shape[1] != 2 * corners.shape[1]:
+        raise ScanDamagedError(
+            f"A face of the PLY mesh has {corners.shape[1]} corners, but {places.shape[1]} texture coordinates; expected two per "
+            "corner. Export the scan again."
+        )
+    return corners, places.reshape(len(corners), -1, 2)
 
 
-def _sample_colors(
-    mesh: _Mesh,
-    chosen: NDArray[np.int64],
-    corners: NDArray[np.int64],
-    weights: NDArray[np.float64],
-    is_label: bool,
-) -> NDArray[Any]:
-    colors: NDArray[Any]
-    if mesh.vertex_colors is None:
-        assert mesh.triangle_colors is not None
-        colors = mesh.triangle_colors[chosen]
-    elif is_label:
-        nearest = np.argmax(weights, axis=1)
-        colors = mesh.vertex_colors[corners[np.arange(len(corners)), nearest]]
-    else:
-        colors = np.einsum("nk,nkd->nd", weights, mesh.vertex_colors[corners])
-        if mesh.vertex_colors.dtype.kind == "u":
-            colors = np.rint(colors).astype(mesh.vertex_colors.dtype)
-    return colors
+def _is_per_corner(header: PlyHeader) -> bool:
+    faces = header.element("face")
+    return faces is not None and any(prop.name == _PER_CORNER and prop.count_type for prop in faces.properties)
 
 
-def index_name(faces: PlyElement) -> str | None:
-    """Return the property of faces that holds the numbers of their vertices, None without one."""
+def _uv_names(header: PlyHeader) -> tuple[str, ...]:
+    vertices = header.element("vertex")
+    scalars = {prop.name for prop in vertices.properties if prop.count_type is None} if vertices is not None else set()
+    return next((pair for pair in _PER_VERTEX if scalars.issuperset(pair)), ())
+
+
+def _index_name(faces: PlyElement) -> str | None:
     lists = {prop.name for prop in faces.properties if prop.count_type is not None}
     return next((name for name in _INDEX_NAMES if name in lists), None)

@@ -8,9 +8,8 @@ from core.errors import ScanContentError
 from core.scan.ply.body import PlyBody
 from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
 from core.scan.ply.header import PlyElement, PlyHeader, check_file_size, read_ply_header
-from core.scan.ply.mesh import has_face_colors, has_mesh, read_mesh
+from core.scan.ply.mesh import has_face_colors, has_mesh, has_texture, read_mesh, texture_names
 from core.scan.ply.splats import has_splats, iter_splats
-from core.scan.ply.textured import has_texture, read_textured, texture_names
 from core.scan.reading_context import RawChunk, ReadingContext, no_color_error, stack_columns
 
 
@@ -29,10 +28,8 @@ def read_ply(context: ReadingContext) -> Iterator[RawChunk]:
         body = PlyBody(stream, header)
         if has_splats(header):
             yield from iter_splats(context, header, vertices, body)
-        elif _is_textured(context, header):
-            yield from read_textured(context, header, body)
         elif has_mesh(header):
-            yield from read_mesh(context, header, body)
+            yield from read_mesh(context, header, body, is_textured=_is_textured(context, header))
         else:
             yield from _iter_vertices(header, vertices, body)
 

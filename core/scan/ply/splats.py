@@ -11,7 +11,7 @@ from core.scan.ply.header import PlyElement, PlyHeader
 from core.scan.reading_context import RawChunk, ReadingContext, stack_columns
 
 MIN_OPACITY = 0.5
-"""Of a splat that is a surface: what is more transparent is haze and what stands between surfaces and cameras."""
+"""Of a splat on a surface. More transparent ones are haze between surfaces and cameras."""
 _COLORS = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SH_C0 = 0.28209479177387814  # the constant harmonic, 1 / (2 sqrt(pi))
 _PACKED = "packed_position"
@@ -49,6 +49,6 @@ def iter_splats(context: ReadingContext, header: PlyHeader, vertices: PlyElement
         )
     context.note(
         "splats_read",
-        f"Gaussian splats: the centres of {num_kept:,} of {num_done:,} are points, the others are too transparent. Splats that were "
-        "trained on photos alone have no scale and no vertical of their own: positions are as good as those of the file.",
+        f"Gaussian splats: the centres of {num_kept:,} of {num_done:,} became points; the others are too transparent. "
+        "Splats trained on photos alone have no scale and no vertical; the map is as good as the positions of the file.",
     )

@@ -2,13 +2,15 @@
 
 import re
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
+from core.errors import CUT_SHORT, ScanDamagedError
+from core.scan.reading_context import CHUNK_ROWS
 
 BLOCK_BYTES = 1 << 22
 _NEWLINE = 10
@@ -121,6 +123,21 @@ class TextLines:
             self._pending = self._split(text)
         block, self._pending = self._pending.rows(0, max_lines), self._pending.rows(max_lines, len(self._pending))
         return block
+
+    def iter_rows(self, count: int, announcer: str, what: str) -> Iterator[TextBlock]:
+        """Yield blocks of `count` lines together. Raises ScanDamagedError where the file ends before.
+
+        announcer, what: for the message, such as "The PCD header" and "points".
+        """
+        num_done = 0
+        while num_done < count:
+            block = self.take(min(CHUNK_ROWS, count - num_done))
+            if block is None:
+                raise ScanDamagedError(
+                    f"{announcer} announces {count:,} {what}, but the file ends after {num_done:,} of them. {CUT_SHORT}"
+                )
+            num_done += len(block)
+            yield block
 
     def _read_lines(self) -> bytes:
         text = self._rest + self._stream.read(BLOCK_BYTES)

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from core.exports.geodesy import earth_pose
-from core.exports.robots.ros import RADIUS_PER_SIGMA
+from core.exports.robots import RADIUS_PER_SIGMA
 from core.geometry.pose import quaternion_of
 from core.options import ExportFormat
 from tests.core.exports.readers import READERS

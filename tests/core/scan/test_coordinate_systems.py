@@ -1,7 +1,6 @@
 """Coordinate systems that LAS, LAZ and E57 files name."""
 
 import io
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from pyproj import CRS
 
 from core.errors import ScanContentError
 from core.options import ScanOptions, Unit, UpAxis
-from core.scan.las.coordinate_system import coordinate_system_of
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
@@ -130,23 +128,3 @@ def test_a_scan_of_a_zip_that_names_no_system_is_said_to_be_in_that_of_the_other
     assert said.message.startswith("a.ply names no coordinate system")
     alone = read_scan(scan_file("scans.zip", zip_of({"a.laz": named, "b.laz": named})))
     assert "coordinate_system_assumed" not in {found.code for found in alone.diagnostics}
-
-
-def test_records_that_lie_about_their_length_name_nothing(cloud: PointCloud) -> None:
-    data = bytearray(las_of(cloud, keys=[3072, 0, 1, 25832], minor=2))
-    assert coordinate_system_of(io.BytesIO(data)) == UTM_32
-    record = data.index(b"LASF_Projection")
-    data[record + 18 : record + 20] = b"\x05\x00"
-    assert coordinate_system_of(io.BytesIO(data)) is None
-    data[record + 18 : record + 20] = b"\xff\xff"
-    assert coordinate_system_of(io.BytesIO(data[: record + 60])) is None
-
-
-def test_extended_records_beyond_every_file_name_nothing(cloud: PointCloud, tmp_path: Path) -> None:
-    path = tmp_path / "scan.laz"
-    data = bytearray(las_of(cloud))
-    end = len(data)
-    data[235:247] = struct.pack("<QI", end, 3)  # where they begin, and how many
-    path.write_bytes(bytes(data) + struct.pack("<2x16sHQ32x", b"other", 1, (1 << 64) - 1))
-    with path.open("rb") as stream:
-        assert coordinate_system_of(stream) is None

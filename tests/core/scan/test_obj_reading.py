@@ -54,10 +54,10 @@ def test_vertices_without_faces_are_points(scan_file: ScanFile) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1 5//1", "refers to vertex 5, but there are 4"),
-        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1 -5//1", "refers to vertex 0, but there are 4"),
-        ("f 1//1 2//1 3//1 4//1", "f 1/7 2/7 3/7", "refers to texture coordinate 7, but there are 0"),
-        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1", "has 2 corners"),
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1 5//1", "refers to vertex 4, but there are 4, counted from 0"),
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1 -5//1", "refers to vertex -1, but there are 4"),
+        ("f 1//1 2//1 3//1 4//1", "f 1/7 2/7 3/7", "refers to texture coordinate 6, but there are 0"),
+        ("f 1//1 2//1 3//1 4//1", "f 1//1 2//1", "expected three corners"),
         ("f 1//1 2//1 3//1 4//1", "f one two three", "is not understood"),
         ("f 1//1 2//1 3//1 4//1", "f 1//1 nan//1 3//1", "is not understood"),
         ("v 4 3 0 0 0 1", "v 4 3", "Line 5 of the OBJ file is not understood"),

@@ -106,14 +106,3 @@ def test_a_point_with_other_columns_is_named_with_its_line(cloud: PointCloud, sc
     lines[10] = row
     with pytest.raises(ScanDamagedError, match="Line 11 has"):
         read_scan(scan_file("scan.ptx", "\n".join(lines)))
-
-
-@pytest.mark.parametrize("intensity", ["17", "-1024"])
-def test_pts_has_colours_behind_the_intensity(
-    cloud: PointCloud, scan_file: ScanFile, assert_same_points: Compare, intensity: str
-) -> None:
-    rows = zip(cloud.positions.tolist(), cloud.colors.tolist(), strict=True)
-    lines = [" ".join(map(str, (*(f"{v:.3f}" for v in point), intensity, *color))) for point, color in rows]
-    assert_same_points(read_scan(scan_file("scan.pts", "\n".join([str(len(lines)), *lines]))), cloud)
-    with pytest.raises(ScanDamagedError, match="announces 60 points, but holds 59"):
-        read_scan(scan_file("scan.pts", "\n".join([str(len(lines)), *lines[:-1]])))

@@ -111,12 +111,6 @@ def test_large_coordinates_lose_nothing_to_float32(scan_file: ScanFile) -> None:
     assert codes(read) == ["large_coordinates"]
 
 
-def test_small_coordinates_keep_the_frame_of_the_file(scan_file: ScanFile) -> None:
-    read = read_scan(scan_file("scan.xyz", text_scan(ROOM + np.array([900, -900, 0]))))
-    np.testing.assert_array_equal(read.origin_offset, 0)
-    assert codes(read) == []
-
-
 @pytest.mark.parametrize("factor", [1000, 0.001])
 def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_unit(
     scan_file: ScanFile, factor: float
@@ -125,12 +119,6 @@ def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_uni
     note = next(note for note in read.diagnostics if note.code == "suspicious_extent")
     assert note.severity == "warning"
     assert "is that the right unit?" in note.message
-
-
-def test_thinning_is_said_with_its_voxel_size(cloud: PointCloud, scan_file: ScanFile) -> None:
-    read = read_scan(scan_file("scan.ply", encode_ply(cloud)), ScanOptions(max_points_used=20))
-    assert len(read) <= 20
-    assert "60 points were thinned to" in next(note.message for note in read.diagnostics if note.code == "thinned")
 
 
 @pytest.mark.slow

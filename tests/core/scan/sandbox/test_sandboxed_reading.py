@@ -11,18 +11,18 @@ import pytest
 
 from core.errors import ScanContentError, ScanDamagedError, ScanError
 from core.options import ScanOptions
-from core.scan.box.boxed_reading import read_in_box
-from core.scan.box.limits import BoxLimits
 from core.scan.reading_context import RawChunk, ReadingContext
+from core.scan.sandbox.limits import SandboxLimits
+from core.scan.sandbox.reading import read_in_sandbox
 
 ROOT = Path(__file__).parents[4]
 
 
-def read(name: str, tmp_path: Path, limits: BoxLimits | None = None) -> tuple[list[RawChunk], ReadingContext]:
+def read(name: str, tmp_path: Path, limits: SandboxLimits | None = None) -> tuple[list[RawChunk], ReadingContext]:
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
     context = ReadingContext(path, ScanOptions(), 4)
-    return list(read_in_box(f"tests.core.scan.box.misbehaving_readers:{name}", context, limits)), context
+    return list(read_in_sandbox(f"tests.core.scan.sandbox.misbehaving_readers:{name}", context, limits)), context
 
 
 @pytest.mark.slow
@@ -40,19 +40,19 @@ def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: P
 @pytest.mark.parametrize(
     ("name", "limits", "error", "said"),
     [
-        ("refusing", BoxLimits(), ScanDamagedError, "^line 7 is odd$"),
-        ("crashing", BoxLimits(), ScanDamagedError, r"its reader failed \(SIGSEGV\)"),
-        ("exiting", BoxLimits(), ScanDamagedError, r"its reader failed \(exit code 3\)"),
-        ("greedy", BoxLimits(), ScanContentError, "more than the 6 GiB of memory"),
-        ("endless", BoxLimits(cpu_s=1), ScanContentError, "takes longer than 1 s"),
-        ("silent", BoxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
-        ("nesting", BoxLimits(), ScanDamagedError, "nests too deeply"),
-        ("writing", BoxLimits(), ScanDamagedError, "its reader failed"),
-        ("babbling", BoxLimits(), ScanDamagedError, "wrote nonsense"),
+        ("refusing", SandboxLimits(), ScanDamagedError, "^line 7 is odd$"),
+        ("crashing", SandboxLimits(), ScanDamagedError, r"its reader failed \(SIGSEGV\)"),
+        ("exiting", SandboxLimits(), ScanDamagedError, r"its reader failed \(exit code 3\)"),
+        ("greedy", SandboxLimits(), ScanContentError, "more than the 6 GiB of memory"),
+        ("endless", SandboxLimits(cpu_s=1), ScanContentError, "takes longer than 1 s"),
+        ("silent", SandboxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
+        ("nesting", SandboxLimits(), ScanDamagedError, "nests too deeply"),
+        ("writing", SandboxLimits(), ScanDamagedError, "its reader failed"),
+        ("babbling", SandboxLimits(), ScanDamagedError, "wrote nonsense"),
     ],
 )
 def test_what_goes_wrong_in_a_reader_becomes_the_error_of_its_scan(
-    tmp_path: Path, name: str, limits: BoxLimits, error: type[ScanError], said: str
+    tmp_path: Path, name: str, limits: SandboxLimits, error: type[ScanError], said: str
 ) -> None:
     with pytest.raises(error, match=said):
         read(name, tmp_path, limits)
@@ -73,15 +73,17 @@ def test_a_reader_knows_no_secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def running_with(path: Path) -> list[str]:
-    """Return the command lines of boxed readers of a file."""
+    """Return the command lines of sandboxed readers of a file."""
     listed = subprocess.run(["ps", "-ww", "-eo", "args"], capture_output=True, text=True, check=True).stdout
-    return [line for line in listed.splitlines() if str(path) in line and "core.scan.box.child" in line]
+    return [line for line in listed.splitlines() if str(path) in line and "core.scan.sandbox.child" in line]
 
 
 def test_a_reader_ends_when_nobody_listens_any_more(tmp_path: Path) -> None:
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
-    chunks = read_in_box("tests.core.scan.box.misbehaving_readers:endless", ReadingContext(path, ScanOptions(), 4))
+    chunks = read_in_sandbox(
+        "tests.core.scan.sandbox.misbehaving_readers:endless", ReadingContext(path, ScanOptions(), 4)
+    )
     next(chunks)
     assert running_with(path)
     chunks.close()  # type: ignore[attr-defined]  # a generator
@@ -92,10 +94,10 @@ def test_a_reader_ends_with_the_process_that_it_reads_for(tmp_path: Path) -> Non
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
     program = (
-        "import sys; from pathlib import Path; from core.options import ScanOptions; from core.scan.box.boxed_reading import read_in_box\n"
+        "import sys; from pathlib import Path; from core.options import ScanOptions; from core.scan.sandbox.reading import read_in_sandbox\n"
         "from core.scan.reading_context import ReadingContext\n"
         "context = ReadingContext(Path(sys.argv[1]), ScanOptions(), 4)\n"
-        "for chunk in read_in_box('tests.core.scan.box.misbehaving_readers:endless', context): print('begun', flush=True)\n"
+        "for chunk in read_in_sandbox('tests.core.scan.sandbox.misbehaving_readers:endless', context): print('begun', flush=True)\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=ROOT)
     assert parent.stdout is not None

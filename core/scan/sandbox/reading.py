@@ -1,4 +1,4 @@
-"""Read a scan with any reader in a process of its own, with limits of memory and time."""
+"""Run a reader in the sandbox, with limits of memory and time."""
 
 import dataclasses
 import json
@@ -13,9 +13,9 @@ from typing import NoReturn
 
 import core.errors
 from core.errors import ScanContentError, ScanDamagedError, ScanError
-from core.scan.box.limits import BoxLimits
-from core.scan.box.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
 from core.scan.reading_context import RawChunk, ReadingContext
+from core.scan.sandbox.limits import SandboxLimits
+from core.scan.sandbox.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
 
 _READ_BYTES = 1 << 20
 _NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
@@ -23,34 +23,34 @@ _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split 
 _EXPORT_AGAIN = "The file is damaged or made to do harm; export the scan again."
 
 
-def read_in_box(reader: str, context: ReadingContext, limits: BoxLimits | None = None) -> Iterator[RawChunk]:
-    """Yield the chunks of a reader; its notes and its coordinate system arrive in `context` at the end.
+def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
+    """Yield the chunks of a reader; its notes and its coordinate system reach `context` at the end.
 
     reader: a format of `core.scan.readers.READERS`, or "module:function".
 
-    Raises what the reader raises on purpose; ScanDamagedError when it crashes, ScanContentError when it takes more than `limits`.
+    Raises the reader's own errors; ScanDamagedError when it crashes, ScanContentError when it exceeds `limits`.
     """
-    box = _Box(reader, context, limits or BoxLimits())
+    sandbox = _Sandbox(reader, context, limits or SandboxLimits())
     try:
-        while (message := box.next_message())["kind"] != "end":
+        while (message := sandbox.next_message())["kind"] != "end":
             if message["kind"] == "chunk":
-                yield receive_chunk(message, box.take)
+                yield receive_chunk(message, sandbox.take)
             elif message["kind"] == "note":
                 context.note(str(message["code"]), str(message["message"]), str(message["severity"]))
             else:
-                box.fail(str(message.get("error")), str(message.get("message")))
+                sandbox.fail(str(message.get("error")), str(message.get("message")))
         context.coordinate_system = message.get("coordinate_system")
     finally:
-        box.close()
+        sandbox.close()
 
 
 def _environment() -> dict[str, str]:
-    """Return what a reader needs of our environment, which has passwords and tokens in it."""
+    """Return the part of the environment that a reader needs: no passwords, no tokens."""
     return {name: value for name, value in os.environ.items() if name in _NEEDED or name.startswith(("LC_", "PYTHON"))}
 
 
-class _Box:
-    def __init__(self, reader: str, context: ReadingContext, limits: BoxLimits) -> None:
+class _Sandbox:
+    def __init__(self, reader: str, context: ReadingContext, limits: SandboxLimits) -> None:
         self._reader, self._limits = reader.rpartition(":")[2].upper(), limits
         job = {
             "reader": reader,
@@ -62,7 +62,7 @@ class _Box:
         one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "core.scan.box.child", json.dumps(job)],
+            [sys.executable, "-m", "core.scan.sandbox.child", json.dumps(job)],
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -74,10 +74,10 @@ class _Box:
         self._pending = bytearray()
 
     def next_message(self) -> Message:
-        """Return the next message; raise as `read_in_box` does when the process ends or falls silent."""
+        """Return the next message. Raises as `read_in_sandbox` does when the process ends or falls silent."""
         while (end := self._pending.find(b"\n")) < 0:
             if len(self._pending) > MAX_LINE_BYTES:
-                raise self._crashed("it wrote nonsense")
+                raise self._crashed("it wrote no message")
             self._fill()
         line = bytes(self._pending[:end])
         del self._pending[: end + 1]
@@ -92,7 +92,7 @@ class _Box:
         return taken
 
     def fail(self, kind: str, message: str) -> NoReturn:
-        """Raise what the reader said went wrong."""
+        """Raise the error that the reader reported."""
         found = getattr(core.errors, kind, None)
         if isinstance(found, type) and issubclass(found, ScanError):
             raise found(message)
@@ -122,7 +122,7 @@ class _Box:
         self._pending += data
 
     def _ended(self) -> ScanError:
-        """Return the error for a process that ended before it said so."""
+        """Return the error for a process that ended without a message."""
         deadline = time.monotonic() + 10.0
         while (code := self._process.poll()) is None and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""ROS 2: `geometry_msgs/PoseWithCovarianceStamped` per photo, and `geographic_msgs/GeoPoseWithCovariance` with a georeference."""
+"""Formats of robotics: messages of ROS 2, and trajectories as TUM evaluates them."""
 
 import json
 import math
@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from core.exports.geodesy import earth_pose
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from core.exports.number_text import TIME_DECIMALS, plain
+from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
 from core.geometry.pose import quaternion_of
 
 FRAME_ID = "map"
@@ -14,20 +15,34 @@ RADIUS_PER_SIGMA = 1.872
 """Of a sphere that holds 68 % of a normal distribution in three dimensions (χ² with three degrees of freedom)."""
 
 
-def write(tour: Tour) -> Iterator[ExportedFile]:
-    """Yield `poses.json` and `poses.yaml` (what `ros2 topic pub` takes), and `geo_poses.json` where the map has a georeference.
+def write_ros(tour: Tour) -> Iterator[ExportedFile]:
+    """Yield `poses.json` and `poses.yaml` (for `ros2 topic pub`), `geometry_msgs/PoseWithCovarianceStamped` per photo.
 
-    The body frame is x forward, y left, z up (REP-103), not an `_optical` one. Covariances are about the map's fixed axes, in m² and rad²;
-    zeros where the accuracy is not known, as ROS has it.
+    With a georeference also `geo_poses.json`, of `geographic_msgs/GeoPoseWithCovariance`. The body frame is x forward,
+    y left, z up (REP-103), not an `_optical` one. Covariances are about the map's fixed axes, in m² and rad²; zeros where
+    the accuracy is not known, as ROS has it.
     """
     messages = [_stamped(photo, time) for photo, time in zip(tour.photos, tour.times_unix_s, strict=True)]
     named = [{"image": photo.name, "message": each} for photo, each in zip(tour.photos, messages, strict=True)]
-    yield ExportedFile("poses.json", _json(named))
+    yield json_file("poses.json", named)
     # JSON is YAML too, one document per message.
     documents = (f"# {item['image']}\n{json.dumps(item['message'])}\n" for item in named)
     yield ExportedFile("poses.yaml", "---\n".join(documents).encode())
     if tour.georeference is not None:
-        yield ExportedFile("geo_poses.json", _json([_on_earth(photo, tour) for photo in tour.photos]))
+        yield json_file("geo_poses.json", [_on_earth(photo, tour) for photo in tour.photos])
+
+
+def write_tum(tour: Tour) -> Iterator[ExportedFile]:
+    """Yield `poses.tum`: map from body, seconds and metres, quaternion with w last; and the photo of each line."""
+    lines = ["# timestamp tx ty tz qx qy qz qw: map from body, body axes x forward, y left, z up"]
+    names = []
+    for photo, time_unix_s in zip(tour.photos, tour.times_unix_s, strict=True):
+        pose = photo.map_from_camera
+        time = plain(time_unix_s, TIME_DECIMALS)
+        lines.append(" ".join([time, *(plain(value, 12) for value in (*pose.position, *pose.quaternion_xyzw))]))
+        names.append(f"{time} {photo.name}")
+    yield text_file("poses.tum", lines)
+    yield text_file("names.txt", names)
 
 
 def _stamped(photo: PlacedPhoto, time_unix_s: float) -> dict[str, Any]:
@@ -58,13 +73,9 @@ def _on_earth(photo: PlacedPhoto, tour: Tour) -> dict[str, Any]:
 
 
 def _covariance(photo: PlacedPhoto) -> list[float]:
-    """Return 36 numbers, row by row, over x, y, z and rotations about them; the same on every axis, so turning the axes changes nothing."""
+    """Return 36 numbers, row by row, over x, y, z and rotations about them; equal on all axes, so that axes can be turned."""
     variances = [0.0, 0.0]
     if photo.position_radius_m is not None and photo.orientation_radius_deg is not None:
         sigmas = photo.position_radius_m, math.radians(photo.orientation_radius_deg)
         variances = [(radius / RADIUS_PER_SIGMA) ** 2 for radius in sigmas]
     return [variances[row // 3] if row == column else 0.0 for row in range(6) for column in range(6)]
-
-
-def _json(document: Any) -> bytes:
-    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()

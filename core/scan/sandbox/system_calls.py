@@ -1,4 +1,4 @@
-"""What a boxed reader may not ask of Linux: network, other programs, other processes. A seccomp filter, which nothing takes off again."""
+"""System calls that a sandboxed reader is refused: network, other programs, other processes. A seccomp filter for good."""
 
 import ctypes
 import errno
@@ -28,7 +28,7 @@ _MACHINES = {"x86_64": (0xC000003E, _X86_64), "aarch64": (0xC00000B7, _AARCH64)}
 
 
 def refuse_system_calls() -> bool:
-    """Let this thread and all that it starts get EPERM for these calls, for good; return whether the system took the filter.
+    """Make these calls fail with EPERM in this thread and all that it starts; return whether the system took the filter.
 
     False on other systems than Linux, on other processors than x86-64 and ARM64, and where the kernel has no seccomp.
     """

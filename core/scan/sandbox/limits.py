@@ -1,4 +1,4 @@
-"""What a boxed reader may take of its machine."""
+"""The memory and time of a sandboxed reader."""
 
 import sys
 from dataclasses import dataclass
@@ -7,16 +7,16 @@ _GRACE_S = 5
 
 
 @dataclass(frozen=True)
-class BoxLimits:
-    """memory_bytes: of address space. cpu_s: seconds of the processor. silence_s: without a word of it."""
+class SandboxLimits:
+    """memory_bytes: address space. cpu_s: processor time. silence_s: longest wait for the next message."""
 
     memory_bytes: int = 6 << 30
     cpu_s: int = 900
     silence_s: float = 300.0
 
 
-def take_limits(limits: BoxLimits) -> None:
-    """Hold this process to `limits`; it may write no file and leaves no core dump. Does nothing where there are no such limits."""
+def take_limits(limits: SandboxLimits) -> None:
+    """Apply `limits` to this process; it also writes no files and no core dump. Does nothing on Windows."""
     if sys.platform == "win32":
         return
     import resource

@@ -4,18 +4,17 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn
 
-import laspy
 import numpy as np
 import pytest
 
 from core.errors import ScanDamagedError
 from core.options import ScanOptions
 from core.scan import readers
-from core.scan.box.limits import BoxLimits
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from core.scan.reading_context import RawChunk, ReadingContext
+from core.scan.sandbox.limits import SandboxLimits
 from tests.core.scan.mesh_files import zip_of
 
 FROM_STRANGERS = ScanOptions(from_strangers=True)
@@ -47,15 +46,6 @@ def write_pcd(path: Path, room: PointCloud) -> None:
     path.write_text(f"{header}WIDTH {count}\nHEIGHT 1\nPOINTS {count}\nDATA ascii\n" + "\n".join(rows) + "\n")
 
 
-def write_laz(path: Path, room: PointCloud) -> None:
-    header = laspy.LasHeader(point_format=2, version="1.4")
-    header.scales = np.full(3, 0.001)
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = room.positions.astype(np.float64).T
-    las.red, las.green, las.blue = room.colors.T.astype(np.uint16) * 257
-    las.write(str(path))
-
-
 def write_ply(path: Path, room: PointCloud) -> None:
     path.write_bytes(encode_ply(room))
 
@@ -76,7 +66,6 @@ def parse_nothing(context: ReadingContext) -> NoReturn:
     [
         ("room.ply", write_ply),
         ("room.pcd", write_pcd),
-        ("room.laz", write_laz),
         ("room.xyz", write_text),
         ("room.zip", write_zip),
     ],
@@ -110,14 +99,14 @@ def test_a_damaged_one_is_refused_in_the_words_of_its_reader(tmp_path: Path, roo
 
 
 def test_the_time_of_a_reader_grows_with_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[BoxLimits] = []
+    given: list[SandboxLimits] = []
 
-    def read_nothing(name: str, context: ReadingContext, limits: BoxLimits) -> Iterator[RawChunk]:
+    def read_nothing(name: str, context: ReadingContext, limits: SandboxLimits) -> Iterator[RawChunk]:
         given.append(limits)
         return iter(())
 
-    monkeypatch.setattr(readers, "read_in_box", read_nothing)
+    monkeypatch.setattr(readers, "read_in_sandbox", read_nothing)
     for size_bytes in (10**6, 4 * 10**9):
         readers.iter_chunks("text", ReadingContext(tmp_path / "table.xyz", FROM_STRANGERS, size_bytes))
     assert [limits.cpu_s for limits in given] == [902, 8900]
-    assert BoxLimits().cpu_s == 900
+    assert SandboxLimits().cpu_s == 900

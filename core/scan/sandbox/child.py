@@ -1,4 +1,4 @@
-"""The process of a boxed reader: `python -m core.scan.box.child`, started by `core.scan.box.boxed_reading`."""
+"""The process of a sandboxed reader: `python -m core.scan.sandbox.child`, started by `core.scan.sandbox.reading`."""
 
 import dataclasses
 import importlib
@@ -11,21 +11,21 @@ from typing import Any, BinaryIO
 
 from core.errors import ScanError
 from core.options import ScanOptions
-from core.scan.box.limits import BoxLimits, take_limits
-from core.scan.box.messages import send, send_chunk
-from core.scan.box.system_calls import refuse_system_calls
 from core.scan.reading_context import ReadingContext, ScanReader
+from core.scan.sandbox.limits import SandboxLimits, take_limits
+from core.scan.sandbox.messages import send, send_chunk
+from core.scan.sandbox.system_calls import refuse_system_calls
 
 _LONGEST_MESSAGE = 2000
 
 
 def main() -> None:
-    """Read the scan that the one argument describes as JSON, and tell its points on standard output."""
+    """Read the scan that the argument describes as JSON, and send its points to standard output."""
     job: dict[str, Any] = json.loads(sys.argv[1])
     # Whatever a library prints must not get between the messages.
     stream = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    take_limits(BoxLimits(**job["limits"]))
+    take_limits(SandboxLimits(**job["limits"]))
     refuse_system_calls()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of standard input, which comes when the parent is gone, however that went."""
+    """Watch the parent: standard input ends when it dies, however it dies."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -1,4 +1,4 @@
-"""What a boxed reader tells: JSON lines, a chunk followed by its arrays as they lie in memory. Nothing in them is ever executed."""
+"""Messages of a sandboxed reader: JSON lines; a chunk is followed by its arrays as raw bytes. Nothing is executed."""
 
 import json
 from collections.abc import Callable
@@ -36,7 +36,7 @@ def send_chunk(stream: BinaryIO, chunk: RawChunk) -> None:
 
 
 def parse(line: bytes) -> Message:
-    """Return a message. Raises ScanDamagedError for what is none: the reader was not itself any more."""
+    """Return a message. Raises ScanDamagedError for anything else: the reader is out of control."""
     try:
         message = json.loads(line)
     except ValueError as error:

@@ -1,1 +1,0 @@
-"""Formats of robots: ROS 2 messages and TUM trajectories; body axes x forward, y left, z up."""

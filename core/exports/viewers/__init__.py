@@ -1,1 +1,0 @@
-"""Formats of viewers that show photos in place: Potree, NavVis, Photo Sphere Viewer, Pannellum, glTF."""

@@ -1,0 +1,85 @@
+"""Read LAS, LAZ and COPC scans with laspy, always in the sandbox: a damaged file makes the decompressor allocate gigabytes."""
+
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from core.errors import CUT_SHORT, ScanDamagedError, ScanError
+from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
+
+_COLORS = ("red", "green", "blue")
+# GeoTIFF keys; a key that holds its value in the directory itself has the location 0.
+_PROJECTED_KEY, _VERTICAL_KEY = 3072, 4096
+_EPSG_CODES = range(1024, 32767)
+_RECORD_BYTES, _EXTENDED_RECORD_BYTES = 54, 60
+
+
+def read_las(context: ReadingContext) -> Iterator[RawChunk]:
+    """Yield the points of a LAS or LAZ file in chunks; colours are uint16.
+
+    Raises ScanDamagedError when the file is shorter than its header says or does not decompress, ScanContentError
+    without colour.
+    """
+    _check_records(context)
+    num_done, num_points = 0, 0
+    try:
+        import laspy
+
+        # The serial decompressor: the parallel one takes more memory than the sandbox allows.
+        with laspy.open(context.path, laz_backend=laspy.LazBackend.Lazrs) as reader:
+            num_points = reader.header.point_count
+            _check(reader.header, context)
+            context.coordinate_system = _coordinate_system(reader.header)
+            for points in reader.chunk_iterator(CHUNK_ROWS):
+                with np.errstate(over="ignore", invalid="ignore"):
+                    positions = np.stack([np.asarray(points[axis], np.float64) for axis in "xyz"], axis=1)
+                num_done += len(positions)
+                yield RawChunk(positions, stack_columns(points.array, _COLORS, np.uint16), num_done / num_points)
+    except (ScanError, MemoryError, GeneratorExit):
+        raise
+    except BaseException as error:  # the Rust decompressor panics on some damaged data; its exception is no Exception
+        raise _unreadable_error(str(error), num_done, num_points) from error
+    if num_done < num_points:
+        raise _unreadable_error("the file ends", num_done, num_points)
+
+
+def _check_records(context: ReadingContext) -> None:
+    """Refuse record counts that the file cannot hold: laspy would walk billions of them until the sandbox ends it."""
+    with context.path.open("rb") as stream:
+        header = stream.read(375).ljust(375, b"\0")
+    (num_records,), (num_extended,) = struct.unpack_from("<I", header, 100), struct.unpack_from("<I", header, 243)
+    num_extended = num_extended if header[25] == 4 else 0
+    if num_records * _RECORD_BYTES + num_extended * _EXTENDED_RECORD_BYTES > context.size_bytes:
+        raise ScanDamagedError(
+            f"The LAS header announces {num_records + num_extended:,} records, more than fit into the "
+            f"{context.size_bytes:,} bytes of the file. {CUT_SHORT}"
+        )
+
+
+def _check(header: Any, context: ReadingContext) -> None:
+    context.check_point_count(header.point_count)
+    if not set(_COLORS) <= set(header.point_format.dimension_names):
+        raise no_color_error(f"LAS point format {header.point_format.id}; formats 2, 3, 5, 7, 8 and 10 have colour")
+
+
+def _coordinate_system(header: Any) -> str | None:
+    """Return WKT or "EPSG:…" from the records of the file, None where it says nothing."""
+    from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
+
+    records = [*header.vlrs, *(header.evlrs or ())]
+    wkt = next((each.string.strip("\0 \n") for each in records if isinstance(each, WktCoordinateSystemVlr)), "")
+    directories = [each.geo_keys for each in records if isinstance(each, GeoKeyDirectoryVlr)]
+    keys = {key.id: key.value_offset for found in directories for key in found if key.tiff_tag_location == 0}
+    projected, vertical = keys.get(_PROJECTED_KEY, 0), keys.get(_VERTICAL_KEY, 0)
+    if wkt or projected not in _EPSG_CODES:
+        return wkt or None
+    return f"EPSG:{projected}+{vertical}" if vertical in _EPSG_CODES else f"EPSG:{projected}"
+
+
+def _unreadable_error(reason: str, num_done: int, num_points: int) -> ScanDamagedError:
+    first_line = (reason.strip().splitlines() or ["unknown error"])[0][:200]
+    return ScanDamagedError(
+        f"The LAS file cannot be read after {num_done:,} of {num_points:,} points ({first_line}). {CUT_SHORT}"
+    )

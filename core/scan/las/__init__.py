@@ -1,1 +1,0 @@
-"""LAS, LAZ and COPC."""

@@ -1,1 +1,0 @@
-"""PCD of the Point Cloud Library: ascii, binary and compressed."""

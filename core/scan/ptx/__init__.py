@@ -1,1 +1,0 @@
-"""PTX: stations of laser scanners as text, each with its pose."""
