@@ -8,11 +8,10 @@ from lab.evaluation.datasets import DATASETS, dataset_scans
 from lab.evaluation.fit_confidence import ConfidenceFit, HeldOut, fit_confidence
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError, limited
 from lab.evaluation.methods import METHOD_NAMES, ComparedMethod, compared_method
+from lab.evaluation.photo_source import as_photos
 from lab.evaluation.rows import Row, RowsError, RowsFile, read_rows
 from lab.evaluation.runner import Evaluation, RunOptions
-from lab.evaluation.sources.folder_source import folder_scans
-from lab.evaluation.sources.photo_source import as_photos
-from lab.evaluation.sources.suite_source import seed_range, suite_scans
+from lab.evaluation.sources import folder_scans, seed_range, suite_scans
 from lab.evaluation.summary import DEFAULT_LIMITS, Summary, summaries
 
 __all__ = [

@@ -181,23 +181,7 @@ def test_pixels_without_a_reading_are_no_points(structured3d: Path) -> None:
     assert loaded.cloud.num_points_read == HEIGHT * (2 * HEIGHT - 40)
 
 
-def test_data61_is_read_as_labels_with_starts_on_a_grid_in_its_region(tmp_path: Path) -> None:
-    painted = PaintedBox(seed=5, palette=((128, 0, 0), (0, 128, 0), (0, 0, 128), (128, 128, 0)))
-    write_text_cloud(tmp_path / "street_1/pointcloud.txt", painted.scan(4_000))
-    write_image(tmp_path / "street_1/label/0.png", painted.panorama(POSE, HEIGHT).color)
-    write_reference_pose(tmp_path / "street_1/pose/0.txt", POSE)
-    (tmp_path / "street_1/region.txt").write_text("1 1 1\n3 3 2\n")
-
-    scan = _only(dataset_scans("data61", tmp_path))
-    loaded = scan.load()
-
-    assert (loaded.options.color_kind, loaded.options.starts_method) == ("labels", "grid")
-    assert loaded.options.region == ((1, 1, 1), (3, 3, 2))
-    assert {tuple(color) for color in loaded.cloud.colors.tolist()} == set(painted.palette)
-    assert _agreement(loaded, "0.png") > 0.9
-
-
-@pytest.mark.parametrize("name", ["omniscenes", "stanford2d3ds", "structured3d", "data61"])
+@pytest.mark.parametrize("name", ["omniscenes", "stanford2d3ds", "structured3d"])
 def test_an_empty_folder_says_what_was_expected(tmp_path: Path, name: str) -> None:
     with pytest.raises(SourceError, match=r"expected .* found n"):
         dataset_scans(name, tmp_path)

@@ -9,7 +9,7 @@ from core.errors import OptionsError
 from core.geometry.pose import pose_error
 from core.panorama.session import Session
 from lab.evaluation import as_photos, folder_scans
-from lab.evaluation.query_facts import query_facts
+from lab.evaluation.known_cases import query_facts
 
 
 def test_each_panorama_is_cut_by_one_of_the_seeds_in_turn(box_folder: Path) -> None:

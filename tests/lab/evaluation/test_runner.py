@@ -69,7 +69,7 @@ def test_a_finished_run_is_not_run_again(
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a map was built although every row is there")
 
-    monkeypatch.setattr("lab.evaluation.built_maps.build_map_index", refuse)
+    monkeypatch.setattr("lab.evaluation.runner.build_map_index", refuse)
     again = list(_evaluation(box_folder, finished[0], 1).rows())
     assert [is_new for _, is_new in again] == [False] * 6
     assert [row for row, _ in again] == finished[1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.panorama.panorama import Panorama
-from lab.evaluation.sources.photo_source import as_uploaded
+from lab.evaluation.photo_source import as_uploaded
 from lab.rooms import View, make_case, suite_of, with_any_defect
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lab.rooms import LABEL_COLORS, Scan, Scene, scan_scene, scan_with_truth, take_panorama
+from lab.rooms import Scan, Scene, scan_scene, scan_with_truth, take_panorama
 from lab.rooms.capture.free_space import sample_pose
+from lab.rooms.materials.labels import LABEL_COLORS
 from lab.rooms.scenes.surface import Surface
 
 

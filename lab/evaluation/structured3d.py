@@ -15,8 +15,9 @@ from core.geometry.pose import Pose
 from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
 from core.scan.voxel_thinning import thin_cloud
-from lab.evaluation.datasets.dataset_files import chosen, read_image
+from lab.evaluation.dataset_files import chosen, read_image
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
 
 _FURNITURE, _LIGHTS = ("full", "simple", "empty"), ("raw", "warm", "cold")
 SPLITS = tuple("-".join(parts) for parts in product(_FURNITURE, _FURNITURE, _LIGHTS))
@@ -76,21 +77,12 @@ def cloud_of_depth(color_file: Path, depth_file: Path, pose: Pose) -> PointCloud
     """Return the cloud of a panorama with the distance of every pixel (16 bit, millimetres, 0 and 65535: none), in the frame of `pose`."""
     panorama = read_image(color_file)
     depth = np.asarray(Image.open(depth_file)).astype(np.float64)
-    height, width = depth.shape[:2]
+    width = depth.shape[1]
     if depth.shape != panorama.valid.shape:
         raise SourceError(
             f"{depth_file}: expected a grey image of {panorama.valid.shape}, as {color_file.name}, got {depth.shape}"
         )
-    azimuth = np.pi - 2 * np.pi * (np.arange(width) + 0.5) / width
-    elevation = np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height
-    directions = np.stack(
-        (
-            np.cos(elevation)[:, None] * np.cos(azimuth),
-            np.cos(elevation)[:, None] * np.sin(azimuth),
-            np.broadcast_to(np.sin(elevation)[:, None], depth.shape),
-        ),
-        axis=-1,
-    )
+    directions = viewing_directions(*pixel_centers(width), width).reshape(*depth.shape, 3)
     measured = (depth > 0) & (depth < 65535) & panorama.valid
     if not measured.any():
         raise SourceError(f"{depth_file}: expected distances in millimetres, all are missing")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from core.geometry.pose import Pose
 from core.options import IndexOptions
 from core.scan.reading import read_scan
-from lab.evaluation.datasets.dataset_files import chosen, images_in, pose_of, read_image, without_black_poles
+from lab.evaluation.dataset_files import chosen, images_in, pose_of, read_image, without_black_poles
 from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 
 _IMAGE = re.compile(r"camera_[0-9a-zA-Z]+_(?P<room>[A-Za-z]+_\d+)_frame_equirectangular_domain_rgb\.png")
@@ -57,46 +57,40 @@ def _scans_of(area: _Area) -> list[ScanCases]:
             name=f"stanford/{area.name}/{room}",
             group=f"stanford2d3ds {area.name}",
             query_names=tuple(names),
-            load=_Loader(area, room),
+            load=lambda room=room: _load(area, room),  # type: ignore[misc]
             place=f"{area.name}/{room}",
         )
         for room, names in sorted(rooms.items())
     ]
 
 
-class _Loader:
-    """Loads one room of one area."""
+def _load(area: _Area, room: str) -> LoadedScan:
+    def query(name: str) -> KnownQuery:
+        """Read a panorama and its pose."""
+        pose = _read_pose(area.poses / name.replace("_rgb.png", "_pose.json"))
+        return KnownQuery(without_black_poles(read_image(area.images / name)), (pose,), tags=(area.name,))
 
-    def __init__(self, area: _Area, room: str) -> None:
-        self._area, self._room = area, room
+    return LoadedScan(read_scan(_cloud_file(area, room)), IndexOptions(), query)
 
-    def __call__(self) -> LoadedScan:
-        return LoadedScan(read_scan(self._cloud_file()), IndexOptions(), self._query)
 
-    def _cloud_file(self) -> Path:
-        """Return the cloud in the frame of the poses; the aligned version of S3DIS is turned against it and refused."""
-        area, room, root = self._area, self._room, self._area.root
-        places = [
-            root / "pcd" / area.name / f"{room}.txt",
-            *(root.glob(f"{area.name.capitalize()}/{room}/{room}.txt")),
-            *(root.glob(f"*/{area.name.capitalize()}/{room}/{room}.txt")),
-            *(root.glob(f"{area.name}/**/{room}/{room}.txt")),
-        ]
-        files = [place for place in places if place.is_file()]
-        kept = [file for file in files if "aligned_version" not in str(file.relative_to(root)).lower()]
-        if not kept and files:
-            raise SourceError(f"{files[0]}: expected the version that is not aligned, in whose frame the poses are")
-        if not kept:
-            raise SourceError(
-                f"{places[0]}: expected the cloud of {room}, x y z red green blue by line, here or as in S3DIS"
-            )
-        return kept[0]
-
-    def _query(self, name: str) -> KnownQuery:
-        pose = self._area.poses / name.replace("_rgb.png", "_pose.json")
-        return KnownQuery(
-            without_black_poles(read_image(self._area.images / name)), (_read_pose(pose),), tags=(self._area.name,)
+def _cloud_file(area: _Area, room: str) -> Path:
+    """Return the cloud in the frame of the poses; the aligned version of S3DIS is turned against it and refused."""
+    root = area.root
+    places = [
+        root / "pcd" / area.name / f"{room}.txt",
+        *(root.glob(f"{area.name.capitalize()}/{room}/{room}.txt")),
+        *(root.glob(f"*/{area.name.capitalize()}/{room}/{room}.txt")),
+        *(root.glob(f"{area.name}/**/{room}/{room}.txt")),
+    ]
+    files = [place for place in places if place.is_file()]
+    kept = [file for file in files if "aligned_version" not in str(file.relative_to(root)).lower()]
+    if not kept and files:
+        raise SourceError(f"{files[0]}: expected the version that is not aligned, in whose frame the poses are")
+    if not kept:
+        raise SourceError(
+            f"{places[0]}: expected the cloud of {room}, x y z red green blue by line, here or as in S3DIS"
         )
+    return kept[0]
 
 
 def _read_pose(path: Path) -> Pose:
