@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -54,8 +55,9 @@ def suite_scans(
         )
         kinds: dict[str, ColorKind] = {kind: kind for kind in get_args(ColorKind)}
         # The paper's outdoor case: grid starts in a known cuboid (§4.2).
-        method = "octree" if case.region is None else "grid"
-        options = IndexOptions(method, spacing_m, case.region, kinds[case.color_kind])
+        options = IndexOptions("grid", spacing_m, case.region, kinds[case.color_kind])
+        if case.region is None:
+            options = replace(options, starts_method="octree")
         return LoadedScan(case.cloud, options, lambda _: query)
 
     return [

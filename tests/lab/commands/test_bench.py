@@ -2,15 +2,15 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import httpx
 import pytest
 import torch
 
-from lab import background_service
-from lab.background_service import own_service
+from lab.background_service import BackgroundService, own_service
 from lab.benchmark.core_parts import CORE_PARTS
 from lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark
 from lab.benchmark.sizes import QUICK
@@ -192,24 +192,21 @@ def test_memory_is_measured_before_while_and_after(tmp_path: Path, monkeypatch: 
 def test_a_service_that_never_becomes_ready_is_stopped_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[dict[str, str]] = []
-    popen = background_service.subprocess.Popen
+    told: list[Mapping[str, str]] = []
+    started: list[subprocess.Popen[bytes]] = []
 
-    def start(command: list[str], env: dict[str, str], **options: object) -> object:
-        told.append(env)
-        started.append(popen(["sleep", "60"]))
-        return started[0]
+    def start(url: str, log: Path, settings: Mapping[str, str]) -> BackgroundService:
+        told.append(settings)
+        started.append(subprocess.Popen(["sleep", "60"]))
+        return BackgroundService(started[0], log)
 
     def never_ready(client: object, service: object, say: Callable[[str], None]) -> None:
         raise TimeoutError("not ready")
 
-    started: list[object] = []
-    watcher = background_service.Lifeline()
-    monkeypatch.setattr(background_service, "Lifeline", lambda: watcher)
-    monkeypatch.setattr(background_service.subprocess, "Popen", start)
-    monkeypatch.setattr(background_service, "wait_until_ready", never_ready)
+    monkeypatch.setattr("lab.background_service.start_in_background", start)
+    monkeypatch.setattr("lab.background_service.wait_until_ready", never_ready)
     with pytest.raises(TimeoutError), own_service({"PANOLOC_MAX_TIMEOUT_S": "900"}, tmp_path / "service.log"):
         pass
-    assert started[0].poll() is not None  # type: ignore[attr-defined]
+    assert started[0].poll() is not None
     assert not Path(told[0]["PANOLOC_DATA_DIR"]).parent.exists()
     assert told[0]["PANOLOC_MAX_TIMEOUT_S"] == "900"
