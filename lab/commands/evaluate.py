@@ -45,7 +45,7 @@ def evaluate(
     points: Annotated[int | None, _case(min=1000, help="Points of a suite's scan.")] = None,
     cases: Annotated[list[Path] | None, _case(help="Folder with truth.json in it or one below; repeatable.")] = None,
     tags: Annotated[list[str] | None, _case("--tag", help="Only queries of --cases with it.")] = None,
-    dataset: Annotated[str | None, _case(help="omniscenes, stanford2d3ds or structured3d.")] = None,
+    dataset: Annotated[str | None, _case(help="omniscenes or stanford2d3ds.")] = None,
     root: Annotated[Path | None, _case(help="Folder of the data set.")] = None,
     splits: Annotated[list[str] | None, _case("--split", help="Split of the data set; repeatable.")] = None,
     limit: Annotated[int | None, _case(min=1, help="Queries per suite, case folder or split.")] = None,
@@ -71,7 +71,7 @@ def evaluate(
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
         from lab.commands import evaluation_run
-        from lab.evaluation import RunOptions
+        from lab.evaluation.runner import RunOptions
 
         scans = evaluation_run.scans_of(
             suites=suites or (),
@@ -112,7 +112,8 @@ def fit(
         from json import dumps
 
         from lab.commands.evaluation_tables import held_out_table
-        from lab.evaluation import fit_confidence, read_rows
+        from lab.evaluation.fit_confidence import fit_confidence
+        from lab.evaluation.rows import read_rows
 
         rows = [row for row in read_rows(files) if row.method == method]
         fitted = fit_confidence(rows, regularization=regularization, max_wrong=max_wrong)

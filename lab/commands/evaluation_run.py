@@ -13,23 +13,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from core.errors import OptionsError
 from lab.commands.evaluation_tables import evaluation_tables
-from lab.evaluation import (
-    DEFAULT_LIMITS,
-    Evaluation,
-    Row,
-    RowsFile,
-    RunOptions,
-    ScanCases,
-    as_photos,
-    compared_method,
-    dataset_scans,
-    folder_scans,
-    limited,
-    seed_range,
-    suite_scans,
-    summaries,
-)
-from lab.evaluation.summary import Limits, report_document
+from lab.evaluation.datasets import dataset_scans
+from lab.evaluation.known_cases import ScanCases, limited
+from lab.evaluation.methods import compared_method
+from lab.evaluation.photo_source import as_photos
+from lab.evaluation.rows import Row, RowsFile
+from lab.evaluation.runner import Evaluation, RunOptions
+from lab.evaluation.sources import folder_scans, seed_range, suite_scans
+from lab.evaluation.summary import DEFAULT_LIMITS, Limits, report_document, summaries
 from lab.tables import print_tables
 from service.cli.session import Session
 

@@ -8,8 +8,8 @@ from rich.table import Table
 from lab.tables import table
 
 if TYPE_CHECKING:
-    from lab.evaluation import HeldOut, Summary
-    from lab.evaluation.summary import Quartiles
+    from lab.evaluation.fit_confidence import HeldOut
+    from lab.evaluation.summary import Quartiles, Summary
 
 
 def evaluation_tables(found: "Sequence[Summary]", limits: Sequence[tuple[float, float]]) -> list[Table]:

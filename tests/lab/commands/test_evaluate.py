@@ -14,7 +14,8 @@ import typer
 from core.geometry.pose import Pose
 from core.judge.confidence import FEATURES
 from lab.commands import evaluation_run
-from lab.evaluation import RunOptions, ScanCases
+from lab.evaluation.known_cases import ScanCases
+from lab.evaluation.runner import RunOptions
 from lab.rooms import PosedPanorama, write_case_folder
 from service.cli.entry import app
 from service.cli.exit_codes import ExitCode

@@ -9,7 +9,6 @@ from PIL import Image
 
 from core.geometry.pose import Pose
 from core.scan.point_cloud import PointCloud
-from tests.core.painted_box import PaintedBox
 
 Matrix = NDArray[np.float64]
 
@@ -21,7 +20,7 @@ def write_text_cloud(path: Path, cloud: PointCloud) -> None:
     np.savetxt(path, rows, fmt="%.4f %.4f %.4f %d %d %d")
 
 
-def write_image(path: Path, color: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+def write_image(path: Path, color: NDArray[np.uint8]) -> None:
     """Write an image and the folders above it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(color).save(path)
@@ -59,20 +58,3 @@ def write_stanford_pose(path: Path, pose: Pose, with_euler: bool) -> None:
         values["final_camera_rotation"] = fixed_axes_angles(blender)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(values))
-
-
-def box_depth_mm(box: PaintedBox, pose: Pose, height: int) -> NDArray[np.uint16]:
-    """Return the distance of every pixel to the walls of the box in millimetres."""
-    width = 2 * height
-    column, row = np.meshgrid(np.arange(width), np.arange(height))
-    azimuth = np.pi - 2 * np.pi * (column + 0.5) / width
-    elevation = np.pi / 2 - np.pi * (row + 0.5) / height
-    in_camera = np.stack(
-        (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)), axis=-1
-    )
-    in_map = in_camera @ pose.rotation.T
-    with np.errstate(divide="ignore"):
-        steps = (np.where(in_map > 0, np.array(box.size_m), 0.0) - pose.position) / in_map
-    nearest = np.where(in_map == 0, np.inf, steps).min(axis=-1)
-    depth_mm: NDArray[np.uint16] = (nearest * 1000).round().astype(np.uint16)
-    return depth_mm

@@ -8,8 +8,8 @@ import pytest
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.results import Localization, SearchSummary
-from lab.evaluation import KnownQuery
 from lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
+from lab.evaluation.known_cases import KnownQuery
 from tests.core.painted_box import PaintedBox
 
 EMPTY = Localization("localized", SearchSummary("fast", 1, 1, 1, 1), {})

@@ -13,10 +13,10 @@ import torch
 from core.errors import OptionsError
 from core.geometry.pose import Pose, pose_error
 from core.geometry.projection import project
-from lab.evaluation import LoadedScan, ScanCases, SourceError, dataset_scans
+from lab.evaluation.datasets import dataset_scans
+from lab.evaluation.known_cases import LoadedScan, ScanCases, SourceError
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.lab.evaluation.painted_datasets import (
-    box_depth_mm,
     write_image,
     write_reference_pose,
     write_stanford_pose,
@@ -141,47 +141,7 @@ def test_the_aligned_version_of_the_clouds_is_refused(tmp_path: Path) -> None:
         _only(dataset_scans("stanford2d3ds", tmp_path)).load()
 
 
-@pytest.fixture
-def structured3d(tmp_path: Path) -> Path:
-    # The centre of the image looks along +y: the documentation's −y is its seam.
-    pose = Pose(rotation_of(90.0), np.array([1.7, 2.4, 1.5]))
-    room = tmp_path / "scene_00000/2D_rendering/485142/panorama"
-    for furniture in ("full", "empty"):
-        write_image(room / furniture / "rgb_rawlight.png", BOX.panorama(pose, HEIGHT).color)
-        write_image(room / furniture / "depth.png", box_depth_mm(BOX, pose, HEIGHT))
-    write_image(room / "empty" / "rgb_warmlight.png", BOX.panorama(pose, HEIGHT).color)
-    (room / "camera_xyz.txt").write_text("1700.0 2400.0 1500.0\n")
-    return tmp_path
-
-
-def test_the_cloud_of_structured3d_lies_on_the_walls_and_has_their_paint(structured3d: Path) -> None:
-    scan = _only(dataset_scans("structured3d", structured3d))  # nothing is known of `simple` here
-    assert scan.name == "structured3d/full-empty-raw/scene_00000/485142"
-    loaded = scan.load()
-    points = loaded.cloud.positions.astype(np.float64) + loaded.cloud.origin_offset
-    gaps = np.concatenate((points, np.array(BOX.size_m) - points), axis=1)
-    assert np.abs(gaps.min(axis=1)).max() < 0.005
-    assert np.abs(BOX.color_at(points).astype(float) - loaded.cloud.colors).mean() < 8
-    assert _agreement(loaded, "panorama") > 0.99
-
-
-def test_a_light_of_structured3d_is_chosen_by_the_split(structured3d: Path) -> None:
-    assert _only(dataset_scans("structured3d", structured3d, "full-empty-warm")).group == "structured3d full-empty-warm"
-    assert dataset_scans("structured3d", structured3d, "full-empty-cold") == []
-    with pytest.raises(OptionsError, match="full-empty-warm"):
-        dataset_scans("structured3d", structured3d, "warm")
-
-
-def test_pixels_without_a_reading_are_no_points(structured3d: Path) -> None:
-    pose = Pose(rotation_of(90.0), np.array([1.7, 2.4, 1.5]))
-    depth = box_depth_mm(BOX, pose, HEIGHT)
-    depth[:, :30], depth[:, 30:40] = 0, 65535
-    write_image(structured3d / "scene_00000/2D_rendering/485142/panorama/full/depth.png", depth)
-    loaded = _only(dataset_scans("structured3d", structured3d)).load()
-    assert loaded.cloud.num_points_read == HEIGHT * (2 * HEIGHT - 40)
-
-
-@pytest.mark.parametrize("name", ["omniscenes", "stanford2d3ds", "structured3d"])
+@pytest.mark.parametrize("name", ["omniscenes", "stanford2d3ds"])
 def test_an_empty_folder_says_what_was_expected(tmp_path: Path, name: str) -> None:
     with pytest.raises(SourceError, match=r"expected .* found n"):
         dataset_scans(name, tmp_path)

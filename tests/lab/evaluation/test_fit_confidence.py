@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from core.judge.confidence import FEATURES, ConfidenceModel, RadiusModel
-from lab.evaluation import Row, RowsError, fit_confidence
-from lab.evaluation.fit_confidence import features_of_row, fit_growing_logistic, fit_logistic, radius_models
+from lab.evaluation.fit_confidence import (
+    features_of_row,
+    fit_confidence,
+    fit_growing_logistic,
+    fit_logistic,
+    radius_models,
+)
+from lab.evaluation.rows import Row, RowsError
 from tests.lab.evaluation.made_rows import made_row, measures
 
 

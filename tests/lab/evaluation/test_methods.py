@@ -4,7 +4,7 @@ import pytest
 
 from core.config import LocalizerConfig, PaperConfig
 from core.errors import OptionsError
-from lab.evaluation import METHOD_NAMES, compared_method
+from lab.evaluation.methods import METHOD_NAMES, compared_method
 
 
 def test_each_ablation_leaves_out_one_part() -> None:

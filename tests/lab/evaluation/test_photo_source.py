@@ -8,8 +8,9 @@ import pytest
 from core.errors import OptionsError
 from core.geometry.pose import pose_error
 from core.panorama.session import Session
-from lab.evaluation import as_photos, folder_scans
 from lab.evaluation.known_cases import query_facts
+from lab.evaluation.photo_source import as_photos
+from lab.evaluation.sources import folder_scans
 
 
 def test_each_panorama_is_cut_by_one_of_the_seeds_in_turn(box_folder: Path) -> None:

@@ -5,8 +5,12 @@ from pathlib import Path
 import pytest
 
 from core.judge.confidence import load_confidence_model
-from lab.evaluation import Evaluation, Row, RowsFile, RunOptions, ScanCases, compared_method, folder_scans, limited
 from lab.evaluation.fit_confidence import features_of_row
+from lab.evaluation.known_cases import ScanCases, limited
+from lab.evaluation.methods import compared_method
+from lab.evaluation.rows import Row, RowsFile
+from lab.evaluation.runner import Evaluation, RunOptions
+from lab.evaluation.sources import folder_scans
 
 FAST = compared_method(
     "fast=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
