@@ -16,13 +16,14 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from functools import cache
+from functools import cache, partial
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
+from typing import cast
 
 import libcst as cst
 import pytest
@@ -49,7 +50,11 @@ _LIBRARIES = (
     "httpx",
     *_PLUGINS,
 )
-_OPTIONS = ("-x", "-q", "--no-header", "-m", "not slow and not integration", "-p", "no:cacheprovider")
+_OPTIONS = (
+    *("-x", "-q", "-m", "not slow and not integration", "-p", "no:cacheprovider"),
+    *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # the plugins are loaded before
+    *(word for name in _PLUGINS for word in ("-p", name)),
+)
 # A mutant may take so many times as long as its tests take without it, and some seconds.
 _TIMES_AS_LONG, _LEAST_S = 5.0, 20.0
 _FORK = multiprocessing.get_context("fork")
@@ -79,26 +84,30 @@ class _Visitor(MutationVisitor):
         return (isinstance(node, cst.SimpleString) and " " in node.value) or super()._skip_node_and_children(node)
 
 
-def mutants_of(file: str, source: str) -> Iterator[Mutant]:
-    """Yield every change inside of functions that makes another program; file: relative to the top folder."""
+def changes_of(file: str, source: str) -> list[Callable[[], Mutant | None]]:
+    """Return what makes each mutant of a file, within its functions; None for a change that leaves the same program, or none.
+
+    file: relative to the top folder. Making a mutant takes some 30 ms.
+    """
     wrapper = MetadataWrapper(cst.parse_module(source))
     visitor = _Visitor(mutation_operators, IgnoredCode(set(), set(), set()))
-    module, places = wrapper.visit(visitor), wrapper.resolve(PositionProvider)
-    seen = {ast.dump(ast.parse(source))}
-    for mutation in visitor.mutations:
-        function = mutation.contained_by_top_level_function
-        if not isinstance(function, cst.FunctionDef):
-            continue
-        changed = deep_replace(module, mutation.original_node, mutation.mutated_node).code  # type: ignore[attr-defined]
+    module, places, program = wrapper.visit(visitor), wrapper.resolve(PositionProvider), ast.dump(ast.parse(source))
+
+    def mutant(old: cst.CSTNode, new: cst.CSTNode, function: cst.FunctionDef) -> Mutant | None:
+        changed = cast(cst.Module, deep_replace(module, old, new)).code
         try:
-            program = ast.dump(ast.parse(changed))
+            if ast.dump(ast.parse(changed)) == program:
+                return None
         except SyntaxError:
-            continue
-        if program not in seen:
-            seen.add(program)
-            line = places.get(mutation.original_node, places[function]).start.line
-            parts = (module.code_for_node(node) for node in (mutation.original_node, mutation.mutated_node))
-            yield Mutant(file, line, "  →  ".join(" ".join(part.split())[:90] for part in parts), changed)
+            return None
+        parts = (" ".join(module.code_for_node(node).split())[:90] for node in (old, new))
+        return Mutant(file, places.get(old, places[function]).start.line, "  →  ".join(parts), changed)
+
+    return [
+        partial(mutant, each.original_node, each.mutated_node, function)
+        for each in visitor.mutations
+        if isinstance(function := each.contained_by_top_level_function, cst.FunctionDef)
+    ]
 
 
 def concerning_tests(file: str) -> tuple[str, ...]:
@@ -143,7 +152,7 @@ def _test(tests: Sequence[str], mutant: Mutant | None) -> None:
     # The same examples every time, and none remembered from another mutant.
     hypothesis.settings.register_profile("mutation", database=None, derandomize=True)
     hypothesis.settings.load_profile("mutation")
-    os._exit(int(pytest.main([*_OPTIONS, *(word for name in _PLUGINS for word in ("-p", name)), *tests])))
+    os._exit(int(pytest.main([*_OPTIONS, *tests])))
 
 
 def _replace(file: str, source: bytes) -> None:
@@ -164,17 +173,20 @@ def sampled(only: str, size: int, seed: int) -> list[Mutant]:
 
     Raises ValueError where a pattern of MUTATED has no files.
     """
-    every: list[Mutant] = []
+    every: list[Callable[[], Mutant | None]] = []
     for pattern in MUTATED:
         files = [path for path in sorted(ROOT.glob(pattern)) if path.name != "__init__.py"]
         if not files:
             raise ValueError(f"{__file__}: expected files like {pattern}, found none; correct MUTATED")
         for file in (str(path.relative_to(ROOT)) for path in files):
             if fnmatch(file, only):
-                every += mutants_of(file, (ROOT / file).read_text(encoding="utf-8"))
-    print(f"{len(every)} mutants")
-    chosen = random.Random(seed).sample(range(len(every)), min(size, len(every)))
-    return [every[number] for number in sorted(chosen)]
+                every += changes_of(file, (ROOT / file).read_text(encoding="utf-8"))
+    print(f"{len(every)} changes", flush=True)
+    found: dict[int, Mutant] = {}
+    for number in random.Random(seed).sample(range(len(every)), len(every)):
+        if len(found) < size and (mutant := every[number]()) is not None:
+            found[number] = mutant
+    return [found[number] for number in sorted(found)]
 
 
 def main() -> None:

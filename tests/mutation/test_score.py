@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutation.score import MUTATED, ROOT, Mutant, concerning_tests, mutants_of
+from tests.mutation.score import MUTATED, ROOT, Mutant, changes_of, concerning_tests
 
 SOURCE = '''"""A module."""
 
@@ -34,7 +34,8 @@ class Counter:
 
 @pytest.fixture(scope="module")
 def mutants() -> list[Mutant]:
-    return list(mutants_of("service/made_up.py", SOURCE))
+    made = [make() for make in changes_of("service/made_up.py", SOURCE)]
+    return [mutant for mutant in made if mutant is not None]
 
 
 def test_every_mutant_differs_in_one_line_of_a_function_also_of_one_with_a_decorator(mutants: list[Mutant]) -> None:
