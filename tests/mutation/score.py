@@ -1,4 +1,4 @@
-"""Measures how many small faults the quick tests notice: `scripts/mutation [--sample 320] [--seed 1] [--only 'core/judge/*']`.
+"""Measures how many small faults the tests beside the code notice: `scripts/mutation [--sample 320] [--seed 1] [--only 'core/judge/*']`.
 
 mutmut 3 says what may be changed: a number one higher, `<` for `<=`, an argument left out, a value that is not assigned. Its own runner
 leaves out properties and context managers, so here each change becomes a whole file: a process that has the large libraries loaded is
@@ -51,7 +51,7 @@ _LIBRARIES = (
     *_PLUGINS,
 )
 _OPTIONS = (
-    *("-x", "-q", "-m", "not slow and not integration", "-p", "no:cacheprovider"),
+    *("-x", "-q", "-m", "not integration", "-p", "no:cacheprovider"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # the plugins are loaded before
     *(word for name in _PLUGINS for word in ("-p", name)),
 )
@@ -136,7 +136,9 @@ def outcome(tests: Sequence[str], mutant: Mutant | None, limit_s: float) -> str:
         os.killpg(child.pid or 0, signal.SIGKILL)
         child.join()
         return "timed out"
-    return {pytest.ExitCode.OK: "lives", pytest.ExitCode.NO_TESTS_COLLECTED: "no tests"}.get(child.exitcode, "noticed")
+    if child.exitcode == pytest.ExitCode.NO_TESTS_COLLECTED:
+        return "no tests"
+    return "lives" if child.exitcode == pytest.ExitCode.OK else "noticed"
 
 
 def _test(tests: Sequence[str], mutant: Mutant | None) -> None:

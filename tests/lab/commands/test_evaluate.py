@@ -4,12 +4,10 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-import typer
 
 from core.geometry.pose import Pose
 from core.judge.confidence import FEATURES
@@ -17,7 +15,6 @@ from lab.commands import evaluation_run
 from lab.evaluation.known_cases import ScanCases
 from lab.evaluation.runner import RunOptions
 from lab.rooms import PosedPanorama, write_case_folder
-from service.cli.entry import app
 from service.cli.exit_codes import ExitCode
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.lab.evaluation.made_rows import made_row, measures
@@ -160,9 +157,3 @@ def test_options_reach_the_cases_and_the_run(
     ((scans, *rest),) = asked
     assert [scan.name for scan in scans] == ["rooms-1-nordic-256px-5000pts"]  # type: ignore[attr-defined]
     assert rest == [["fast"], RunOptions("cpu", 4, True, 3.0), ["0.05,5"], tmp_path]
-
-
-def test_the_help_shows_every_option_in_its_panel() -> None:
-    command: Any = typer.main.get_command(app)
-    options = [option for option in command.commands["evaluate"].params if option.name not in ("json", "help")]
-    assert {option.rich_help_panel for option in options} == {"Cases", "Methods", "Output"}
