@@ -4,7 +4,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from json import dumps
@@ -14,7 +13,6 @@ from typing import Any
 import torch
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from core.errors import OptionsError
 from lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
@@ -22,8 +20,8 @@ from lab.benchmark.rooms import Rooms
 from lab.benchmark.service_parts import SERVICE_PARTS, service_benchmark
 from lab.benchmark.sizes import Sizes
 from lab.benchmark.tables import tables_of
+from lab.display import print_tables, progress
 from lab.machine import machine, versions
-from lab.tables import print_tables
 from service.cli.session import Session
 
 _TEXT_WIDTH = 240
@@ -87,7 +85,7 @@ def _measured(
         advance()
         return name, seconds
 
-    with _progress(session, len(names)) as (say, advance):
+    with progress(session.messages, len(names)) as (say, advance):
         core = CoreBenchmark(request.sizes, device, Rooms(device, say), say, request.large_points, request.scan_formats)
         for name in names:
             if name in CORE_PARTS:
@@ -133,13 +131,3 @@ def _warn_when_busy(described: dict[str, Any], session: Session) -> None:
         session.messages.print(
             f"This machine is busy ({load:.1f} processes on {cpus} processors): times will be too long; trust ratios."
         )
-
-
-@contextmanager
-def _progress(session: Session, num_parts: int) -> Iterator[tuple[Callable[[str], None], Callable[[], None]]]:
-    """Show a bar of parts; yield what shows the step under way, and what counts a part."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = session.messages
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=num_parts)
-        yield lambda text: bar.update(task, description=escape(text)), lambda: bar.advance(task)

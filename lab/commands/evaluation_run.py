@@ -9,10 +9,10 @@ from pathlib import Path
 import torch
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from core.errors import OptionsError
 from lab.commands.evaluation_tables import evaluation_tables
+from lab.display import print_tables, progress
 from lab.evaluation.known_cases import ScanCases, limited
 from lab.evaluation.methods import compared_method
 from lab.evaluation.photo_source import as_photos
@@ -20,7 +20,6 @@ from lab.evaluation.rows import Row, RowsFile
 from lab.evaluation.runner import Evaluation, RunOptions
 from lab.evaluation.sources import folder_scans, seed_range, suite_scans
 from lab.evaluation.summary import DEFAULT_LIMITS, Limits, report_document, summaries
-from lab.tables import print_tables
 from service.cli.session import Session
 
 THREADS_VARIABLE = "PANOLOC_EVAL_THREADS"
@@ -105,21 +104,13 @@ def _parsed_limits(text: str) -> Limits:
 
 
 def _run(evaluation: Evaluation, session: Session) -> list[Row]:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
     rows, reused = [], 0
     console = session.messages
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("evaluating", total=evaluation.num_calls)
-        for row, is_new in evaluation.rows(lambda text: bar.update(task, description=escape(text))):
+    with progress(console, evaluation.num_calls) as (say, advance):
+        for row, is_new in evaluation.rows(say):
             rows.append(row)
             reused += not is_new
-            bar.advance(task)
+            advance()
             if row.error is not None:
                 console.print(f"[bold red]{escape(row.query)}[/]: {escape(row.error)}")
     if reused:

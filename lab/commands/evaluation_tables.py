@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from lab.tables import table
+from lab.display import table
 
 if TYPE_CHECKING:
     from lab.evaluation.fit_confidence import HeldOut

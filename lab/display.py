@@ -1,9 +1,11 @@
-"""Tables for people, made of one dictionary per row, heading to text."""
+"""What the commands of the lab show: a bar of progress, and tables made of one dictionary per row, heading to text."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 
@@ -29,3 +31,13 @@ def print_tables(console: Console, tables: Sequence[object]) -> None:
     for each in tables:
         console.print(each)
         console.print()
+
+
+@contextmanager
+def progress(console: Console, total: int) -> Iterator[tuple[Callable[[str], None], Callable[[], None]]]:
+    """Show a bar of `total` steps on a terminal; yield what shows the step under way, and what counts it."""
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    shown = TextColumn("{task.description}")
+    with Progress(shown, *columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda text: bar.update(task, description=escape(text)), lambda: bar.advance(task)
