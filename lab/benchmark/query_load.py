@@ -37,7 +37,7 @@ class Answer:
 
     @property
     def is_localized(self) -> bool:
-        """Tell whether the service is sure of its pose."""
+        """Return whether the service is sure of its pose."""
         return bool(self.body["status"] == "localized")
 
     @property

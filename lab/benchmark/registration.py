@@ -33,8 +33,8 @@ class RegistrationFailedError(CoreError):
 class RegistrationFigures:
     """Seconds and bytes of one registration on the processor, as the service does it.
 
-    seconds: by stage, and `total`. base_bytes: of the process before it began; peak_bytes: the most at any time, None where the
-    system does not tell.
+    seconds: by stage, and `total`. base_bytes: of the process before it began; peak_bytes: the most at any time, None where /proc
+    is missing.
     """
 
     scan_bytes: int

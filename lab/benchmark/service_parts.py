@@ -33,7 +33,7 @@ _SAMPLE_S = 0.5
 class ServiceBenchmark:
     """A service and a painted room to localize in.
 
-    process_id: None for a service that somebody else runs. place: the map of the room. queries: panoramas of it. paper: whether to send
+    process_id: None for the service at `--url`. place: the map of the room. queries: panoramas of it. paper: whether to send
     one of them to the method paper. say: receives what is under way.
     """
 

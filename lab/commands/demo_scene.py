@@ -31,7 +31,7 @@ _NUM_PHOTO_TRIES = 12
 class DemoQuery:
     """A panorama or photo with the pose that it was taken from.
 
-    options: what the service is told of it, as of `POST /localize`. may_stay_open: shows so little that `not_localized` is no failure.
+    options: of the query, as in `POST /localize`. may_stay_open: shows so little that `not_localized` is no failure.
     """
 
     image: Path
@@ -93,6 +93,6 @@ def _take_photo(folder: Path, room: Scene, rng: np.random.Generator) -> DemoQuer
     best = int(np.argmax([np.median(glance.hits.distance) for glance in glances]))
     file = folder / "photo.jpg"
     Image.fromarray(take_photo(room, camera, poses[best]).photo.color).save(file, quality=JPEG_QUALITY)
-    told: JsonObject = {"cameras": [{"model": "pinhole", "hfov_deg": _PHOTO_HFOV_DEG}], "hints": {"upright": True}}
+    options: JsonObject = {"cameras": [{"model": "pinhole", "hfov_deg": _PHOTO_HFOV_DEG}], "hints": {"upright": True}}
     description = f"one ordinary photo, {_PHOTO_HFOV_DEG:g} degrees wide"
-    return DemoQuery(file, description, poses[best], told, may_stay_open=True)
+    return DemoQuery(file, description, poses[best], options, may_stay_open=True)

@@ -28,7 +28,7 @@ class KnownQuery:
 
     poses: map_from_camera, of a session that of its first image, in the scan's own frame; more than one where a place exists twice and
     each is as right as the others. changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the
-    cloud, no longer there; None where nobody knows. tags describe the query. hints: of the call.
+    cloud, no longer there; None where unknown. tags describe the query. hints: of the call.
     lookalikes: map_from_camera at which another room looks most like this one, and is not.
     """
 

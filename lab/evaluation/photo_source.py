@@ -64,8 +64,8 @@ def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, 
     place = known.poses[0]
     if camera.shooting is None:
         panorama, missing = with_any_defect(known.panorama, rng)
-        told = Panorama(panorama.color, panorama.valid & ~missing)
-        return replace(known, query=told if camera.masked else as_uploaded(panorama), changed_pixels=None)
+        masked = Panorama(panorama.color, panorama.valid & ~missing)
+        return replace(known, query=masked if camera.masked else as_uploaded(panorama), changed_pixels=None)
     lens, rotations = camera.shooting.camera(rng, width), camera.shooting.rotations(rng)
     photos = [cut_photo(known.panorama, lens, place.rotation.T @ rotation) for rotation in rotations]
     poses = [Pose(rotation, place.position) for rotation in rotations]

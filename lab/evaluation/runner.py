@@ -60,7 +60,7 @@ class _Ready:
 
 
 class Evaluation:
-    """A run: its calls are known from the beginning, so that progress and what is left can be told."""
+    """A run: its calls are known from the beginning, so that progress can be shown."""
 
     def __init__(
         self, scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], file: RowsFile, options: RunOptions
@@ -79,7 +79,7 @@ class Evaluation:
     def rows(self, say: Callable[[str], None] = lambda text: None) -> Iterator[tuple[Row, bool]]:
         """Yield every row with whether it is new (False: found in the file); new ones are written first.
 
-        say: hears what is being done. A call that raises a CoreError gives a row that names it.
+        say: receives what is being done. A call that raises a CoreError gives a row that names it.
         """
         known = {row.key: row for row in self._file.rows()}
         for call in self._calls:

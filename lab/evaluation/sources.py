@@ -43,9 +43,9 @@ def suite_scans(
         """Make the case of a seed."""
         cases = suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points)
         case = next(iter(cases))
-        untold = case.missing_pixels is not None and case.panorama.valid[case.missing_pixels].any()
+        is_unmasked = case.missing_pixels is not None and case.panorama.valid[case.missing_pixels].any()
         query = KnownQuery(
-            as_uploaded(case.panorama) if untold else case.query,
+            as_uploaded(case.panorama) if is_unmasked else case.query,
             (case.pose, *case.alternatives),
             case.changed_pixels,
             case.changed_points,

@@ -151,7 +151,7 @@ def make_case(
 
 @dataclass(frozen=True, eq=False)
 class _Taken:
-    """What was photographed: the scene with whoever came into view, the query, map_from_camera of its images, and what of it is new."""
+    """What was photographed: the scene with people who came into view, the query, map_from_camera of its images, and what of it is new."""
 
     scene: Scene
     query: Panorama | Session

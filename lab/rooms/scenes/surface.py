@@ -49,7 +49,7 @@ class Hits:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Tell which rays meet something, (N,)."""
+        """Return which rays meet something, (N,)."""
         return self.triangle >= 0
 
 
@@ -92,7 +92,7 @@ class Surface:
         return Hits(distance, triangle, np.stack((1 - second - third, second, third), axis=1))
 
     def blocked(self, starts: NDArray[np.floating], ends: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Tell for each pair of points (N, 3) whether something lies between them."""
+        """Return for each pair of points (N, 3) whether something lies between them."""
         rays = _rays(starts, ends - starts)
         occluded: NDArray[np.bool_] = self._ray_casting.test_occlusions(rays, tnear=0.0, tfar=0.999).numpy()
         return occluded
