@@ -1,1 +1,1 @@
-"""What measures the method: made-up rooms with exact poses, evaluation, benchmarks, and their commands."""
+"""What measures the method: procedural rooms with exact poses, evaluation, benchmarks, and their commands."""

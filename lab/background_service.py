@@ -1,18 +1,22 @@
-"""Starts a service in the background for `panoloc demo` and `panoloc bench`, and waits until it serves requests."""
+"""Starts a service in the background for `panoloc demo`, `panoloc bench` and the screenshots, and waits until it is ready."""
 
 import os
+import socket
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
 from service.host.address import why_not_free
+from service.host.lifeline import Lifeline
 
-# Starting Ray takes 10 to 20 s on a small machine, a cold disk doubles that, and beside others that start it takes minutes.
+# A service is ready after seconds on an idle machine, after minutes where others start beside it.
 START_LIMIT_S = 600.0
 _POLL_S = 0.25
 _STOP_LIMIT_S = 30.0
@@ -39,13 +43,13 @@ class BackgroundService:
         return self.process.pid
 
     def raise_if_ended(self) -> None:
-        """Raise StartError with the end of the log when the process is gone."""
+        """Raise StartError with the end of the log when the process has ended."""
         code = self.process.poll()
         if code is not None:
             raise StartError(f"The service ended with exit code {code} while it started. {self._log_tail()}")
 
     def stop(self) -> None:
-        """Ask the process to end, and wait until it did; what it started ends with it."""
+        """Ask the process to end and wait for it; its child processes end with it."""
         self.process.terminate()
         try:
             self.process.wait(_STOP_LIMIT_S)
@@ -57,8 +61,48 @@ class BackgroundService:
         return "\n".join([f"The end of {self.log_file}:", *(f"  {line}" for line in lines)])
 
 
+@dataclass(frozen=True)
+class OwnService:
+    """A service that lives as long as a block.
+
+    folder: temporary, for files to upload. process_id: of the service's first process.
+    """
+
+    url: str
+    client: PanolocClient
+    folder: Path
+    process_id: int
+
+
+@contextmanager
+def own_service(
+    settings: Mapping[str, str] | None = None,
+    log_file: Path | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Iterator[OwnService]:
+    """Start an empty service on a free port, wait until it is ready, and stop it at the end, also when this process is killed.
+
+    settings: further environment variables of the service. say: receives what it waits for.
+    Raises StartError when the service ends while it starts.
+    """
+    with ExitStack() as stack:
+        # Unix sockets allow 107 characters, so the folder's name is short.
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pl-", ignore_cleanup_errors=True)))
+        url = f"http://127.0.0.1:{_free_port()}"
+        watcher = Lifeline()
+        stack.callback(watcher.close)
+        told = {"PANOLOC_DATA_DIR": str(folder / "data"), **(settings or {})}
+        service = start_in_background(url, log_file or folder / "service.log", told)
+        watcher.guard(service.process_id)
+        stack.callback(watcher.release, service.process_id)
+        stack.callback(service.stop)
+        client = stack.enter_context(PanolocClient(url))
+        wait_until_ready(client, service, say)
+        yield OwnService(url, client, folder, service.process_id)
+
+
 def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | None = None) -> BackgroundService:
-    """Start `panoloc serve` for `url` as a process of its own session, so that it survives this one.
+    """Start `panoloc serve` for `url` in a session of its own, so that it survives this process.
 
     settings: environment variables that differ from those of this process. Raises StartError when the URL is not of this machine,
     or another program listens there.
@@ -73,16 +117,7 @@ def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | 
             f"No service can be started at {url}: {fault}. Stop what listens there, or choose another port with --url, "
             "such as http://127.0.0.1:8001."
         )
-    command = [
-        sys.executable,
-        "-m",
-        "service.cli",
-        "serve",
-        "--host",
-        address.hostname,
-        "--port",
-        str(port),
-    ]
+    command = [sys.executable, "-m", "service.cli", "serve", "--host", address.hostname, "--port", str(port)]
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:
         process = subprocess.Popen(
@@ -102,7 +137,7 @@ def wait_until_ready(
     on_state: Callable[[str], None],
     limit_s: float = START_LIMIT_S,
 ) -> None:
-    """Poll until the service serves requests; `on_state` hears what it waits for.
+    """Poll until the service serves requests; `on_state` receives what it waits for.
 
     Raises StartError when `service` ends meanwhile and WaitTimeoutError after `limit_s`.
     """
@@ -129,3 +164,9 @@ def _missing(details: JsonObject) -> str:
         details.get("waiting_for") or details.get("missing") or details.get("detail") or "something it does not name"
     )
     return ", ".join(map(str, waiting_for)) if isinstance(waiting_for, list) else str(waiting_for)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,4 +1,4 @@
-"""The made-up room that anybody can try: its scan, and a panorama taken after furniture was moved.
+"""The procedural room that anybody can try: its scan, and a panorama taken after furniture was moved.
 
     python -m lab.demo_room FOLDER    writes room.ply and panorama.jpg, the same ones each time
 
@@ -12,24 +12,27 @@ import numpy as np
 from PIL import Image
 
 from core.scan.ply.writer import write_ply
-from lab.rooms import SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
+from lab.rooms import Scene, SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
 
 SEED = 4
-ROOM_AREA_M2 = 24.0
-ROOM_FAMILY = "nordic"
 NUM_SCAN_POINTS = 400_000
 CHANGED_FRACTION = 0.6
 JPEG_QUALITY = 92
-_PANORAMA_WIDTH = 1536
+PANORAMA_WIDTH = 1536
+
+
+def demo_scene(seed: int = SEED) -> Scene:
+    """Return the room; another seed makes another one."""
+    return build_scene(SceneSpec(kind="room", seed=seed, family="nordic", area_m2=24.0))
 
 
 def make_demo_room(folder: Path) -> None:
     """Write the scan and the panorama."""
-    room = build_scene(SceneSpec(kind="room", seed=SEED, family=ROOM_FAMILY, area_m2=ROOM_AREA_M2))
+    room = demo_scene()
     write_ply(folder / "room.ply", scan_scene(room, num_points=NUM_SCAN_POINTS, seed=SEED))
     changed = change_scene(room, CHANGED_FRACTION, seed=SEED)
     pose = sample_pose(changed, np.random.default_rng(SEED), "tilted")
-    picture = take_panorama(changed, pose, _PANORAMA_WIDTH).color
+    picture = take_panorama(changed, pose, PANORAMA_WIDTH).color
     Image.fromarray(picture).save(folder / "panorama.jpg", quality=JPEG_QUALITY)
 
 

@@ -9,7 +9,7 @@ from service.host.process_tree import command_of, descendants
 def proportional_bytes(pid: int) -> int:
     """Return the proportional set size of one process: its own pages plus its share of the common ones.
 
-    Raises OSError when the process is gone or belongs to somebody else.
+    Raises OSError when the process has ended or belongs to another user.
     """
     for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
         if line.startswith("Pss:"):

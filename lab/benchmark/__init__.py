@@ -1,4 +1,4 @@
-"""Measures what everything costs, from the search alone to queries over HTTP.
+"""Measures what everything costs, from stages of a query to queries over HTTP.
 
-What needs no service uses torch, numpy and the standard library alone, so that it runs on any machine with a GPU.
+`core_parts` and what it imports need torch, numpy and the standard library alone, so that they run on any machine with a GPU.
 """

@@ -114,7 +114,7 @@ class PaintedRoom:
         return points[seen], np.where(solid == 0, face, solid + 5)[seen]
 
     def _hidden(self, points: Array) -> NDArray[np.bool_]:
-        """Tell which points (N, 3) lie inside a box, on the floor below one, or on the wall behind one."""
+        """Return which points (N, 3) lie inside a box, on the floor below one, or on the wall behind one."""
         grown = 1e-6
         hidden = np.zeros(len(points), np.bool_)
         for low, high in zip(*self.boxes, strict=True):
@@ -123,7 +123,7 @@ class PaintedRoom:
         return hidden
 
     def pose(self, number: int = 0) -> Pose:
-        """Return one of the poses to take panoramas from, turned anyhow, 0.4 m from everything.
+        """Return one of the poses to take panoramas from, in any orientation, 0.4 m from everything.
 
         Raises OptionsError where the room is too small for that.
         """

@@ -1,11 +1,11 @@
 """Painted rooms ready to be searched: scanned, thinned as a registration does, and indexed with about as many starts as asked for."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
-from core.config import IndexConfig, StartsConfig
+from core.config import StartsConfig
 from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.index.starts import octree_starts
@@ -30,30 +30,22 @@ class IndexedRoom:
 class Rooms:
     """Makes rooms when they are first asked for, and keeps them for the parts of one run that share them.
 
-    say: hears what is being made.
+    say: receives what is being made.
     """
 
     def __init__(self, device: torch.device, say: Callable[[str], None] = lambda text: None) -> None:
         self._device, self._say = device, say
-        self._made: dict[tuple[int, int, int, bool], IndexedRoom] = {}
+        self._made: dict[tuple[int, int, int], IndexedRoom] = {}
 
-    def indexed(self, seed: int, points: int, starts: int, thinned: bool = True) -> IndexedRoom:
-        """Return a room whose scan has `points` points and whose index has about `starts` starts.
-
-        thinned: to as many points as a registration keeps unless told otherwise; else all remain.
-        """
-        key = (seed, points, starts, thinned)
+    def indexed(self, seed: int, points: int, starts: int) -> IndexedRoom:
+        """Return a room whose scan has `points` points before thinning, and whose index has about `starts` starts."""
+        key = (seed, points, starts)
         if key not in self._made:
             self._say(f"making a room: {points:,} points, about {starts} starts")
             room = PaintedRoom(seed)
-            cloud = room.scan(points)
-            if thinned:
-                cloud = thin_cloud(cloud, ScanOptions().max_points_used)
+            cloud = thin_cloud(room.scan(points), ScanOptions().max_points_used)
             options = IndexOptions(spacing_m=spacing_for(cloud, starts))
-            # More starts than a registration allows are made for the sweeps alone.
-            most = replace(StartsConfig(), max_starts=max(StartsConfig().max_starts, 2 * starts))
-            index = build_map_index(cloud, options, config=IndexConfig(starts=most), device=self._device)
-            self._made[key] = IndexedRoom(room, index)
+            self._made[key] = IndexedRoom(room, build_map_index(cloud, options, device=self._device))
         return self._made[key]
 
 

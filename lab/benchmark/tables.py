@@ -1,10 +1,11 @@
 """The figures of the benchmark as tables for people."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Table
+
+from lab.display import table
 
 Figures = dict[str, Any]
 
@@ -28,167 +29,133 @@ def _machine_line(document: Figures) -> str:
     )
 
 
-def _search(figures: Figures) -> list[object]:
-    table = _table(
-        "Search with score maps, ms",
-        ["method"],
-        "starts",
-        "rotations",
-        "models",
-        "tensor",
-        "score maps",
-        "scores",
-        "total",
-        "µs per view",
-    )
-    for row in figures["rows"]:
-        steps = [_median(row[name]) for name in ("tensor", "score_maps", "scores")]
-        counts = [f"{row[name]:,}" for name in ("starts", "rotations", "color_models")]
-        table.add_row(row["method"], *counts, *steps, _spread(row["total"]), f"{row['view_us']:.3f}")
-    return [table]
-
-
 def _stages(figures: Figures) -> list[object]:
-    title = f"Stages of a query, ms ({figures['points']:,} points used, {figures['starts']} starts, {_size(figures['pixels'])})"
-    table = _table(title, ["stage"], "median (quartiles)", "from", "to")
-    for name, spread in figures["figures"]["stages"].items():
-        table.add_row(name, _spread(spread), f"{spread['min_ms']:.1f}", f"{spread['max_ms']:.1f}")
-    return [table, _rightness(figures["figures"])]
+    height = round((figures["pixels"] / 2) ** 0.5)
+    size = f"{figures['points']:,} points used, {figures['starts']} starts, {2 * height} x {height} pixels"
+    rows = [
+        {
+            "stage": name,
+            "median (quartiles)": _spread(spread),
+            "from": f"{spread['min_ms']:.1f}",
+            "to": f"{spread['max_ms']:.1f}",
+        }
+        for name, spread in figures["stages"].items()
+    ]
+    error_m, error_deg = figures["position_error_m"], figures["orientation_error_deg"]
+    off = "" if error_m is None else f", off by {error_m * 1000:.1f} mm and {error_deg:.2f}°"
+    return [table(rows, 1, f"Stages of a query, ms ({size})"), f"The answer was {figures['status']}{off}."]
 
 
 def _registration(figures: Figures) -> list[object]:
-    table = _table(
-        "Registration, s", ["points"], "used", "starts", "file MB", "index MB", "total", "peak MB", "before MB"
-    )
+    rows = []
     for row in figures["rows"]:
         one, total = row["median"], row["total"]
-        seconds = f"{total['median_ms'] / 1000:.1f} ({total['min_ms'] / 1000:.1f} to {total['max_ms'] / 1000:.1f})"
-        sizes = (_mb(one["scan_bytes"]), _mb(one["index_bytes"]))
-        memory = (_mb(row["peak_bytes"]), _mb(one["base_bytes"]))
-        table.add_row(f"{one['points']:,}", f"{one['points_used']:,}", str(one["starts"]), *sizes, seconds, *memory)
+        rows.append(
+            {
+                "scan": row["scan_format"],
+                "points": f"{one['points']:,}",
+                "used": f"{one['points_used']:,}",
+                "starts": one["starts"],
+                "file MB": _mb(one["scan_bytes"]),
+                "index MB": _mb(one["index_bytes"]),
+                "total": f"{total['median_ms'] / 1000:.1f} ({total['min_ms'] / 1000:.1f} to {total['max_ms'] / 1000:.1f})",
+                "peak MB": _mb(row["peak_bytes"]),
+                "before MB": _mb(one["base_bytes"]),
+            }
+        )
     stages = [f"{name} {seconds:.2f}" for name, seconds in figures["rows"][-1]["median"]["seconds"].items()]
-    return [table, f"Of the last: {', '.join(stages)} s"]
+    return [table(rows, 1, "Registration, s"), f"Of the last: {', '.join(stages)} s"]
 
 
 def _index(figures: Figures) -> list[object]:
-    table = _table(
-        "Map index", ["points"], "starts", "encoded MB", "in memory MB", "encode ms", "decode ms", "from Redis ms"
-    )
-    redis = figures["redis"]
-    table.add_row(
-        f"{figures['points']:,}", str(figures["starts"]), _mb(figures["encoded_bytes"]), _mb(figures["resident_bytes"]),
-        _spread(figures["encode"]), _spread(figures["decode"]), _spread(redis["load"]) if redis else "–",
-    )  # fmt: skip
-    return [table]
+    row = {
+        "points": f"{figures['points']:,}",
+        "starts": figures["starts"],
+        "encoded MB": _mb(figures["encoded_bytes"]),
+        "in memory MB": _mb(figures["resident_bytes"]),
+        "encode ms": _spread(figures["encode"]),
+        "decode ms": _spread(figures["decode"]),
+    }
+    return [table([row], 0, "Map index")]
 
 
 def _maps(figures: Figures) -> list[object]:
-    return [_query_table("One query over maps, ms", [], figures["rows"], lambda row: [])]
-
-
-def _scaling(figures: Figures) -> list[object]:
-    rows = figures["rows"]
-    labels = {id(row["query"]): [row["parameter"], f"{row['value']:,}"] for row in rows}
-    queries = [row["query"] for row in rows]
-    return [_query_table("Cost of a query, ms", ["against", "value"], queries, lambda row: labels[id(row)])]
+    rows = []
+    for row in figures["rows"]:
+        stages = dict(row["stages"])
+        total = _spread(stages.pop("total"))
+        counts = {name: f"{row[name]:,}" for name in ("maps", "starts", "points", "pixels")}
+        times = {name: f"{spread['median_ms']:.1f}" for name, spread in stages.items()}
+        # A synthetic view is one start seen with one rotation.
+        view_us = stages["search"]["median_ms"] * 1000 / (row["starts"] * row["rotations"])
+        rows.append(
+            {**counts, **times, "total": total, "search µs per view": f"{view_us:.3f}", "status": row["status"]}
+        )
+    return [table(rows, 0, "One query over maps, ms")]
 
 
 def _query(figures: Figures) -> list[object]:
-    place = figures["map"]
+    place, paper = figures["map"], figures["paper"] or {}
     size = f"{place['num_points_used'] or 0:,} points used, {place['num_starts']} starts"
     title = f"Queries over HTTP, ms ({size}, {figures['panorama_width']} pixels wide)"
-    table = _table(
-        title, ["method", "clients"], "queries", "failed", "localized", "p50", "p95", "mean", "queries per s"
-    )
-    paper = figures["paper"] or {}
-    for row in [*figures["rows"], *([paper] if "latency" in paper else [])]:
-        latency = row["latency"]
-        times = [f"{latency[name]:.0f}" for name in ("median_ms", "p95_ms", "mean_ms")]
-        counts = [str(row[name]) for name in ("clients", "queries", "failed", "localized")]
-        table.add_row(row["method"], *counts, *times, f"{row['throughput_per_s']:.2f}")
+    rows = [
+        {
+            **{name: row[name] for name in ("method", "clients", "queries", "failed", "localized")},
+            **_latency(row),
+            "mean": f"{row['latency']['mean_ms']:.0f}",
+            "queries per s": f"{row['throughput_per_s']:.2f}",
+        }
+        for row in [*figures["rows"], *([paper] if "latency" in paper else [])]
+    ]
     stages = [f"{name} {ms:.0f}" for name, ms in figures["rows"][0]["service_stages_ms"].items()]
-    tables: list[object] = [table, f"The service says of the first row: {', '.join(stages)} ms"]
+    tables: list[object] = [table(rows, 2, title), f"The service says of the first row: {', '.join(stages)} ms"]
     if paper.get("ratio"):
         tables.append(f"The method paper took {paper['ratio']:.0f} times as long as the method fast.")
     return tables
 
 
 def _cameras(figures: Figures) -> list[object]:
+    rows = [
+        {
+            **{name: row[name] for name in ("camera", "images", "queries", "right", "localized")},
+            **_latency(row),
+            "to a panorama": f"{row['ratio']:.2f}",
+        }
+        for row in figures["rows"]
+    ]
     title = f"Cameras over HTTP, furnished rooms of which 60 % has changed ({figures['points']:,} points)"
-    table = _table(title, ["camera"], "images", "queries", "right", "localized", "p50", "p95", "to a panorama")
-    for row in figures["rows"]:
-        times = [f"{row['latency'][name]:.0f}" for name in ("median_ms", "p95_ms")]
-        counts = [str(row[name]) for name in ("images", "queries", "right", "localized")]
-        table.add_row(row["camera"], *counts, *times, f"{row['ratio']:.2f}")
-    return [table]
+    return [table(rows, 1, title)]
 
 
 def _memory(figures: Figures) -> list[object]:
-    table = _table("Memory of the service (PSS), MB", ["process"], "idle", f"after {figures['queries']} queries")
-    names = figures["after_by_process"] | figures["idle_by_process"]
-    for name in names:
-        table.add_row(escape(name), *(_mb(figures[f"{when}_by_process"].get(name, 0)) for when in ("idle", "after")))
-    table.add_row("together", _mb(figures["idle_bytes"]), _mb(figures["after_bytes"]))
-    return [table, f"At most {_mb(figures['peak_bytes'])} MB while it answered."]
+    idle, after = figures["idle_by_process"], figures["after_by_process"]
+    sizes = {name: (idle.get(name, 0), after.get(name, 0)) for name in after | idle}
+    sizes["together"] = figures["idle_bytes"], figures["after_bytes"]
+    rows = [
+        {"process": name, "idle": _mb(before), f"after {figures['queries']} queries": _mb(then)}
+        for name, (before, then) in sizes.items()
+    ]
+    peak = f"At most {_mb(figures['peak_bytes'])} MB while it answered."
+    return [table(rows, 1, "Memory of the service (PSS), MB"), peak]
 
 
 _TABLES: dict[str, Callable[[Figures], list[object]]] = {
-    "search": _search,
     "stages": _stages,
     "registration": _registration,
     "index": _index,
     "maps": _maps,
-    "scaling": _scaling,
     "query": _query,
     "cameras": _cameras,
     "memory": _memory,
 }
 
 
-def _query_table(
-    title: str, labels: Sequence[str], rows: Sequence[Figures], label: Callable[[Figures], list[str]]
-) -> Table:
-    """Return one row per query with the medians of its stages."""
-    stages = [name for name in rows[0]["figures"]["stages"] if name != "total"]
-    table = _table(title, labels, "maps", "starts", "rotations", "points", "pixels", *stages, "total", "status")
-    for row in rows:
-        counts = [f"{row[name]:,}" for name in ("maps", "starts", "rotations", "points", "pixels")]
-        times = row["figures"]["stages"]
-        shown = [_median(times[name]) if name in times else "–" for name in stages]
-        table.add_row(*label(row), *counts, *shown, _spread(times["total"]), row["figures"]["status"])
-    return table
-
-
-def _table(title: str, labels: Sequence[str], *headings: str) -> Table:
-    table = Table(
-        title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
-    )
-    for heading in labels:
-        table.add_column(heading, no_wrap=True)
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
-    return table
-
-
-def _rightness(figures: Figures) -> str:
-    answer = f"The answer was {figures['status']}"
-    if figures["position_error_m"] is None:
-        return f"{answer}."
-    error_mm, error_deg = figures["position_error_m"] * 1000, figures["orientation_error_deg"]
-    return f"{answer}, off by {error_mm:.1f} mm and {error_deg:.2f}°."
+def _latency(row: Figures) -> dict[str, str]:
+    return {"p50": f"{row['latency']['median_ms']:.0f}", "p95": f"{row['latency']['p95_ms']:.0f}"}
 
 
 def _spread(spread: Figures) -> str:
     return f"{spread['median_ms']:.1f} ({spread['lower_quartile_ms']:.1f}–{spread['upper_quartile_ms']:.1f})"
-
-
-def _median(spread: Figures) -> str:
-    return f"{spread['median_ms']:.1f}"
-
-
-def _size(pixels: int) -> str:
-    height = round((pixels / 2) ** 0.5)
-    return f"{2 * height} x {height} pixels"
 
 
 def _mb(num_bytes: int | None) -> str:

@@ -1,28 +1,28 @@
-"""`panoloc bench`: measure how fast everything is on this machine, from the search alone to queries over HTTP."""
+"""`panoloc bench`: measure how fast everything is on this machine, from stages of a query to queries over HTTP."""
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from lab.benchmark.sizes import FULL, QUICK
 from lab.commands.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
 from service.cli.session import JsonOption, Session
 from service.host.process_resources import bound_spinning
 
-WHAT, SIZES, SERVICE, MACHINE, OUTPUT = "What", "Sizes", "Service", "Machine", "Output"
+_WHAT, _SIZES, _SERVICE, _MACHINE, _OUTPUT = "What", "Sizes", "Service", "Machine", "Output"
 
 
 class Part(StrEnum):
     """What can be measured by itself."""
 
-    SEARCH = "search"
     STAGES = "stages"
     REGISTRATION = "registration"
     INDEX = "index"
     MAPS = "maps"
-    SCALING = "scaling"
     QUERY = "query"
     CAMERAS = "cameras"
     MEMORY = "memory"
@@ -35,57 +35,66 @@ class Device(StrEnum):
     CUDA = "cuda"
 
 
+class ScanFormat(StrEnum):
+    """What a large scan is written as."""
+
+    PLY = "ply"
+    LAZ = "laz"
+    E57 = "e57"
+
+
 def bench(
     ctx: typer.Context,
     parts: Annotated[
-        list[Part] | None, typer.Option("--part", help="Only this part; repeatable.", rich_help_panel=WHAT)
+        list[Part] | None, typer.Option("--part", help="Only this part; repeatable.", rich_help_panel=_WHAT)
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Everything tiny: shows that all of it runs.", rich_help_panel=WHAT)
+        bool, typer.Option("--quick", help="Everything tiny: shows that all of it runs.", rich_help_panel=_WHAT)
     ] = False,
     repeats: Annotated[
-        int | None, typer.Option(min=1, help="Repetitions of a figure; 9.", rich_help_panel=WHAT)
+        int | None, typer.Option(min=1, help="Repetitions of a figure; 9.", rich_help_panel=_WHAT)
     ] = None,
     points: Annotated[
-        int | None, typer.Option(min=1000, help="Points of the scan; 1,000,000.", rich_help_panel=SIZES)
+        int | None, typer.Option(min=1000, help="Points of the scan; 1,000,000.", rich_help_panel=_SIZES)
     ] = None,
     large_points: Annotated[
-        int | None, typer.Option(min=1000, help="Register a second scan, of so many points.", rich_help_panel=SIZES)
+        int | None, typer.Option(min=1000, help="Also register a scan of so many points.", rich_help_panel=_SIZES)
+    ] = None,
+    scan_formats: Annotated[
+        list[ScanFormat] | None,
+        typer.Option("--scan-format", help="Of the large scan; repeatable; ply.", rich_help_panel=_SIZES),
     ] = None,
     starts: Annotated[
-        int | None, typer.Option(min=4, max=800, help="Starts, by their spacing; about 400.", rich_help_panel=SIZES)
+        int | None, typer.Option(min=4, max=800, help="Starts, by their spacing; about 400.", rich_help_panel=_SIZES)
     ] = None,
     width: Annotated[
-        int | None, typer.Option(min=128, max=16384, help="Pixels of the panorama; 2048.", rich_help_panel=SIZES)
+        int | None, typer.Option(min=128, max=16384, help="Pixels of the panorama; 2048.", rich_help_panel=_SIZES)
     ] = None,
     url: Annotated[
-        str | None, typer.Option(help="A running service; one is started otherwise.", rich_help_panel=SERVICE)
+        str | None, typer.Option(help="A running service; one is started otherwise.", rich_help_panel=_SERVICE)
     ] = None,
     clients: Annotated[
         list[int] | None,
-        typer.Option(min=1, max=256, help="Clients at the same time; repeatable; 1, 4, 16.", rich_help_panel=SERVICE),
+        typer.Option(min=1, max=256, help="Clients at the same time; repeatable; 1, 4, 16.", rich_help_panel=_SERVICE),
     ] = None,
     queries: Annotated[
-        int | None, typer.Option(min=1, help="Queries for each number of clients; 48.", rich_help_panel=SERVICE)
+        int | None, typer.Option(min=1, help="Queries for each number of clients; 48.", rich_help_panel=_SERVICE)
     ] = None,
     paper: Annotated[
-        bool, typer.Option("--paper/--no-paper", help="Also one query of the method paper.", rich_help_panel=SERVICE)
+        bool, typer.Option("--paper/--no-paper", help="Also one query of the method paper.", rich_help_panel=_SERVICE)
     ] = True,
-    paper_timeout_s: Annotated[
-        float, typer.Option("--paper-timeout", min=1, help="Seconds for that query.", rich_help_panel=SERVICE)
-    ] = 1800.0,
     device: Annotated[
-        Device | None, typer.Option(help="What computes; a GPU where there is one.", rich_help_panel=MACHINE)
+        Device | None, typer.Option(help="What computes; a GPU where there is one.", rich_help_panel=_MACHINE)
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads of the parts without a service.", rich_help_panel=MACHINE)
+        int | None, typer.Option(min=1, help="Threads of the parts without a service.", rich_help_panel=_MACHINE)
     ] = None,
     out: Annotated[
-        Path, typer.Option(file_okay=False, help="Folder of figures, tables and plots.", rich_help_panel=OUTPUT)
+        Path, typer.Option(file_okay=False, help="Folder of figures and tables.", rich_help_panel=_OUTPUT)
     ] = Path("panoloc-bench"),
     json: JsonOption = False,
 ) -> int:
-    """Measure the speed of search, queries and registrations in made-up rooms: tables, JSON and plots.
+    """Measure the speed of search, queries and registrations in procedural rooms: tables and JSON.
 
     Needs no files. Takes about half an hour on two cores, with --quick about a minute.
     """
@@ -94,21 +103,24 @@ def bench(
     with core_errors_shown(session) as failed:
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
-        from lab.benchmark.request import BenchRequest
-        from lab.benchmark.run import run_bench
+        from lab.benchmark.run import BenchRequest, run_bench
 
+        given: dict[str, Any] = {
+            "points": points,
+            "starts": starts,
+            "width": width,
+            "repeats": repeats,
+            "queries": queries,
+            "clients": tuple(clients) if clients else None,
+        }
+        sizes = replace(QUICK if quick else FULL, **{name: value for name, value in given.items() if value is not None})
         request = BenchRequest(
-            parts=tuple(str(part) for part in parts or ()),
+            parts=tuple(map(str, parts or ())),
+            sizes=sizes,
             quick=quick,
-            points=points,
             large_points=large_points,
-            starts=starts,
-            width=width,
-            repeats=repeats,
-            queries=queries,
-            clients=tuple(clients or ()),
+            scan_formats=tuple(map(str, scan_formats or ("ply",))),
             paper=paper,
-            paper_timeout_s=paper_timeout_s,
             url=url,
             device=None if device is None else str(device),
             threads=threads,

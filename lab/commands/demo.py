@@ -1,8 +1,7 @@
-"""`panoloc demo`: the whole way once, on a made-up room whose poses are known exactly."""
+"""`panoloc demo`: the whole way once, in a procedural room whose poses are known exactly."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,15 +41,15 @@ def demo(
     session: Session = ctx.obj
     session.json_output = json
     with core_errors_shown(session) as failed:
-        return _show_the_way(session, folder, seed, url)
+        return _run(session, folder, seed, url)
     return ExitCode.ERROR if failed else ExitCode.OK
 
 
-def _show_the_way(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
-    """Make a room, register it, localize in it, and say what stays behind."""
+def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
+    """Make a room, register it, localize in it, and say what keeps running."""
     # The generator needs numpy and a ray caster, which client commands must not load.
     from lab.commands.demo_scene import make_demo_scene
-    from lab.rooms.scenes.ray_caster import load_open3d
+    from lab.rooms.scenes.surface import load_open3d
 
     load_open3d()  # before a service is started that nothing could be shown with
 
@@ -61,47 +60,40 @@ def _show_the_way(session: Session, folder: Path, seed: int, url: str) -> ExitCo
         with _stopped_on_failure(service):
             with show_waiting(session.messages, "making a room") as say:
                 scene = make_demo_scene(folder, seed, say)
-            session.messages.print(f"Made a room in {escape(str(folder))}: {', '.join(scene.file_names)}")
+            names = ", ".join([scene.scan.name, *(query.image.name for query in scene.queries)])
+            session.messages.print(f"Made a room in {escape(str(folder))}: {names}")
             with show_waiting(session.messages, "waiting for the service") as say:
                 wait_until_ready(client, service, say)
-            place = upload_and_wait(
-                session, client, scene.scan, {"name": f"demo room {seed}", "tags": ["demo"]}, wait=True
-            )
+            options: JsonObject = {"name": f"demo room {seed}", "tags": ["demo"]}
+            place = upload_and_wait(session, client, scene.scan, options, wait=True)
             if not session.json_output:
                 session.results.print(map_summary(place))
-            run = DemoRun(session, client, place, AnswerFolder(folder / "answers"))
-            codes = [(query, run.localize(query)) for query in scene.queries]
+            answers = AnswerFolder(folder / "answers")
+            codes = [(query, _localize(session, client, place["id"], answers, query)) for query in scene.queries]
     _say_what_remains(session, url, service, place["id"])
     return worst_of([code for query, code in codes if not query.may_stay_open])
 
 
-@dataclass(frozen=True)
-class DemoRun:
-    """What all queries of the demo have in common."""
-
-    session: Session
-    client: PanolocClient
-    place: JsonObject
-    folder: AnswerFolder
-
-    def localize(self, query: "DemoQuery") -> ExitCode:
-        """Localize one image, save its pictures, and show the pose beside the known one."""
-        with show_waiting(self.session.messages, f"localizing {query.image.name}"):
-            options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S, **query.options}
-            answer = self.client.localize(query.image, [self.place["id"]], options=options)
-        saved = self.folder.save(query.image, [query.image], answer, self.client)
-        position_m, orientation_deg = query.error_of(answer)
-        if self.session.json_output:
-            error = {"position_m": position_m, "orientation_deg": orientation_deg}
-            self.session.print_json({"image": str(query.image), "error_to_truth": error, **answer})
-            return exit_code_of(answer["status"])
-        show = self.session.results.print
-        show(f"\n[bold]{escape(str(query.image))}[/]: {query.description}")
-        self.session.show_answer(answer, self.client)
-        if position_m is not None and orientation_deg is not None:
-            show(f"[bold]off by {position_m * 100:.1f} cm and {orientation_deg:.2f} degrees[/] from the known pose")
-        self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
+def _localize(
+    session: Session, client: PanolocClient, map_id: str, folder: AnswerFolder, query: "DemoQuery"
+) -> ExitCode:
+    """Localize one image, save its pictures, and show the pose beside the known one."""
+    with show_waiting(session.messages, f"localizing {query.image.name}"):
+        options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S, **query.options}
+        answer = client.localize(query.image, [map_id], options=options)
+    saved = folder.save(query.image, [query.image], answer, client)
+    position_m, orientation_deg = query.error_of(answer)
+    if session.json_output:
+        error = {"position_m": position_m, "orientation_deg": orientation_deg}
+        session.print_json({"image": str(query.image), "error_to_truth": error, **answer})
         return exit_code_of(answer["status"])
+    show = session.results.print
+    show(f"\n[bold]{escape(str(query.image))}[/]: {query.description}")
+    session.show_answer(answer, client)
+    if position_m is not None and orientation_deg is not None:
+        show(f"[bold]off by {position_m * 100:.1f} cm and {orientation_deg:.2f} degrees[/] from the known pose")
+    session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
+    return exit_code_of(answer["status"])
 
 
 @contextmanager

@@ -1,6 +1,5 @@
-"""The made-up room of `panoloc demo`: its files, and the poses that are known by construction."""
+"""The procedural room of `panoloc demo`: its files, and the poses that are known by construction."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,22 +9,29 @@ from PIL import Image
 
 from core.camera.camera import Camera
 from core.geometry.pose import Pose, pose_error
-from core.scan.ply.writer import write_ply
-from lab.demo_room import CHANGED_FRACTION, JPEG_QUALITY, NUM_SCAN_POINTS, ROOM_AREA_M2, ROOM_FAMILY
-from lab.rooms import Scene, SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama, take_photo
+from lab.demo_room import CHANGED_FRACTION, JPEG_QUALITY, NUM_SCAN_POINTS, PANORAMA_WIDTH, demo_scene
+from lab.rooms import (
+    PosedPanorama,
+    Scene,
+    change_scene,
+    sample_pose,
+    scan_scene,
+    take_panorama,
+    take_photo,
+    write_case_folder,
+)
 from lab.rooms.capture.shooting import Shooting
 from service.client import JsonObject
 
-PANORAMA_WIDTH = 1536
-PHOTO_SIZE, PHOTO_HFOV_DEG = (1600, 1200), 69.0
-NUM_PHOTO_TRIES = 12
+_PHOTO_SIZE, _PHOTO_HFOV_DEG = (1600, 1200), 69.0
+_NUM_PHOTO_TRIES = 12
 
 
 @dataclass(frozen=True)
 class DemoQuery:
     """A panorama or photo with the pose that it was taken from.
 
-    options: what the service is told of it, as of `POST /localize`. may_stay_open: shows so little that `not_localized` is no failure.
+    options: of the query, as in `POST /localize`. may_stay_open: shows so little that `not_localized` is no failure.
     """
 
     image: Path
@@ -45,74 +51,48 @@ class DemoQuery:
 
 @dataclass(frozen=True)
 class DemoScene:
-    """The files of a made-up room."""
+    """The files of a procedural room."""
 
     scan: Path
     queries: tuple[DemoQuery, ...]
-
-    @property
-    def file_names(self) -> list[str]:
-        """Return the names of the scan and the images."""
-        return [self.scan.name, *(query.image.name for query in self.queries)]
 
 
 def make_demo_scene(folder: Path, seed: int, say: Callable[[str], None]) -> DemoScene:
     """Build a room, scan it, photograph it as scanned and after changes, and once with a phone; write all of it with `truth.json`.
 
-    The same seed makes the same files. `say` hears what is being made.
+    The same seed makes the same files. `say` receives what is being made.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     say("building a room")
-    room = build_scene(SceneSpec(kind="room", seed=seed, family=ROOM_FAMILY, area_m2=ROOM_AREA_M2))
+    room = demo_scene(seed)
     say("scanning it")
-    scan = folder / "scan.ply"
-    write_ply(scan, scan_scene(room, num_points=NUM_SCAN_POINTS, seed=seed))
+    cloud = scan_scene(room, num_points=NUM_SCAN_POINTS, seed=seed)
     say("moving furniture")
     changed = change_scene(room, CHANGED_FRACTION, seed=seed)
     rng = np.random.default_rng(seed)
-    shots = (
-        ("as-scanned", "the room as it was scanned", room),
-        ("changed", f"{CHANGED_FRACTION:.0%} of the furniture moved, gone or replaced", changed),
-    )
-    queries = []
-    for name, description, scene in shots:
+    shots = {
+        "as-scanned": ("the room as it was scanned", room),
+        "changed": (f"{CHANGED_FRACTION:.0%} of the furniture moved, gone or replaced", changed),
+    }
+    panoramas = []
+    for name, (_, scene) in shots.items():
         say(f"taking a panorama, {name}")
         pose = sample_pose(scene, rng, "tilted")
-        file = folder / f"{name}.jpg"
-        Image.fromarray(take_panorama(scene, pose, PANORAMA_WIDTH).color).save(file, quality=JPEG_QUALITY)
-        queries.append(DemoQuery(file, description, pose))
-    _write_truth(folder / "truth.json", scan, queries)
+        panoramas.append(PosedPanorama(name, take_panorama(scene, pose, PANORAMA_WIDTH), pose, (name,)))
+    write_case_folder(folder, "demo", cloud, panoramas)
     say("taking a photo")
-    return DemoScene(scan, (*queries, _take_photo(folder, room, rng)))
+    photo = _take_photo(folder, room, rng)
+    queries = [DemoQuery(folder / f"{one.name}.jpg", shots[one.name][0], one.pose) for one in panoramas]
+    return DemoScene(folder / "scan.ply", (*queries, photo))
 
 
 def _take_photo(folder: Path, room: Scene, rng: np.random.Generator) -> DemoQuery:
     """Take one photo as a phone does, in the direction in which most of the room is seen."""
-    camera = Camera.from_hfov("pinhole", *PHOTO_SIZE, PHOTO_HFOV_DEG)
-    poses = [pose for _ in range(NUM_PHOTO_TRIES) for pose in Shooting().poses(room, rng)]
-    glances = [take_photo(room, camera.resized(PHOTO_SIZE[0] // 32, PHOTO_SIZE[1] // 32), pose) for pose in poses]
+    camera = Camera.from_hfov("pinhole", *_PHOTO_SIZE, _PHOTO_HFOV_DEG)
+    poses = [pose for _ in range(_NUM_PHOTO_TRIES) for pose in Shooting().poses(room, rng)]
+    glances = [take_photo(room, camera.resized(_PHOTO_SIZE[0] // 32, _PHOTO_SIZE[1] // 32), pose) for pose in poses]
     best = int(np.argmax([np.median(glance.hits.distance) for glance in glances]))
     file = folder / "photo.jpg"
     Image.fromarray(take_photo(room, camera, poses[best]).photo.color).save(file, quality=JPEG_QUALITY)
-    told: JsonObject = {"cameras": [{"model": "pinhole", "hfov_deg": PHOTO_HFOV_DEG}], "hints": {"upright": True}}
-    return DemoQuery(
-        file, f"one ordinary photo, {PHOTO_HFOV_DEG:g} degrees wide", poses[best], told, may_stay_open=True
-    )
-
-
-def _write_truth(file: Path, scan: Path, queries: list[DemoQuery]) -> None:
-    truth = {
-        "name": "demo",
-        "convention": "x_map = rotation @ x_camera + position_m; camera: x forward (image centre), y left, z up",
-        "scans": [scan.name],
-        "queries": [
-            {
-                "image": query.image.name,
-                "position_m": query.pose.position.tolist(),
-                "rotation": query.pose.rotation.tolist(),
-                "tags": [query.image.stem],
-            }
-            for query in queries
-        ],
-    }
-    file.write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    options: JsonObject = {"cameras": [{"model": "pinhole", "hfov_deg": _PHOTO_HFOV_DEG}], "hints": {"upright": True}}
+    description = f"one ordinary photo, {_PHOTO_HFOV_DEG:g} degrees wide"
+    return DemoQuery(file, description, poses[best], options, may_stay_open=True)

@@ -2,12 +2,11 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from lab.commands import evaluation_options as choices
 from lab.commands.core_errors import core_errors_shown
 from service.cli.exit_codes import ExitCode
 from service.cli.session import JsonOption, Session
@@ -15,33 +14,49 @@ from service.host.process_resources import bound_spinning
 
 app = typer.Typer(help="Measure methods on cases with known poses, and fit the confidence on the rows.")
 
+_METHODS = (
+    "fast, paper, paper-no-…, piccolo, or NAME=BASE:section.field=value; repeatable; fast and paper when left out."
+)
+
+
+def _case(*names: str, **rules: Any) -> Any:
+    return typer.Option(*names, rich_help_panel="Cases", **rules)
+
+
+def _method(*names: str, **rules: Any) -> Any:
+    return typer.Option(*names, rich_help_panel="Methods", **rules)
+
+
+def _output(*names: str, **rules: Any) -> Any:
+    return typer.Option(*names, rich_help_panel="Output", **rules)
+
 
 @app.callback(invoke_without_command=True)
 def evaluate(
     ctx: typer.Context,
-    suites: choices.Suites = None,
-    seeds: choices.Seeds = "1000-1019",
-    families: choices.Families = None,
-    cameras: choices.Cameras = None,
-    width: choices.Width = 1024,
-    points: choices.Points = None,
-    cases: choices.Cases = None,
-    tags: choices.Tags = None,
-    dataset: choices.Dataset = None,
-    root: choices.Root = None,
-    splits: choices.Splits = None,
-    limit: choices.Limit = None,
-    methods: choices.Methods = None,
-    device: choices.Device = None,
-    timeout_s: choices.TimeoutS = None,
-    spacing_m: choices.SpacingM = None,
-    cross: choices.Cross = 0,
-    change_maps: choices.ChangeMaps = False,
-    out: choices.Out = Path("panoloc-evaluation"),
-    within: choices.Within = None,
+    suites: Annotated[list[str] | None, _case("--suite", help="Procedural suite; repeatable.")] = None,
+    seeds: Annotated[str, _case(help="Seeds of the suites: 1000-1019, or 1,3,5-8.")] = "1000-1019",
+    families: Annotated[list[str] | None, _case("--family", help="Style family of the suites; repeatable.")] = None,
+    cameras: Annotated[
+        list[str] | None,
+        _case("--camera", help="Photos in place of panoramas: photo, frames4, sweep, …; repeatable."),
+    ] = None,
+    width: Annotated[int, _case(min=128, help="Pixels of a suite's panorama, or of a photo.")] = 1024,
+    points: Annotated[int | None, _case(min=1000, help="Points of a suite's scan.")] = None,
+    cases: Annotated[list[Path] | None, _case(help="Folder with truth.json in it or one below; repeatable.")] = None,
+    tags: Annotated[list[str] | None, _case("--tag", help="Only queries of --cases with it.")] = None,
+    limit: Annotated[int | None, _case(min=1, help="Queries per suite or case folder.")] = None,
+    methods: Annotated[list[str] | None, _method("--method", help=_METHODS)] = None,
+    device: Annotated[str | None, _method(help="cpu or cuda.")] = None,
+    timeout_s: Annotated[float | None, _method(min=0.1, help="Limit of one answer.")] = None,
+    spacing_m: Annotated[float | None, _method(help="Metres between starts of suites.")] = None,
+    cross: Annotated[int, _method(min=0, help="Also send each panorama to this many other maps.")] = 0,
+    change_maps: Annotated[bool, _method("--change-maps", help="Measure the maps of what changed.")] = False,
+    out: Annotated[Path, _output(file_okay=False, help="Folder of rows and report.")] = Path("panoloc-evaluation"),
+    within: Annotated[list[str] | None, _output("--within", help="Limits such as 0.05,5 (m, deg); repeatable.")] = None,
     json: JsonOption = False,
 ) -> int:
-    """Measure methods on cases with known poses: the paper's tables as text and JSON, plots, and rows to continue from.
+    """Measure methods on cases with known poses: the paper's tables as text and JSON, and rows to continue from.
 
     Rows that --out already holds are not run again. PANOLOC_EVAL_THREADS: threads to compute with, all processors otherwise.
     """
@@ -52,31 +67,23 @@ def evaluate(
     with core_errors_shown(session) as failed:
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
-        from lab.commands.evaluation_run import EvaluationRequest, run_evaluation
+        from lab.commands import evaluation_run
+        from lab.evaluation.runner import RunOptions
 
-        request = EvaluationRequest(
-            suites=tuple(suites or ()),
+        scans = evaluation_run.scans_of(
+            suites=suites or (),
             seeds=seeds,
-            families=tuple(families or ()),
-            cameras=tuple(cameras or ()),
+            families=families or (),
+            cameras=cameras or (),
             width=width,
             num_points=points,
-            cases=tuple(cases or ()),
-            tags=tuple(tags or ()),
-            dataset=dataset,
-            root=root,
-            splits=tuple(splits or ()),
-            limit=limit,
-            methods=tuple(methods or ("fast", "paper")),
-            device=device,
-            timeout_s=timeout_s,
             spacing_m=spacing_m,
-            num_strangers=cross,
-            change_maps=change_maps,
-            out=out,
-            limits=tuple(within or ()),
+            cases=cases or (),
+            tags=tags or (),
+            limit=limit,
         )
-        run_evaluation(request, session)
+        options = RunOptions(device, cross, change_maps, timeout_s)
+        evaluation_run.run_evaluation(scans, methods or ("fast", "paper"), options, within or (), out, session)
     return ExitCode.ERROR if failed else ExitCode.OK
 
 
@@ -99,7 +106,8 @@ def fit(
         from json import dumps
 
         from lab.commands.evaluation_tables import held_out_table
-        from lab.evaluation import fit_confidence, read_rows
+        from lab.evaluation.fit_confidence import fit_confidence
+        from lab.evaluation.rows import read_rows
 
         rows = [row for row in read_rows(files) if row.method == method]
         fitted = fit_confidence(rows, regularization=regularization, max_wrong=max_wrong)

@@ -1,4 +1,4 @@
-"""How well maps of what changed find what did: average precision per pixel and per point, ours beside the paper's."""
+"""How well maps of what changed find what did: average precision per pixel and per point."""
 
 import numpy as np
 import open3d as o3d
@@ -9,31 +9,28 @@ from core.index.map_index import MapIndex
 from core.results import Localization
 from core.scan.point_cloud import PointCloud
 from lab.evaluation.known_cases import KnownQuery
-from lab.evaluation.paper_change_maps import PaperChangeMaps
 from lab.evaluation.ranking_metrics import average_precision
 
 Flags = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 
-def change_metrics(
-    query: KnownQuery, cloud: PointCloud, index: MapIndex, answer: Localization, paper: PaperChangeMaps | None
-) -> dict[str, float]:
-    """Return `ap_2d`, `ap_3d` of the answer's maps, and `paper_ap_2d`, `paper_ap_3d` of the paper's on the same ones.
+def change_metrics(query: KnownQuery, cloud: PointCloud, index: MapIndex, answer: Localization) -> dict[str, float]:
+    """Return `ap_2d` and `ap_3d` of the answer's maps.
 
     Also `changed_pixels` and `changed_points`: the shares that did change, which is what a map without knowledge reaches. Compared are
     the pixels and points that the answer gives a score; figures that are not defined are left out.
     """
     values: dict[str, float | None] = {}
     if query.changed_pixels is not None and answer.score_map_2d is not None:
-        values |= _pixel_metrics(answer.score_map_2d, query, paper)
+        values |= _pixel_metrics(answer.score_map_2d, query)
     if query.changed_points is not None and answer.point_scores is not None:
         changed = points_of_index(query.changed_points, cloud.positions, index.positions.cpu().numpy())
-        values |= _point_metrics(answer.point_scores, changed, paper)
+        values |= _point_metrics(answer.point_scores, changed)
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _pixel_metrics(scores: Floats, query: KnownQuery, paper: PaperChangeMaps | None) -> dict[str, float | None]:
+def _pixel_metrics(scores: Floats, query: KnownQuery) -> dict[str, float | None]:
     assert query.changed_pixels is not None
     height, width = scores.shape
     changed = resampled(query.changed_pixels.astype(np.float32), height, width) >= 0.5
@@ -44,22 +41,15 @@ def _pixel_metrics(scores: Floats, query: KnownQuery, paper: PaperChangeMaps | N
     values: dict[str, float | None] = {"ap_2d": average_precision(-scores[compared].astype(np.float64), truth, solid)}
     if truth.any():
         values["changed_pixels"] = float((solid * truth).sum() / solid.sum())
-    if paper is not None:
-        rows, columns = np.indices(scores.shape)
-        patch_rows, patch_columns = paper.score_map_2d.shape
-        on_pixels = paper.score_map_2d[rows * patch_rows // height, columns * patch_columns // width]
-        values["paper_ap_2d"] = average_precision(-on_pixels[compared].astype(np.float64), truth, solid)
     return values
 
 
-def _point_metrics(scores: Floats, changed: Flags, paper: PaperChangeMaps | None) -> dict[str, float | None]:
+def _point_metrics(scores: Floats, changed: Flags) -> dict[str, float | None]:
     compared = np.isfinite(scores)
     truth = changed[compared]
     values: dict[str, float | None] = {"ap_3d": average_precision(-scores[compared].astype(np.float64), truth)}
     if truth.any():
         values["changed_points"] = float(truth.mean())
-    if paper is not None:
-        values["paper_ap_3d"] = average_precision(-paper.point_scores[compared].astype(np.float64), truth)
     return values
 
 

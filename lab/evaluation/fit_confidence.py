@@ -21,8 +21,8 @@ _RADIUS_LEVEL = 0.68
 _LEAST_THRESHOLD = (
     70  # percent; of the few answers between 0.6 and 0.7 nearly half are wrong, and a wrong pose is worse than none
 )
-_LEAST_ERROR = 1e-5  # metres or degrees: nobody knows a pose better
-_TELLING_SPREAD = 0.05  # of a sign, below which rows cannot tell what it is worth
+_LEAST_ERROR = 1e-5  # metres or degrees: no pose is known better
+_TELLING_SPREAD = 0.05  # of a sign, below which rows do not determine its power
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def radius_models(rows: Sequence[Row]) -> tuple[RadiusModel, RadiusModel]:
 def _radius_model(rows: Sequence[Row], axis: int) -> RadiusModel:
     """Fit the powers to the logarithm of errors, then shift them to hold 68 %. axis: 0 of the position, 1 of the orientation.
 
-    One that would be negative, or that the rows cannot tell, is left out.
+    A power that would be negative, or that the rows do not determine, is left out.
     """
     right = [row for row in rows if row.within(RIGHT) and _formal_of(row)[axis] and _is_of_one_image(row)]
     if not right:

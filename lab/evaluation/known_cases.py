@@ -28,7 +28,7 @@ class KnownQuery:
 
     poses: map_from_camera, of a session that of its first image, in the scan's own frame; more than one where a place exists twice and
     each is as right as the others. changed_pixels: (H, W) bool, shows what was not scanned; changed_points: (N,) bool by point of the
-    cloud, no longer there; None where nobody knows. tags describe the query. hints: of the call.
+    cloud, no longer there; None where unknown. tags describe the query. hints: of the call.
     lookalikes: map_from_camera at which another room looks most like this one, and is not.
     """
 
@@ -94,3 +94,21 @@ def limited(scans: Sequence[ScanCases], limit: int | None) -> list[ScanCases]:
         if names:
             kept.append(ScanCases(scan.name, scan.group, names, scan.load, scan.place, scan.facts))
     return kept
+
+
+def query_facts(query: KnownQuery) -> dict[str, Any]:
+    """Return `camera`, `num_images`, `hfov_deg` of the first image, and `upright`.
+
+    upright: "hint" where the camera is said to be level, "session" where the session knows its up axis, else None.
+    """
+    said = query.query
+    known = "hint" if query.hints is not None and query.hints.upright else None
+    if isinstance(said, Panorama):
+        return {"camera": "panorama", "num_images": 1, "hfov_deg": 360.0, "upright": known}
+    camera = said.images[0].photo.camera
+    return {
+        "camera": camera.model,
+        "num_images": len(said.images),
+        "hfov_deg": round(camera.hfov_deg, 1),
+        "upright": known or ("session" if said.options.up_known else None),
+    }

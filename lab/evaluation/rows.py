@@ -59,14 +59,14 @@ class Row:
         return self.scan, self.query, self.method, self.digest
 
     def within(self, limits: tuple[float, float]) -> bool:
-        """Tell whether there is a pose within (metres, degrees) of the truth; never for crosses."""
+        """Return whether there is a pose within (metres, degrees) of the truth; never for crosses."""
         if self.cross or self.position_error_m is None or self.orientation_error_deg is None:
             return False
         return self.position_error_m <= limits[0] and self.orientation_error_deg <= limits[1]
 
     @property
     def is_wrong_answer(self) -> bool:
-        """Tell whether a pose was called localized although it is far off, of another map, or in another of rooms that are alike."""
+        """Return whether a pose was called localized although it is far off, of another map, or in another of rooms that are alike."""
         return self.status == "localized" and (not self.within(WRONG) or self.facts.get("place") == "other")
 
 

@@ -1,19 +1,20 @@
 """Runs methods on cases and writes one row per answer; what a file of rows already holds is not run again."""
 
+import hashlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 
+import torch
+
 from core.errors import CoreError
+from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
 from core.results import Localization
-from lab.evaluation.built_maps import BuiltMaps
 from lab.evaluation.change_metrics import change_metrics
-from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
+from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, query_facts
 from lab.evaluation.methods import ComparedMethod
-from lab.evaluation.paper_change_maps import PaperChangeMaps, paper_change_maps
-from lab.evaluation.query_facts import query_facts
 from lab.evaluation.rows import Row, RowsFile
 
 
@@ -22,7 +23,7 @@ class RunOptions:
     """How a run goes.
 
     device: "cpu", "cuda", None to choose. num_strangers: to how many other maps each panorama is sent as well (0: none).
-    change_maps: measure the maps of what changed where that is known, ours and the paper's (several seconds per case).
+    change_maps: measure the maps of what changed where that is known.
     timeout_s: of one answer, None for no limit.
     """
 
@@ -50,7 +51,6 @@ class _Ready:
     index: MapIndex
     registration_s: float
     queries: dict[str, KnownQuery] = field(default_factory=dict)  # only the last one of each: they are large
-    paper_maps: dict[str, PaperChangeMaps] = field(default_factory=dict)
 
     def query(self, name: str) -> KnownQuery:
         """Return a query of the scan, read when it is not the one that was asked for last."""
@@ -58,17 +58,9 @@ class _Ready:
             self.queries = {name: self.scan.query(name)}
         return self.queries[name]
 
-    def paper_maps_of(self, name: str) -> PaperChangeMaps | None:
-        """Return the paper's maps of a query in its own scan, the same for every method; None for labels, which have none."""
-        if self.index.labels is not None:
-            return None
-        if name not in self.paper_maps:
-            self.paper_maps = {name: paper_change_maps(self.query(name).panorama, self.index)}
-        return self.paper_maps[name]
-
 
 class Evaluation:
-    """A run: its calls are known from the beginning, so that progress and what is left can be told."""
+    """A run: its calls are known from the beginning, so that progress can be shown."""
 
     def __init__(
         self, scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], file: RowsFile, options: RunOptions
@@ -77,7 +69,7 @@ class Evaluation:
         self._calls = list(_calls(scans, methods, options.num_strangers))
         self._localizers: dict[str, Localizer] = {}
         self._ready: dict[int, _Ready] = {}
-        self._maps = BuiltMaps(options.device, 1 + options.num_strangers)
+        self._maps: dict[str, tuple[MapIndex, float]] = {}
 
     @property
     def num_calls(self) -> int:
@@ -87,7 +79,7 @@ class Evaluation:
     def rows(self, say: Callable[[str], None] = lambda text: None) -> Iterator[tuple[Row, bool]]:
         """Yield every row with whether it is new (False: found in the file); new ones are written first.
 
-        say: hears what is being done. A call that raises a CoreError gives a row that names it.
+        say: receives what is being done. A call that raises a CoreError gives a row that names it.
         """
         known = {row.key: row for row in self._file.rows()}
         for call in self._calls:
@@ -134,8 +126,7 @@ class Evaluation:
             return Row(*known, "error", seconds, facts=facts, error=error)
         change: dict[str, float] = {}
         if facts["change_maps"] and query.changed_pixels is not None:
-            paper = searched.paper_maps_of(call.query)
-            change = change_metrics(query, searched.scan.cloud, searched.index, answer, paper)
+            change = change_metrics(query, searched.scan.cloud, searched.index, answer)
         return _row_of(known, seconds, answer, query, change, facts)
 
     def _localizer(self, method: ComparedMethod) -> Localizer:
@@ -150,8 +141,26 @@ class Evaluation:
                 if len(self._ready) > self._options.num_strangers and other not in needed:
                     del self._ready[other]
             loaded = self._scans[number].load()
-            self._ready[number] = _Ready(loaded, *self._maps.of(loaded))
+            self._ready[number] = _Ready(loaded, *self._map_of(loaded))
         return self._ready[number]
+
+    def _map_of(self, scan: LoadedScan) -> tuple[MapIndex, float]:
+        """Return the map of a scan and the seconds that it took to build: suites with other cameras show the same scan.
+
+        The maps asked for last are kept, one for each scan of a call: they are large.
+        """
+        key = _digest(scan)
+        if key in self._maps:
+            found = self._maps.pop(key)
+        else:
+            while len(self._maps) > self._options.num_strangers:
+                del self._maps[next(iter(self._maps))]
+            began = time.perf_counter()
+            device = self._options.device or ("cuda" if torch.cuda.is_available() else "cpu")
+            index = build_map_index(scan.cloud, scan.options, device=device)
+            found = index, time.perf_counter() - began
+        self._maps[key] = found  # the last one in it is the last one asked for
+        return found
 
 
 def _calls(scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], num_strangers: int) -> Iterator[_Call]:
@@ -163,6 +172,16 @@ def _calls(scans: Sequence[ScanCases], methods: Sequence[ComparedMethod], num_st
         strangers = [number for number in following if scans[number].place != scan.place][:num_strangers]
         for searched in (owner, *strangers):
             yield from (_Call(owner, query, searched, method) for query in scan.query_names for method in methods)
+
+
+def _digest(scan: LoadedScan) -> str:
+    """Return what only scans with the same points, colours and options have."""
+    cloud = scan.cloud
+    found = hashlib.sha256(repr((scan.options, cloud.num_points_read)).encode())
+    for array in (cloud.positions, cloud.colors, cloud.origin_offset):
+        found.update(repr((array.dtype, array.shape)).encode())
+        found.update(array.tobytes())
+    return found.hexdigest()
 
 
 def _row_of(

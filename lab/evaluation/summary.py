@@ -1,12 +1,16 @@
-"""The paper's tables: rows of one group and method condensed to errors, accuracies, answers and seconds."""
+"""The paper's tables: rows of one group and method condensed to errors, accuracies, answers and seconds; and the report."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
-from lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
+from lab.evaluation.methods import ComparedMethod
+from lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error, reliability_bins
 from lab.evaluation.rows import RIGHT, TIGHT, Row
+from lab.machine import machine, versions
 
 Limits = tuple[float, float]
 DEFAULT_LIMITS: tuple[Limits, ...] = (TIGHT, RIGHT, (0.1, 1.0), (0.01, 1.0))
@@ -140,3 +144,34 @@ def _share(flags: Sequence[bool]) -> float:
 def _mean_change(rows: Sequence[Row]) -> dict[str, float]:
     names = dict.fromkeys(name for row in rows for name in row.change)
     return {name: float(np.mean([row.change[name] for row in rows if name in row.change])) for name in names}
+
+
+def report_document(
+    found: Sequence[Summary],
+    rows: Sequence[Row],
+    methods: Sequence[ComparedMethod],
+    limits: Sequence[Limits],
+    command: Sequence[str],
+) -> dict[str, Any]:
+    """Return the tables, the reliability of the confidence by method, configurations with digests, machine, versions and command."""
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": list(command),
+        "machine": machine(),
+        "versions": versions(),
+        "methods": {
+            method.name: {"method": method.method, "digest": method.digest, "configuration": asdict(method.config)}
+            for method in methods
+        },
+        "limits": [{"position_m": position, "orientation_deg": orientation} for position, orientation in limits],
+        "summaries": [asdict(summary) for summary in found],
+        "reliability": {method.name: _reliability(rows, method.name) for method in methods},
+        "num_rows": len(rows),
+    }
+
+
+def _reliability(rows: Sequence[Row], method: str) -> list[dict[str, Any]]:
+    answers = [row for row in rows if row.method == method and row.confidence is not None]
+    confidences = np.array([row.confidence for row in answers], np.float64)
+    right = np.array([row.within(RIGHT) for row in answers], bool)
+    return [asdict(one) for one in reliability_bins(confidences, right)]

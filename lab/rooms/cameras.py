@@ -11,8 +11,8 @@ class QueryCamera:
     """A way to photograph a query.
 
     shooting: how the images are taken; None: as a full panorama with a defect drawn over it. session: what is known of their poses among
-    each other; None: of one image nothing, its own frame is the session. hints: of the call. masked: the defect is told by the mask, as it
-    would be by somebody who knows where it is.
+    each other; None: of one image nothing, its own frame is the session. hints: of the call. masked: the mask
+    covers the defect exactly.
     """
 
     description: str
@@ -43,7 +43,7 @@ _ONE: dict[str, QueryCamera] = {
         Shooting("cylindrical", (180.0, 360.0), vfov_deg=50.0, pitch_deg=3.0, roll_deg=3.0),
     ),
     "void": QueryCamera(
-        "full panoramas with void, holes, bars, patches or fills that nobody told of, found or not as the image is read",
+        "full panoramas with void, holes, bars, patches or fills without a mask, detected or not as the image is read",
         None,
     ),
     "void_masked": QueryCamera("the panoramas of `void` with a perfect mask", None, masked=True),

@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from PIL import Image
 
-from core.errors import OptionsError
 from core.geometry.pose import Pose
 from core.panorama.panorama import Panorama
 from core.scan.ply.writer import write_ply
 from core.scan.point_cloud import PointCloud
-from lab.rooms.cases import Case
 
 _CONVENTION = "x_map = rotation @ x_camera + position_m; camera: x forward (image centre), y left, z up"
 
@@ -64,20 +61,4 @@ def write_case_folder(
     }
     path = folder / "truth.json"
     path.write_text(json.dumps(truth, indent=1) + "\n")
-    return path
-
-
-def write_case(case: Case, folder: Path) -> Path:
-    """Write a case of a suite and its change truth (changed_pixels.png, changed_points.npy); return truth.json.
-
-    Raises OptionsError for a case of photos: a truth.json is of panoramas.
-    """
-    if case.changed_pixels is None:
-        raise OptionsError(
-            f"case: expected a full panorama, {case.name} has photos; `--cases` cuts photos out of panoramas"
-        )
-    query = PosedPanorama(case.name, case.panorama, case.pose, ("procedural", case.color_kind))
-    path = write_case_folder(folder, case.name, case.cloud, [query], color_kind=case.color_kind)
-    Image.fromarray(case.changed_pixels.astype(np.uint8) * np.uint8(255)).save(folder / "changed_pixels.png")
-    np.save(folder / "changed_points.npy", case.changed_points)
     return path

@@ -16,10 +16,9 @@ from core.scan.point_cloud import PointCloud
 from lab.rooms.cameras import QueryCamera
 from lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
 from lab.rooms.capture.change_truth import changed_pixels, changed_points
-from lab.rooms.capture.defective import with_any_defect
+from lab.rooms.capture.defects import with_any_defect
 from lab.rooms.capture.free_space import RotationKind, sample_pose
 from lab.rooms.capture.intruders import add_person, show_hand
-from lab.rooms.capture.map_frame import survey_frame, turned_cloud, turned_pose
 from lab.rooms.capture.photo_camera import take_photo
 from lab.rooms.capture.scanning import scan_with_truth
 from lab.rooms.capture.shooting import Shooting
@@ -147,12 +146,12 @@ def make_case(
     )
     if camera is not None and camera.shooting is None:
         case = _with_defect(case, masked=camera.masked)
-    return _in_survey_frame(case, *survey_frame(rng)) if suite.survey_frame else case
+    return _in_survey_frame(case, rng) if suite.survey_frame else case
 
 
 @dataclass(frozen=True, eq=False)
 class _Taken:
-    """What was photographed: the scene with whoever came into view, the query, map_from_camera of its images, and what of it is new."""
+    """What was photographed: the scene with people who came into view, the query, map_from_camera of its images, and what of it is new."""
 
     scene: Scene
     query: Panorama | Session
@@ -214,20 +213,24 @@ def _among_twins(scene: Scene, draw: Callable[[], list[Pose]]) -> list[Pose]:
             return poses
 
 
-def _in_survey_frame(case: Case, yaw: float, offset: NDArray[np.float64]) -> Case:
-    """Return the case with its scan turned about z and in large coordinates."""
+def _in_survey_frame(case: Case, rng: np.random.Generator) -> Case:
+    """Return the case with its scan turned about z, and in large coordinates like those of UTM."""
+    yaw, offset = float(rng.uniform(-np.pi, np.pi)), rng.uniform((3e5, 5.2e6, 50.0), (6e5, 5.9e6, 600.0))
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
 
-    def moved(poses: Sequence[Pose]) -> tuple[Pose, ...]:
-        return tuple(turned_pose(pose, yaw, offset) for pose in poses)
+    def moved(*poses: Pose) -> tuple[Pose, ...]:
+        return tuple(Pose(turn @ pose.rotation, turn @ pose.position + offset) for pose in poses)
 
+    positions = (case.cloud.positions.astype(np.float64) @ turn.T).astype(np.float32)
     return replace(
         case,
-        cloud=turned_cloud(case.cloud, yaw, offset),
-        pose=turned_pose(case.pose, yaw, offset),
-        alternatives=moved(case.alternatives),
-        lookalikes=moved(case.lookalikes),
-        image_poses=moved(case.image_poses),
-        map_from_session=None if case.map_from_session is None else turned_pose(case.map_from_session, yaw, offset),
+        cloud=replace(case.cloud, positions=positions, origin_offset=offset),
+        pose=moved(case.pose)[0],
+        alternatives=moved(*case.alternatives),
+        lookalikes=moved(*case.lookalikes),
+        image_poses=moved(*case.image_poses),
+        map_from_session=None if case.map_from_session is None else moved(case.map_from_session)[0],
     )
 
 

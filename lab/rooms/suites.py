@@ -7,8 +7,8 @@ from core.errors import OptionsError
 from lab.rooms.cameras import CAMERAS, QueryCamera
 from lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
 from lab.rooms.cases import Case, Region, Suite, make_case
+from lab.rooms.scenes.changes import day, night
 from lab.rooms.scenes.generator import FAMILIES
-from lab.rooms.scenes.relighting import day, night
 
 _STREET_REGION: Region = ((-25.0, -5.0, 0.0), (25.0, 5.0, 5.0))
 
@@ -39,16 +39,6 @@ SUITES: dict[str, Suite] = {
     "street": Suite("a street as semantic labels", kind="street", color_kind="labels", region=_STREET_REGION),
     "street_colors": Suite("a street in colors", kind="street", region=_STREET_REGION),
 }
-
-
-_ALIKE = ("twins", "twins_like", "mirrored", "repeated")
-# Photographed by every camera: what else a suite is about shows in few pictures, or only in a full sphere.
-_PLACES = ("rooms", "changed", "camera", "night", "flats", "flats_changed", "bare", "sparse", *_ALIKE)
-
-
-def suite_names() -> tuple[str, ...]:
-    """Return the names of the suites that make sense: every place as panoramas, and `place/camera`. Others can be combined alike."""
-    return (*SUITES, *(f"{place}/{camera}" for place in _PLACES for camera in CAMERAS))
 
 
 def suite_of(name: str) -> tuple[Suite, QueryCamera | None]:

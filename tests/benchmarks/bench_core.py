@@ -15,7 +15,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from lab.benchmark.method.parts import CORE_PARTS, CoreBenchmark, chosen_device, run_core_part
+from lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
 from lab.benchmark.rooms import Rooms
 from lab.benchmark.sizes import FULL, QUICK
 from lab.machine import machine, versions
@@ -44,7 +44,7 @@ def main() -> None:
     run = CoreBenchmark(sizes, device, Rooms(device, say), say)
     described = {"machine": {**machine(), "device": str(device)}, "versions": versions(), "parts": {}}
     for name in arguments.part or CORE_PARTS:
-        described["parts"][name] = run_core_part(name, run)
+        described["parts"][name] = CORE_PARTS[name](run)
         print(json.dumps({name: described["parts"][name]}))
         if arguments.json:
             arguments.json.write_text(json.dumps(described, indent=1) + "\n")

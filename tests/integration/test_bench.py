@@ -26,7 +26,7 @@ def test_queries_and_memory_of_a_service_started_for_it(tmp_path: Path) -> None:
         assert row["localized"] >= 1
         assert row["latency"]["p95_ms"] >= row["latency"]["median_ms"] > 0
     assert parts["query"]["map"]["num_points"] == 6_000
-    assert parts["index"]["redis"]["load"]["median_ms"] > 0
+    assert parts["index"]["decode"]["median_ms"] > 0
     memory = parts["memory"]
     assert memory["peak_bytes"] >= memory["after_bytes"] > 0
     assert any("ServeReplica" in name for name in memory["idle_by_process"])

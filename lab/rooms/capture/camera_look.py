@@ -39,7 +39,6 @@ class CameraLook:
 DIM = CameraLook(exposure=0.67)
 GAMMA_3 = CameraLook(gamma=3.0)
 WHITE_BALANCE = CameraLook(white_balance=(1.0, 0.5, 0.5))
-LIGHT_CHANGES: dict[str, CameraLook] = {"dim": DIM, "gamma": GAMMA_3, "white_balance": WHITE_BALANCE}
 # What every photo suffers, whatever the light.
 PHOTO = CameraLook(blur_px=0.4, noise=0.008, jpeg_quality=90)
 

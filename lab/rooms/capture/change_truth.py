@@ -40,7 +40,7 @@ def _absent(points: NDArray[np.float64], hits: Hits, own: Scene, other: Scene) -
 
 
 def _hidden(points: NDArray[np.float64], normals: NDArray[np.float32], scene: Scene) -> NDArray[np.bool_]:
-    """Tell which points (N, 3) of surfaces with `normals` lie inside a solid of `scene` or directly under something."""
+    """Return which points (N, 3) of surfaces with `normals` lie inside a solid of `scene` or directly under something."""
     cover = scene.surface.cast(points + normals * 0.002, normals)
     from_inside = (scene.surface.normals[cover.triangle] * normals).sum(1) > 0
     hidden: NDArray[np.bool_] = cover.found & (from_inside | (cover.distance < _COVER_M))

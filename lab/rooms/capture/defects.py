@@ -1,5 +1,6 @@
 """What is in panoramas but not of the place: void, bars, patches and fills around the poles, drawn over a panorama with the truth kept."""
 
+import io
 from collections.abc import Callable
 from typing import Literal
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter
 
 from core.panorama.panorama import Panorama
+from lab.rooms.capture.camera_look import encode_jpeg
 from lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
 
 Pixels = NDArray[np.uint8]
@@ -37,6 +39,13 @@ def add_defect(panorama: Panorama, kind: DefectKind, rng: np.random.Generator) -
     """
     color, covered = _DRAW[kind](panorama.color.copy(), rng)
     return Panorama(color, panorama.valid), covered
+
+
+def with_any_defect(panorama: Panorama, rng: np.random.Generator) -> tuple[Panorama, Mask]:
+    """Draw one defect of all kinds over a panorama and compress it as a JPEG; return it, its mask untouched, and what is covered (H, W)."""
+    drawn, covered = add_defect(panorama, DEFECT_KINDS[int(rng.integers(len(DEFECT_KINDS)))], rng)
+    stored = encode_jpeg(drawn.color, int(rng.integers(75, 96)))
+    return Panorama(np.asarray(Image.open(io.BytesIO(stored))), panorama.valid), covered
 
 
 def _void(pick: Callable[[np.random.Generator], NDArray[np.uint8]], share: tuple[float, float], waves: float) -> Draw:

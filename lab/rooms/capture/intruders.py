@@ -18,7 +18,7 @@ _STANDING_ROOM_M = 0.22
 
 
 def add_person(scene: Scene, pose: Pose, seed: int = 0) -> Scene:
-    """Return the scene with somebody standing 0.7 to 2 m from the camera; the same scene where nobody fits."""
+    """Return the scene with somebody standing 0.7 to 2 m from the camera; the same scene where there is no room."""
     rng = np.random.default_rng((seed, 5))
     for _ in range(_TRIES):
         angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(0.7, 2.0)

@@ -115,7 +115,7 @@ def _smooth_edges(
 
 
 def _at_edge(scene: Scene, hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Tell which pixels (H·W,) have a neighbour on another surface; opposite borders of the image count as neighbours."""
+    """Return which pixels (H·W,) have a neighbour on another surface; opposite borders of the image count as neighbours."""
     surface = scene.surface
     plane = np.where(hits.found, surface.texture[hits.triangle], -1).reshape(shape)
     normal = surface.normals[hits.triangle].reshape(*shape, 3)

@@ -62,15 +62,10 @@ def scan_with_truth(
 
 
 def scan_scene(
-    scene: Scene,
-    num_stations: int | None = None,
-    num_points: int = 300_000,
-    noise_m: float = 0.004,
-    seed: int = 0,
-    color_kind: str = "rgb",
+    scene: Scene, num_stations: int | None = None, num_points: int = 300_000, seed: int = 0, color_kind: str = "rgb"
 ) -> PointCloud:
     """Return the point cloud of `scan_with_truth`."""
-    return scan_with_truth(scene, num_stations, num_points, noise_m, seed, color_kind).cloud
+    return scan_with_truth(scene, num_stations, num_points, seed=seed, color_kind=color_kind).cloud
 
 
 def _uniform_directions(rng: np.random.Generator, count: int) -> NDArray[np.float64]:

@@ -120,7 +120,7 @@ def turned(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
 
 
 def _is_free(scene: Scene, stand: NDArray[np.float64], centers: NDArray[np.float64]) -> bool:
-    """Tell whether the lens has room at every place (N, 3), and nothing stands between one and the next."""
+    """Return whether the lens has room at every place (N, 3), and nothing stands between one and the next."""
     if scene.surface.clearance(centers).min() < _LENS_CLEARANCE_M:
         return False
     way = np.concatenate((stand[None], centers))

@@ -1,1 +1,1 @@
-"""Textures, patterns and styles that made-up rooms are painted with."""
+"""Textures, patterns and styles that procedural rooms are painted with."""

@@ -93,12 +93,12 @@ class Furnisher:
             self._place.along_wall(fittings.socket(self._rng, "duct"), 0.1)
 
     def add_something(self) -> bool:
-        """Add one thing of any sort; tell whether there was room."""
+        """Add one thing of any sort; return whether there was room."""
         ways = (self.add_wall_item, self.add_wall_item, self.add_free_item, self.add_picture, self.add_corner_item)
         return ways[self._rng.integers(len(ways))]()
 
     def add_wall_item(self) -> bool:
-        """Put one large thing against a wall; tell whether there was room."""
+        """Put one large thing against a wall; return whether there was room."""
         thing = self._builders[self._rng.integers(len(self._builders))](self._rng, self._style)
         if not self._place.along_wall(thing):
             return False
@@ -107,7 +107,7 @@ class Furnisher:
         return True
 
     def add_free_item(self) -> bool:
-        """Put a table with its chairs, a single chair or boxes anywhere on the floor; tell whether there was room."""
+        """Put a table with its chairs, a single chair or boxes anywhere on the floor; return whether there was room."""
         thing = _FREE[self._rng.integers(len(_FREE))](self._rng, self._style)
         if not self._place.on_floor(thing, 0.7 if thing.name == "table" else 0.3):
             return False
@@ -116,21 +116,21 @@ class Furnisher:
         return True
 
     def add_corner_item(self) -> bool:
-        """Put a plant or a lamp near a corner; tell whether there was room."""
+        """Put a plant or a lamp near a corner; return whether there was room."""
         build = (decoration.plant, decoration.plant, decoration.floor_lamp)[self._rng.integers(3)]
         return self._place.near_corner(build(self._rng, self._style))
 
     def add_rug(self) -> bool:
-        """Lay one rug; tell whether it fits."""
+        """Lay one rug; return whether it fits."""
         width, depth = self._room.size_m
         return self._place.on_floor(decoration.rug(self._rng, self._style, (width * 0.7, depth * 0.7)), 0.1)
 
     def add_picture(self) -> bool:
-        """Hang one picture; tell whether there was room."""
+        """Hang one picture; return whether there was room."""
         return self._place.along_wall(decoration.wall_picture(self._rng, self._style), 0.06)
 
     def add_again(self, thing: Item) -> bool:
-        """Put a thing that stood elsewhere at a new place; tell whether there was room."""
+        """Put a thing that stood elsewhere at a new place; return whether there was room."""
         if thing.anchor in ("middle", "floor"):
             return self._place.on_floor(thing, 0.05)
         return self._place.along_wall(thing)

@@ -42,7 +42,7 @@ class Footprint:
     y1: float
 
     def overlaps(self, other: "Footprint", gap: float = 0.0) -> bool:
-        """Tell whether the two areas come closer than `gap` metres."""
+        """Return whether the two areas come closer than `gap` metres."""
         apart_x = self.x0 - gap >= other.x1 or other.x0 - gap >= self.x1
         apart_y = self.y0 - gap >= other.y1 or other.y0 - gap >= self.y1
         return not (apart_x or apart_y)

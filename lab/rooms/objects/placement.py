@@ -27,7 +27,7 @@ class Placer:
         self._doorways = [_doorway(room, *door) for door in _doors(room)]
 
     def along_wall(self, thing: Item, margin_m: float = 0.03) -> bool:
-        """Put a thing with its back to a wall, or hang it there; tell whether there was room."""
+        """Put a thing with its back to a wall, or hang it there; return whether there was room."""
         half = thing.size_m[0] / 2 + margin_m
         for _ in range(_TRIES):
             wall = int(self.rng.integers(4))
@@ -37,7 +37,7 @@ class Placer:
         return False
 
     def near_corner(self, thing: Item) -> bool:
-        """Put a thing at a wall within 0.8 m of a corner; tell whether there was room."""
+        """Put a thing at a wall within 0.8 m of a corner; return whether there was room."""
         for _ in range(_TRIES):
             wall = int(self.rng.integers(4))
             length, along = self.room.wall_length_m(wall), self.rng.uniform(0.25, 0.8)
@@ -63,7 +63,7 @@ class Placer:
         return False
 
     def at_wall(self, thing: Item, wall: int, along_m: float) -> bool:
-        """Put or hang a thing centred `along_m` along a wall; tell whether the place was free."""
+        """Put or hang a thing centred `along_m` along a wall; return whether the place was free."""
         start, along, inward = self.room.wall_frame(wall)
         at = start + along_m * along + 0.015 * inward
         half = thing.size_m[0] / 2
@@ -83,7 +83,7 @@ class Placer:
         return True
 
     def at(self, thing: Item, yaw: float, x: float, y: float) -> bool:
-        """Put a thing exactly there; tell whether the place was free."""
+        """Put a thing exactly there; return whether the place was free."""
         area = turned_footprint(thing, yaw, x, y)
         if not self._inside(area) or any(area.overlaps(other, 0.01) for other in self._standing()):
             return False

@@ -1,4 +1,4 @@
-"""What happens to a scene between the scan and the photo: things move, vanish and appear, carpets go."""
+"""What happens to a scene between the scan and the photo: things move, vanish and appear, carpets go, and night falls."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from lab.rooms.objects.furnishing import Furnisher
-from lab.rooms.objects.objects import Item, SceneObject
+from lab.rooms.objects.objects import Item, Piece, SceneObject
 from lab.rooms.objects.solids import moved
+from lab.rooms.scenes.lighting import Sky
 from lab.rooms.scenes.scene import Scene, unique_objects
 from lab.rooms.scenes.street_scene import StreetDresser
 
 # Of the changed things, these shares move and vanish; the rest is replaced by something else.
 _MOVED, _REMOVED = 0.4, 0.35
 _ADDED = 0.6
+_DARK_GLASS = 0.02
 
 
 def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs: bool = True) -> Scene:
@@ -41,6 +43,16 @@ def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs
     num_new = round(num_changed * _ADDED)
     added = _add(scene, kept, moving, num_new, rng)
     return replace(scene, objects=unique_objects((*kept, *added)), exposed_like=scene)
+
+
+def night(scene: Scene) -> Scene:
+    """Return the scene with dark windows, lit by its lamps alone."""
+    return _relit(scene, daylight=0.0, lamps=1.0)
+
+
+def day(scene: Scene) -> Scene:
+    """Return the scene lit through its windows, with all lamps nearly off."""
+    return _relit(scene, daylight=1.5, lamps=0.05)
 
 
 def _swung(leaf: SceneObject, angle: float) -> SceneObject:
@@ -74,3 +86,34 @@ def _add(
             furnisher.add_something()
         added += furnisher.objects
     return added
+
+
+def _relit(scene: Scene, daylight: float, lamps: float) -> Scene:
+    """Return the scene with daylight (windows, sun, sky) and lamps scaled; 1 keeps, 0 switches off.
+
+    The same things stand at the same places, so nothing counts as changed. The exposure is chosen anew.
+    """
+    objects = tuple(_relit_object(thing, daylight, lamps) for thing in scene.objects)
+    sky = Sky(_scaled(scene.sky.zenith, daylight), _scaled(scene.sky.horizon, daylight))
+    return replace(scene, objects=objects, sky=sky, exposed_like=None)
+
+
+def _scaled(color: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    red, green, blue = color
+    return red * factor, green * factor, blue * factor
+
+
+def _relit_object(thing: SceneObject, daylight: float, lamps: float) -> SceneObject:
+    factor = daylight if any(piece.label in ("window", "road") for piece in thing.pieces) else lamps
+    if not thing.lights and all(part.glow == 0 for piece in thing.pieces for part in piece.parts):
+        return thing
+    lights = tuple(replace(light, power=light.power * factor) for light in thing.lights if factor > 0)
+    return replace(thing, pieces=tuple(_relit_piece(piece, factor) for piece in thing.pieces), lights=lights)
+
+
+def _relit_piece(piece: Piece, factor: float) -> Piece:
+    def glow(amount: float) -> float:
+        """Return the glow (0: none) scaled, yet no darker than dark glass is and no brighter than it was."""
+        return min(amount, max(_DARK_GLASS, amount * factor)) if amount > 0 else 0.0
+
+    return replace(piece, parts=tuple(replace(part, glow=glow(part.glow)) for part in piece.parts))

@@ -74,7 +74,7 @@ class Scene:
 
 
 def kept_objects(scene: Scene, other: Scene) -> NDArray[np.bool_]:
-    """Tell for each object of `scene` whether the same thing stands at the same place in `other`."""
+    """Return for each object of `scene` whether the same thing stands at the same place in `other`."""
     there = set(other.keys)
     return np.array([key in there for key in scene.keys])
 

@@ -50,11 +50,11 @@ class StreetDresser:
         self.objects: list[SceneObject] = []
 
     def add(self, build: Callable[[Rng], Item]) -> bool:
-        """Build one thing and find a place for it; tell whether there was room."""
+        """Build one thing and find a place for it; return whether there was room."""
         return self.add_again(build(self._rng))
 
     def add_again(self, thing: Item) -> bool:
-        """Find a new place for a thing; tell whether there was room."""
+        """Find a new place for a thing; return whether there was room."""
         rng = self._rng
         for _ in range(30):
             side = 1 if rng.random() < 0.5 else -1
@@ -73,7 +73,7 @@ class StreetDresser:
         return False
 
     def add_something(self) -> bool:
-        """Add one thing of any sort; tell whether there was room."""
+        """Add one thing of any sort; return whether there was room."""
         return self.add((car, car, bench, sign, _pedestrian)[self._rng.integers(5)])
 
 

@@ -3,15 +3,36 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from core.errors import CoreError
 from lab.rooms.materials.labels import label_number
 from lab.rooms.materials.texture import Texture, TextureAtlas
 from lab.rooms.objects.objects import SceneObject
-from lab.rooms.scenes.ray_caster import load_open3d
+
+
+class RayCasterMissingError(CoreError):
+    """Open3D is not installed, or a system library that it loads is not."""
+
+
+def load_open3d() -> ModuleType:
+    """Return Open3D, which casts the rays. Raises RayCasterMissingError, which says how to get it.
+
+    It is loaded when the first rays are cast, because that takes a second and 130 MB.
+    """
+    try:
+        import open3d
+    except (ImportError, OSError) as error:  # OSError: of a system library that Open3D loads
+        raise RayCasterMissingError(
+            f"expected Open3D, which renders procedural rooms, but it cannot be loaded ({error}); scripts/install installs it with "
+            "the system libraries that it needs. The service, and scans of your own, work without it"
+        ) from error
+    module: ModuleType = open3d
+    return module
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +49,7 @@ class Hits:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Tell which rays meet something, (N,)."""
+        """Return which rays meet something, (N,)."""
         return self.triangle >= 0
 
 
@@ -71,7 +92,7 @@ class Surface:
         return Hits(distance, triangle, np.stack((1 - second - third, second, third), axis=1))
 
     def blocked(self, starts: NDArray[np.floating], ends: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Tell for each pair of points (N, 3) whether something lies between them."""
+        """Return for each pair of points (N, 3) whether something lies between them."""
         rays = _rays(starts, ends - starts)
         occluded: NDArray[np.bool_] = self._ray_casting.test_occlusions(rays, tnear=0.0, tfar=0.999).numpy()
         return occluded

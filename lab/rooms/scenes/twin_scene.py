@@ -4,20 +4,22 @@ from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.geometry.pose import Pose
 from lab.rooms.materials.patterns import Rng
 from lab.rooms.materials.style import Style
 from lab.rooms.objects.furnishing import Furnisher
-from lab.rooms.objects.objects import SceneObject
+from lab.rooms.objects.objects import Footprint, Light, SceneObject
 from lab.rooms.objects.room_shell import Opening, Room, build_shell
-from lab.rooms.scenes.mirrored import mirrored_objects, mirrored_room
+from lab.rooms.objects.solids import Part
 from lab.rooms.scenes.room_scene import furnished, random_room
 from lab.rooms.scenes.scene import Scene, Twins
 
 _GAP_M = 0.5
 _CORRIDOR_M = 1.7
 _MIRROR = np.array([-1.0, 1, 1])
+_OTHER_SIDE = {0: 0, 1: 3, 2: 2, 3: 1}  # walls across x change sides
 
 
 def twin_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
@@ -61,7 +63,7 @@ def mirrored_rooms(rng: Rng, style: Style, area_m2: float | None) -> Scene:
     plane_x = first.x1 + _GAP_M / 2
     objects = furnished(rng, style, first, 0)
     rooms = first, mirrored_room(first, plane_x)
-    both = (*objects, *mirrored_objects(objects, plane_x, 1))
+    both = (*objects, *(_mirrored_object(thing, plane_x, 1) for thing in objects))
     return Scene(both, rooms, style, twins=Twins(rooms, mirrored=(False, True), equal=False))
 
 
@@ -107,3 +109,45 @@ def _moved(pose: Pose, twins: Twins, number: int, *, back: bool) -> Pose:
         return Pose(np.diag(_MIRROR) @ pose.rotation @ np.diag((1.0, -1, 1)), position)
     shift = np.array([room.x0 - first.x0, 0, 0])
     return Pose(pose.rotation, pose.position - shift if back else pose.position + shift)
+
+
+def mirrored_room(room: Room, plane_x: float) -> Room:
+    """Return the room on the other side of the plane x = `plane_x`, with its openings."""
+    openings = tuple(_mirrored_opening(hole, room.wall_length_m(hole.wall)) for hole in room.openings)
+    return replace(room, x0=2 * plane_x - room.x1, x1=2 * plane_x - room.x0, openings=openings)
+
+
+def _mirrored_opening(hole: Opening, length_m: float) -> Opening:
+    # A wall starts at its left end as seen from inside, which the mirror makes its right end.
+    return replace(hole, wall=_OTHER_SIDE[hole.wall], start_m=length_m - hole.start_m - hole.width_m)
+
+
+def _mirrored_object(thing: SceneObject, plane_x: float, number: int) -> SceneObject:
+    """Return the thing on the other side of the plane, as one of the room with that number, under a key of its own."""
+    pieces = tuple(
+        replace(piece, parts=tuple(_mirrored_part(part, plane_x) for part in piece.parts)) for piece in thing.pieces
+    )
+    area = thing.footprint
+    return replace(
+        thing,
+        key=f"mirrored/{thing.key}",
+        pieces=pieces,
+        footprint=area and Footprint(2 * plane_x - area.x1, area.y0, 2 * plane_x - area.x0, area.y1),
+        room=number,
+        lights=tuple(_mirrored_light(light, plane_x) for light in thing.lights),
+        hinge=thing.hinge and (2 * plane_x - thing.hinge[0], thing.hinge[1]),
+    )
+
+
+def _mirrored_part(part: Part, plane_x: float) -> Part:
+    # Corners in the other order, so that normals still point out of the solid.
+    return replace(part, vertices=_mirrored_points(part.vertices, plane_x), triangles=part.triangles[:, ::-1].copy())
+
+
+def _mirrored_light(light: Light, plane_x: float) -> Light:
+    normal = None if light.normal is None else light.normal * (-1, 1, 1)
+    return replace(light, points=_mirrored_points(light.points, plane_x), normal=normal)
+
+
+def _mirrored_points(points: NDArray[np.float64], plane_x: float) -> NDArray[np.float64]:
+    return np.asarray(points * (-1, 1, 1) + np.array([2 * plane_x, 0, 0]))

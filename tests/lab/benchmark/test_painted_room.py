@@ -7,9 +7,11 @@ import pytest
 
 from core.errors import OptionsError
 from core.geometry.pose import Pose
+from core.options import ScanOptions
 from core.scan.reading import read_scan
+from lab.benchmark import scan_files
 from lab.benchmark.painted_room import PaintedRoom
-from lab.benchmark.scan_file import write_room_scan
+from lab.benchmark.scan_files import write_room_scan
 
 ROOM = PaintedRoom(7)
 
@@ -73,12 +75,29 @@ def test_a_room_without_free_space_says_so() -> None:
 
 
 def test_a_scan_file_holds_what_the_scan_holds(tmp_path: Path) -> None:
-    said: list[str] = []
-    write_room_scan(tmp_path / "room.ply", ROOM, 2_500, said.append)
+    write_room_scan(tmp_path / "room.ply", ROOM, 2_500)
     read, made = read_scan(tmp_path / "room.ply"), ROOM.scan(2_500)
     assert np.array_equal(read.positions, made.positions)
     assert np.array_equal(read.colors, made.colors)
-    assert said[-1] == "writing a scan: 2,500 of 2,500 points"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ["laz", "e57"])
+def test_a_scan_file_of_several_stations_is_that_of_the_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    monkeypatch.setattr(scan_files, "_POINTS_PER_STATION", 2_000)
+    path = tmp_path / f"scan.{ending}"
+    write_room_scan(path, ROOM, 5_000)
+    cloud, expected = read_scan(path, ScanOptions(max_points_used=10_000)), ROOM.scan(5_000)
+    assert cloud.num_points_read == 5_000
+    assert distance_to_surfaces(cloud.positions + cloud.origin_offset).max() < 0.02
+    np.testing.assert_allclose(cloud.colors.mean(axis=0), expected.colors.mean(axis=0), atol=4)
+
+
+def test_another_ending_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionsError, match=r"expected ply, laz or e57, got '\.xyz'"):
+        write_room_scan(tmp_path / "room.xyz", ROOM, 10)
 
 
 def test_a_scan_in_small_pieces_is_as_large() -> None:

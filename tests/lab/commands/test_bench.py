@@ -3,22 +3,20 @@
 import json
 import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
 import torch
 
-from lab.background_service import BackgroundService
-from lab.benchmark.method.parts import CORE_PARTS
-from lab.benchmark.request import BenchRequest
-from lab.benchmark.service import measured_service
-from lab.benchmark.service.memory import by_name, measure_memory
-from lab.benchmark.service.parts import SERVICE_PARTS
+from lab.background_service import BackgroundService, own_service
+from lab.benchmark.core_parts import CORE_PARTS
+from lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark
+from lab.benchmark.sizes import QUICK
 from lab.commands.bench import Part
 from service.cli.exit_codes import ExitCode
+from service.cli.session import Session
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with, problem
 
@@ -32,37 +30,32 @@ def same_threads() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-def request_of(out: Path, **changed: Any) -> BenchRequest:
-    """Return a quick request with some options changed."""
-    options: dict[str, Any] = {
-        "parts": (), "quick": True, "points": None, "large_points": None, "starts": None, "width": None, "repeats": None,
-        "queries": None, "clients": (), "paper": True, "paper_timeout_s": 900.0, "url": None, "device": "cpu",
-        "threads": 1, "out": out,
-    }  # fmt: skip
-    return BenchRequest(**{**options, **changed})
-
-
 @pytest.mark.slow
 def test_figures_and_tables_of_chosen_parts_are_printed_and_written(panoloc: Panoloc, tmp_path: Path) -> None:
-    arguments = ("bench", "--quick", "--part", "search", "--part", "index", "--threads", "1", "--out", tmp_path)
+    arguments = ("bench", "--quick", "--part", "stages", "--part", "index", "--threads", "1", "--out", tmp_path)
     done = panoloc(*arguments, "--device", "cpu")
     assert done.code == ExitCode.OK, done.err
     written = json.loads((tmp_path / "bench.json").read_text())
-    assert list(written["parts"]) == ["search", "index"]
-    assert {"processor", "cpu_count", "torch_threads", "device", "load_average"} <= set(written["machine"])
-    assert {"panoloc", "python", "torch", "numpy"} == set(written["versions"])
+    assert list(written["parts"]) == ["stages", "index"]
     assert (written["quick"], written["machine"]["torch_threads"]) == (True, 1)
-    assert written["parts"]["index"]["redis"]["load"]["median_ms"] > 0
     for text in (done.out, (tmp_path / "bench.txt").read_text()):
-        assert "Search with score maps" in text
+        assert "Stages of a query" in text
         assert "Map index" in text
         assert "quick sizes" in text
     assert "index: measured in" in done.err
 
 
-def test_in_json_mode_one_document_is_printed(panoloc: Panoloc, tmp_path: Path) -> None:
-    (document,) = panoloc("bench", "--quick", "--part", "search", "--json", "--out", tmp_path).documents
+@pytest.mark.slow
+def test_in_json_mode_one_document_with_the_sizes_that_were_asked_for_is_printed(
+    panoloc: Panoloc, tmp_path: Path
+) -> None:
+    (document,) = panoloc(
+        "bench", "--quick", "--part", "index", "--points", "3000", "--starts", "6", "--repeats", "3", "--json",
+        "--out", tmp_path,
+    ).documents  # fmt: skip
     assert document == json.loads((tmp_path / "bench.json").read_text())
+    assert document["parts"]["index"]["points"] == 3_000
+    assert document["parts"]["index"]["encode"]["num"] == 3
 
 
 def test_queries_to_a_service_that_is_given_are_counted_and_the_map_is_deleted(
@@ -107,7 +100,7 @@ def test_cameras_take_turns_in_rooms_of_their_own(panoloc: Panoloc, fake: FakeSe
     assert rows[0]["ratio"] == 1
     options = json.loads(fake.parts["options"][0])
     assert (len(options["cameras"]), options["session"]) == (6, {"up": "known"})
-    # The room of every benchmark of queries, and one of its own.
+    # The painted room of the other parts, and the furnished one.
     assert fake.requests.count(("DELETE", "/maps/map_1")) == 2
 
 
@@ -152,6 +145,7 @@ def test_no_service_at_the_url_is_said(panoloc: Panoloc, fake: FakeService, tmp_
     ("arguments", "code", "said"),
     [
         (("--part", "speed"), ExitCode.USAGE, "speed"),
+        (("--scan-format", "xyz"), ExitCode.USAGE, "xyz"),
         (("--device", "tpu"), ExitCode.USAGE, "tpu"),
         (("--points", "3"), ExitCode.USAGE, "--points"),
         (("--starts", "5000"), ExitCode.USAGE, "--starts"),
@@ -184,52 +178,35 @@ def test_every_part_has_a_name_on_the_command_line() -> None:
     assert [part.value for part in Part] == [*CORE_PARTS, *SERVICE_PARTS]
 
 
-def test_options_win_over_the_sizes_that_they_name(tmp_path: Path) -> None:
-    request = request_of(tmp_path, points=5_000, repeats=3, clients=(7,), queries=9)
-    assert (request.sizes.points, request.sizes.repeats) == (5_000, 3)
-    assert (request.num_clients, request.num_queries) == ((7,), 9)
-    assert request_of(tmp_path, quick=False).num_clients == (1, 4, 16)
-    assert request_of(tmp_path, quick=False).sizes.points == 1_000_000
-
-
 def test_memory_is_measured_before_while_and_after(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.benchmark.service.memory.time.sleep", lambda seconds: None)
-    sent: list[int] = []
-    found = measure_memory(os.getpid(), request_of(tmp_path, queries=6), lambda text: None, sent.append)
-    assert (sent, found.queries) == ([6], 6)
-    assert found.peak_bytes >= max(found.idle_bytes, found.after_bytes) > 0
-    assert sum(found.idle_by_process.values()) == found.idle_bytes
+    sent: list[tuple[int, int]] = []
+    monkeypatch.setattr("lab.benchmark.service_parts.time.sleep", lambda seconds: None)
+    monkeypatch.setattr(ServiceBenchmark, "send", lambda self, clients, number: sent.append((clients, number)))
+    run = ServiceBenchmark(QUICK, Session(), URL, os.getpid(), {}, (), paper=False, say=lambda text: None)
+    found = SERVICE_PARTS["memory"](run)
+    assert sent == [(1, 0), (1, QUICK.queries)]  # the warm-up sends each panorama once
+    assert found["peak_bytes"] >= max(found["idle_bytes"], found["after_bytes"]) > 0
+    assert sum(found["idle_by_process"].values()) == found["idle_bytes"]
 
 
-def test_processes_of_one_name_are_added_up_whatever_they_do_at_the_moment() -> None:
-    assert by_name({"1 sh": 2, "2 ray::Replica:a.check_health": 30, "3 ray::Replica:a": 10, "4 sh": 3}) == {
-        "ray::Replica:a": 40,
-        "sh": 5,
-    }
+def test_a_service_that_never_becomes_ready_is_stopped_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Mapping[str, str]] = []
+    started: list[subprocess.Popen[bytes]] = []
 
-
-def test_the_services_own_environment_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[dict[str, str]] = []
-    processes: list[subprocess.Popen[bytes]] = []
-
-    def start(url: str, log: Path, settings: dict[str, str]) -> BackgroundService:
-        started.append(settings)
-        processes.append(subprocess.Popen(["sleep", "60"]))
-        return BackgroundService(processes[0], log)
+    def start(url: str, log: Path, settings: Mapping[str, str]) -> BackgroundService:
+        told.append(settings)
+        started.append(subprocess.Popen(["sleep", "60"]))
+        return BackgroundService(started[0], log)
 
     def never_ready(client: object, service: object, say: Callable[[str], None]) -> None:
         raise TimeoutError("not ready")
 
-    monkeypatch.setattr(measured_service, "start_in_background", start)
-    monkeypatch.setattr(measured_service, "wait_until_ready", never_ready)
-    from service.cli.session import Session
-
-    with (
-        pytest.raises(TimeoutError),
-        measured_service.measured_service(request_of(tmp_path), Session(), lambda text: None),
-    ):
+    monkeypatch.setattr("lab.background_service.start_in_background", start)
+    monkeypatch.setattr("lab.background_service.wait_until_ready", never_ready)
+    with pytest.raises(TimeoutError), own_service({"PANOLOC_MAX_TIMEOUT_S": "900"}, tmp_path / "service.log"):
         pass
-    assert processes[0].poll() is not None
-    assert not Path(started[0]["PANOLOC_DATA_DIR"]).parent.exists()
-    assert started[0]["CUDA_VISIBLE_DEVICES"] == ""
-    assert float(started[0]["PANOLOC_MAX_TIMEOUT_S"]) == 900
+    assert started[0].poll() is not None
+    assert not Path(told[0]["PANOLOC_DATA_DIR"]).parent.exists()
+    assert told[0]["PANOLOC_MAX_TIMEOUT_S"] == "900"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.camera.camera import CameraDescription
 from core.camera.lens import project_to_image
@@ -15,16 +16,24 @@ from core.geometry.pose import Pose
 from core.panorama.reader import read_image
 from core.panorama.session import Photo
 from core.scan.reading import read_scan
+from lab import demo_room
 from lab.commands import demo_scene
 from lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
 
+def make(folder: Path) -> DemoScene:
+    """Make the room of the demo with small files."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("NUM_SCAN_POINTS", 20_000), ("PANORAMA_WIDTH", 128), ("_PHOTO_SIZE", (480, 360))):
+            patch.setattr(demo_scene, name, value)
+        return make_demo_scene(folder, 3, lambda text: None)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> DemoScene:
-    """Make the room of the demo."""
-    return make_demo_scene(tmp_path_factory.mktemp("demo"), 3, lambda text: None)
+    return make(tmp_path_factory.mktemp("demo"))
 
 
 @pytest.fixture
@@ -86,7 +95,7 @@ def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeServic
 
 @pytest.mark.slow
 def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(made: DemoScene, tmp_path: Path) -> None:
-    again = make_demo_scene(tmp_path, 3, lambda text: None)
+    again = make(tmp_path)
     assert made.scan.read_bytes() == again.scan.read_bytes()
     first, second = (scene.queries[1] for scene in (made, again))
     assert first.image.read_bytes() == second.image.read_bytes()
@@ -104,7 +113,6 @@ def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(made: D
 @pytest.mark.slow
 def test_the_photo_is_of_the_camera_that_the_service_is_told_of(made: DemoScene) -> None:
     photo = made.queries[2]
-    assert made.file_names == ["scan.ply", "as-scanned.jpg", "changed.jpg", "photo.jpg"]
     image = read_image(photo.image.read_bytes(), camera=CameraDescription(**photo.options["cameras"][0]))
     assert isinstance(image, Photo)
     # What the scan has in front of the camera is in the photo, in its colours.
@@ -138,3 +146,15 @@ def test_without_open3d_the_demo_says_what_is_missing_before_it_starts_anything(
     assert "scripts/install" in done.err
     assert fake.requests == []
     assert not (tmp_path / "demo").exists()
+
+
+@pytest.mark.slow
+def test_the_demo_room_is_a_coloured_scan_and_a_full_sphere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo_room, "NUM_SCAN_POINTS", 4000)
+    monkeypatch.setattr(demo_room, "PANORAMA_WIDTH", 64)
+    demo_room.make_demo_room(tmp_path)
+    cloud = read_scan(tmp_path / "room.ply")
+    assert cloud.num_points_read == 4000
+    assert cloud.colors.std() > 10
+    with Image.open(tmp_path / "panorama.jpg") as panorama:
+        assert panorama.size == (64, 32)

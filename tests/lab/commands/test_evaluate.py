@@ -1,23 +1,20 @@
 """`panoloc evaluate` and `panoloc evaluate fit`, run as a person runs them."""
 
 import json
-import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-import typer
 
 from core.geometry.pose import Pose
 from core.judge.confidence import FEATURES
 from lab.commands import evaluation_run
-from lab.commands.evaluation_run import EvaluationRequest, scans_of
+from lab.evaluation.known_cases import ScanCases
+from lab.evaluation.runner import RunOptions
 from lab.rooms import PosedPanorama, write_case_folder
-from service.cli.entry import app
 from service.cli.exit_codes import ExitCode
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.lab.evaluation.made_rows import made_row, measures
@@ -45,19 +42,8 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def answered(panoloc: Panoloc, cases: Path, tmp_path: Path) -> Path:
-    """Return a folder with the rows of a run, which is made once and copied for every test."""
-    made = cases.with_name("answered")
-    if not made.exists():
-        done = panoloc("evaluate", "--cases", cases, "--method", METHOD, "--out", made)
-        assert done.code == ExitCode.OK, done.err
-    shutil.copy(made / "rows.jsonl", tmp_path)
-    return tmp_path
-
-
 @pytest.mark.slow
-def test_tables_json_rows_and_plots_are_written_and_a_second_run_reuses_the_rows(
+def test_tables_json_and_rows_are_written_and_a_second_run_reuses_the_rows(
     panoloc: Panoloc, cases: Path, tmp_path: Path
 ) -> None:
     arguments = ("evaluate", "--cases", cases, "--method", METHOD, "--out", tmp_path / "out", "--within", "0.05,5")
@@ -81,34 +67,14 @@ def test_tables_json_rows_and_plots_are_written_and_a_second_run_reuses_the_rows
     assert len((tmp_path / "out" / "rows.jsonl").read_text().splitlines()) == 1
 
 
-@pytest.mark.slow
-def test_without_matplotlib_it_says_that_there_are_no_plots(
-    panoloc: Panoloc, cases: Path, answered: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lab.evaluation.plots.find_spec", lambda name: None)
-    done = panoloc("evaluate", "--cases", cases, "--method", METHOD, "--out", answered)
-    assert done.code == ExitCode.OK
-    assert "matplotlib is not installed (pip install 'panoloc[plots]')" in done.err
-    assert not list(answered.glob("*.png"))
-
-
-@pytest.mark.slow
-def test_plots_are_pictures(panoloc: Panoloc, cases: Path, answered: Path) -> None:
-    pytest.importorskip("matplotlib")
-    panoloc("evaluate", "--cases", cases, "--method", METHOD, "--out", answered)
-    for name in ("errors.png", "reliability.png"):
-        assert (answered / name).read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "--suite, --cases or --dataset"),
+        ((), "expected --suite or --cases"),
         (("--suite", "castles"), "suite: expected one of rooms"),
         (("--suite", "rooms", "--seeds", "x"), "seeds: expected numbers"),
         (("--suite", "rooms", "--method", "slow"), "method: expected one of fast"),
         (("--suite", "rooms", "--within", "5"), "within: expected metres and degrees"),
-        (("--dataset", "omniscenes"), "expected --root"),
         (("--cases", "nowhere"), "nowhere: expected truth.json"),
     ],
 )
@@ -167,76 +133,27 @@ def test_fit_refuses_rows_it_cannot_use(panoloc: Panoloc, tmp_path: Path) -> Non
 def test_cameras_stand_behind_every_suite_that_names_none_and_cut_every_case(
     cases: Path, panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    asked: list[EvaluationRequest] = []
-    monkeypatch.setattr(evaluation_run, "run_evaluation", lambda request, session: asked.append(request))
-    panoloc(
-        "evaluate",
-        "--suite",
-        "rooms",
-        "--suite",
-        "night/sweep",
-        "--cases",
-        cases,
-        "--seeds",
-        "4",
-        "--camera",
-        "photo",
-        "--camera",
-        "frames4",
-    )
-    (request,) = asked
-    assert [scan.name for scan in scans_of(request)] == [
-        "rooms/photo-4",
-        "rooms/frames4-4",
-        "night/sweep-4",
-        "box/photo",
-        "box/frames4",
-    ]
+    asked: list[list[str]] = []
+
+    def run(scans: Sequence[ScanCases], *_: object) -> None:
+        asked.append([scan.name for scan in scans])
+
+    monkeypatch.setattr(evaluation_run, "run_evaluation", run)
+    sources = ["--suite", "rooms", "--suite", "night/sweep", "--cases", cases, "--seeds", "4"]
+    assert panoloc("evaluate", *sources, "--camera", "photo", "--camera", "frames4").code == ExitCode.OK
+    assert asked == [["rooms/photo-4", "rooms/frames4-4", "night/sweep-4", "box/photo", "box/frames4"]]
 
 
-def test_every_option_reaches_the_evaluation(panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    asked: list[EvaluationRequest] = []
-    monkeypatch.setattr(evaluation_run, "run_evaluation", lambda request, session: asked.append(request))
-    sources = ["--suite", "rooms", "--suite", "changed", "--seeds", "1,3", "--family", "plain", "--width", 256]
-    sources += ["--points", 5000, "--cases", tmp_path, "--tag", "t", "--dataset", "data61", "--root", tmp_path]
-    sources += ["--split", "a", "--split", "b", "--limit", 2, "--camera", "photo", "--camera", "frames4"]
-    methods = ["--method", "fast", "--device", "cpu", "--timeout-s", 3, "--spacing-m", 0.5, "--cross", 4]
-    output = ["--change-maps", "--out", tmp_path / "out", "--within", "0.05,5", "--json"]
-    done = panoloc("evaluate", *sources, *methods, *output)
+def test_options_reach_the_cases_and_the_run(
+    cases: Path, panoloc: Panoloc, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[tuple[object, ...]] = []
+    monkeypatch.setattr(evaluation_run, "run_evaluation", lambda *given: asked.append(given[:-1]))
+    sources = ["--suite", "rooms", "--seeds", "1,3", "--family", "nordic", "--width", 256, "--points", 5000]
+    sources += ["--cases", cases, "--tag", "t", "--limit", 1]
+    methods = ["--method", "fast", "--device", "cpu", "--timeout-s", 3, "--cross", 4, "--change-maps"]
+    done = panoloc("evaluate", *sources, *methods, "--out", tmp_path, "--within", "0.05,5")
     assert done.code == ExitCode.OK, done.err
-    assert asked == [
-        EvaluationRequest(
-            suites=("rooms", "changed"),
-            seeds="1,3",
-            families=("plain",),
-            cameras=("photo", "frames4"),
-            width=256,
-            num_points=5000,
-            cases=(tmp_path,),
-            tags=("t",),
-            dataset="data61",
-            root=tmp_path,
-            splits=("a", "b"),
-            limit=2,
-            methods=("fast",),
-            device="cpu",
-            timeout_s=3.0,
-            spacing_m=0.5,
-            num_strangers=4,
-            change_maps=True,
-            out=tmp_path / "out",
-            limits=("0.05,5",),
-        )
-    ]
-
-
-def test_the_help_shows_every_option_in_its_panel() -> None:
-    panels = {
-        parameter.rich_help_panel for parameter in options_of_evaluate() if parameter.name not in ("json", "help")
-    }
-    assert panels == {"Cases", "Methods", "Output"}
-
-
-def options_of_evaluate() -> list[Any]:
-    command: Any = typer.main.get_command(app)
-    return list(command.commands["evaluate"].params)
+    ((scans, *rest),) = asked
+    assert [scan.name for scan in scans] == ["rooms-1-nordic-256px-5000pts"]  # type: ignore[attr-defined]
+    assert rest == [["fast"], RunOptions("cpu", 4, True, 3.0), ["0.05,5"], tmp_path]

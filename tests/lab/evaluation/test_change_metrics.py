@@ -5,14 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.config import PaperConfig
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
-from core.panorama.panorama import Panorama
 from core.results import Localization, SearchSummary
-from lab.evaluation import KnownQuery
 from lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
-from lab.evaluation.paper_change_maps import PaperChangeMaps, paper_change_maps
+from lab.evaluation.known_cases import KnownQuery
 from tests.core.painted_box import PaintedBox
 
 EMPTY = Localization("localized", SearchSummary("fast", 1, 1, 1, 1), {})
@@ -50,17 +47,16 @@ def _scored(query: KnownQuery, box_index: MapIndex, truthful: bool) -> Localizat
 
 def test_maps_that_are_the_truth_have_precision_one(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
     query = _query(box, box_pose, box_index)
-    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, True), None)
+    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, True))
     assert found["ap_2d"] == pytest.approx(1.0)
     assert found["ap_3d"] == pytest.approx(1.0)
-    assert "paper_ap_2d" not in found
 
 
 def test_maps_that_are_the_opposite_reach_no_more_than_the_share_that_changed(
     box: PaintedBox, box_pose: Pose, box_index: MapIndex
 ) -> None:
     query = _query(box, box_pose, box_index)
-    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, False), None)
+    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, False))
     assert found["ap_2d"] == pytest.approx(found["changed_pixels"])
     assert found["ap_3d"] == pytest.approx(found["changed_points"])
 
@@ -79,29 +75,5 @@ def test_what_has_no_score_is_not_compared(box: PaintedBox, box_pose: Pose, box_
         box.scan(),
         box_index,
         replace(answer, score_map_2d=wrong_pixels, score_points=lambda: wrong_points),
-        None,
     )
     assert found == {}  # nothing that changed is scored, so there is no precision
-
-
-def test_the_papers_maps_are_compared_on_the_same_pixels(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
-    query = _query(box, box_pose, box_index)
-    assert query.changed_pixels is not None
-    patches = np.where(resampled(query.changed_pixels.astype(np.float32), 16, 32) > 0, 0.2, 0.8).astype(np.float32)
-    paper = PaperChangeMaps(patches, np.where(box_index.positions.numpy()[:, 0] < 1.0, 0.2, 0.8).astype(np.float32))
-    found = change_metrics(query, box.scan(), box_index, _scored(query, box_index, True), paper)
-    assert found["paper_ap_3d"] == pytest.approx(1.0)
-    assert found["changed_pixels"] < found["paper_ap_2d"] < 1.0  # patches are coarser than what changed
-
-
-def test_the_papers_maps_see_a_repainted_region(box: PaintedBox, box_pose: Pose, box_index: MapIndex) -> None:
-    panorama = box.panorama(box_pose, 64)
-    repainted = panorama.color.copy()
-    repainted[16:48, 20:60] = (255, 0, 255)
-    config = PaperConfig(num_starts=12, num_rotations=48, map_rows=8, map_columns=16, match_colors=False)
-    maps = paper_change_maps(Panorama(repainted, panorama.valid), box_index, config)
-    assert maps.score_map_2d.shape == (8, 16)
-    assert maps.point_scores.shape == (box_index.num_points,)
-    inside = maps.score_map_2d[2:6, 3:7].mean()
-    outside = np.delete(maps.score_map_2d[2:6], np.s_[2:8], axis=1).mean()
-    assert inside < 0.7 * outside

@@ -4,26 +4,7 @@ import pytest
 
 from core.config import LocalizerConfig, PaperConfig
 from core.errors import OptionsError
-from lab.evaluation import METHOD_NAMES, compared_method
-
-
-def test_each_ablation_leaves_out_one_part() -> None:
-    switches = {
-        "paper-no-histograms": "initialize_by_histograms",
-        "paper-no-2d-map": "use_score_map_2d",
-        "paper-no-3d-map": "use_score_map_3d",
-        "paper-no-color-matching": "match_colors",
-    }
-    for name, off in switches.items():
-        config = compared_method(name).config.paper
-        for switch in switches.values():
-            assert getattr(config, switch) is (switch != off)
-
-
-def test_piccolo_has_none_of_the_papers_parts() -> None:
-    config = compared_method("piccolo").config.paper
-    parts = (config.initialize_by_histograms, config.use_score_map_2d, config.use_score_map_3d, config.match_colors)
-    assert parts == (False, False, False, False)
+from lab.evaluation.methods import METHOD_NAMES, compared_method
 
 
 def test_methods_have_different_digests() -> None:

@@ -1,12 +1,21 @@
 """Runs: rows beside the truth, strangers, continuation."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from core.index.map_builder import build_map_index
+from core.index.map_index import MapIndex
 from core.judge.confidence import load_confidence_model
-from lab.evaluation import Evaluation, Row, RowsFile, RunOptions, ScanCases, compared_method, folder_scans, limited
+from core.scan.point_cloud import PointCloud
 from lab.evaluation.fit_confidence import features_of_row
+from lab.evaluation.known_cases import ScanCases, limited
+from lab.evaluation.methods import compared_method
+from lab.evaluation.photo_source import as_photos
+from lab.evaluation.rows import Row, RowsFile
+from lab.evaluation.runner import Evaluation, RunOptions
+from lab.evaluation.sources import folder_scans
 
 FAST = compared_method(
     "fast=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
@@ -69,7 +78,7 @@ def test_a_finished_run_is_not_run_again(
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a map was built although every row is there")
 
-    monkeypatch.setattr("lab.evaluation.built_maps.build_map_index", refuse)
+    monkeypatch.setattr("lab.evaluation.runner.build_map_index", refuse)
     again = list(_evaluation(box_folder, finished[0], 1).rows())
     assert [is_new for _, is_new in again] == [False] * 6
     assert [row for row, _ in again] == finished[1]
@@ -89,23 +98,25 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
 
 
 @pytest.mark.slow
-def test_another_configuration_is_run_anew(box_folder: Path, finished: tuple[Path, list[Row]]) -> None:
-    other = compared_method("fast=fast:search.num_candidates=3,search.num_rotations=64")
-    scans = limited(folder_scans(box_folder), 1)[:1]
-    ((_, is_new),) = Evaluation(scans, [other], RowsFile(finished[0].with_name("copy")), RunOptions("cpu")).rows()
-    assert is_new
-    known = {row.digest for row in finished[1]}
-    assert other.digest not in known
+def test_calls_that_fail_are_rows_that_say_why_and_the_same_points_have_one_map(
+    box_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[int] = []
 
+    def build(cloud: PointCloud, *options: Any, **more: Any) -> MapIndex:
+        built.append(len(cloud))
+        return build_map_index(cloud, *options, **more)
 
-@pytest.mark.slow
-def test_a_call_that_fails_is_a_row_that_says_why(box_folder: Path, tmp_path: Path) -> None:
+    monkeypatch.setattr("lab.evaluation.runner.build_map_index", build)
+    file = RowsFile(tmp_path / "rows.jsonl")
+    # A row of another configuration does not count.
+    file.append(Row("first", "first", "first/q0.jpg", FAST.name, "another", False, "localized", 1.0))
     scans = limited(folder_scans(box_folder), 1)[:1]
-    options = RunOptions("cpu", timeout_s=1e-9)
-    ((row, _),) = Evaluation(scans, [FAST], RowsFile(tmp_path / "rows.jsonl"), options).rows()
-    assert row.status == "error"
-    assert row.error is not None
-    assert row.error.startswith("DeadlineExceededError")
+    scans += as_photos(scans, "photo", [1], 64)
+    run = Evaluation(scans, [FAST], file, RunOptions("cpu", timeout_s=1e-9))
+    rows = [row for row, is_new in run.rows() if is_new]
+    assert [(row.status, str(row.error).partition(":")[0]) for row in rows] == [("error", "DeadlineExceededError")] * 2
+    assert len(built) == 1
 
 
 def test_scans_of_the_same_place_are_no_strangers() -> None:

@@ -10,7 +10,8 @@ import pytest
 from core.errors import OptionsError
 from core.geometry.pose import Pose
 from core.panorama.panorama import Panorama
-from lab.evaluation import KnownQuery, SourceError, folder_scans, limited, seed_range, suite_scans
+from lab.evaluation.known_cases import KnownQuery, SourceError, limited
+from lab.evaluation.sources import folder_scans, seed_range, suite_scans
 
 
 def test_seeds_are_numbers_and_ranges() -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lab.evaluation import Row, summaries
-from lab.evaluation.summary import calibration_of
+from lab.evaluation.rows import Row
+from lab.evaluation.summary import calibration_of, summaries
 from tests.lab.evaluation.made_rows import made_row
 
 

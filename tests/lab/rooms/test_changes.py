@@ -9,7 +9,6 @@ from lab.rooms import (
     Scene,
     SceneSpec,
     View,
-    add_person,
     build_scene,
     change_scene,
     changed_pixels,
@@ -17,6 +16,7 @@ from lab.rooms import (
     sample_pose,
     take_view,
 )
+from lab.rooms.capture.intruders import add_person
 from lab.rooms.materials.labels import label_number
 
 

@@ -1,6 +1,7 @@
 """Photos of scenes: pixels and rays agree, and cameras are where their recipes say."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from lab.rooms import (
     take_view,
 )
 from lab.rooms.capture.camera_look import PHOTO, looked
-from lab.rooms.capture.shooting import turned
 from lab.rooms.capture.tracking import session_axes, tracked
 
 LENSES = {
@@ -81,9 +81,10 @@ def test_the_blur_of_a_photo_does_not_reach_around_to_the_other_side() -> None:
     assert int(photo[:, 0].mean()) < int(around[:, 0].mean())
 
 
-def small(name: str, seed: int = 5) -> Case:
+@cache
+def small(name: str) -> Case:
     suite, camera = suite_of(name)
-    return make_case(name, replace(suite, num_points=4000), seed, width=64, camera=camera)
+    return make_case(name, replace(suite, num_points=4000), 5, width=64, camera=camera)
 
 
 @pytest.fixture(scope="module")
@@ -175,11 +176,6 @@ def test_session_axes_are_upright_only_where_gravity_is_known() -> None:
     assert np.linalg.norm(session_axes(rng, near, upright=True).position - near.position) < 3 * np.sqrt(3)
 
 
-def test_yaw_pitch_and_roll_are_those_of_the_pose() -> None:
-    pose = Pose(turned(0.4, -0.3, 0.2), np.zeros(3))
-    assert pose.yaw_pitch_roll == pytest.approx((0.4, -0.3, 0.2))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["rooms/photo", "changed/frames2", "survey/frames2_free", "labels/fisheye", "night/sweep"]
@@ -200,14 +196,9 @@ def test_the_poses_of_a_case_are_those_of_its_session_but_for_the_noise(name: st
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_photos_and_another_name_of_axes_the_same_places() -> None:
-    first, again, free = small("changed/frames2"), small("changed/frames2"), small("changed/frames2_free")
+def test_other_axes_of_a_session_leave_its_images_where_they_are() -> None:
+    first, free = small("changed/frames2"), small("changed/frames2_free")
     assert isinstance(first.query, Session)
-    assert isinstance(again.query, Session)
     assert isinstance(free.query, Session)
-    for one, other in zip(first.query.images, again.query.images, strict=True):
-        np.testing.assert_array_equal(one.photo.color, other.photo.color)
-        np.testing.assert_array_equal(one.session_from_camera.position, other.session_from_camera.position)
     np.testing.assert_array_equal(first.pose.position, free.pose.position)
-    assert first.query.options.up_known
-    assert not free.query.options.up_known
+    assert (first.query.options.up_known, free.query.options.up_known) == (True, False)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lab.rooms import LABEL_COLORS, Scan, Scene, scan_scene, scan_with_truth, take_panorama
+from lab.rooms import Scan, Scene, scan_scene, scan_with_truth, take_panorama
 from lab.rooms.capture.free_space import sample_pose
+from lab.rooms.materials.labels import LABEL_COLORS
 from lab.rooms.scenes.surface import Surface
 
 
@@ -66,9 +67,3 @@ def test_label_scans_and_panoramas_hold_nothing_but_label_colors(room: Scene) ->
     for colors in (panorama.color.reshape(-1, 3), cloud.colors):
         assert set(map(tuple, np.unique(colors, axis=0).tolist())) <= known
     assert len(np.unique(cloud.colors, axis=0)) >= 8
-
-
-def test_label_colors_differ_clearly() -> None:
-    table = np.array(list(LABEL_COLORS.values()), float)
-    apart = np.abs(table[:, None] - table[None]).sum(-1) + 1000 * np.eye(len(table))
-    assert apart.min() >= 24

@@ -21,13 +21,6 @@ def test_the_same_specification_gives_the_same_scan_and_panorama() -> None:
 
 
 @pytest.mark.slow
-def test_another_seed_gives_another_scene() -> None:
-    first, second = (build_scene(SceneSpec("room", seed, family="nordic")) for seed in (1, 2))
-    assert first.rooms != second.rooms
-    assert set(first.keys) != set(second.keys)
-
-
-@pytest.mark.slow
 def test_rooms_cover_small_and_large_areas() -> None:
     areas = [np.prod(build_scene(SceneSpec("room", seed)).rooms[0].size_m) for seed in range(7)]
     assert min(areas) < 16
@@ -40,17 +33,6 @@ def test_rooms_cover_small_and_large_areas() -> None:
 def test_every_family_builds_a_furnished_room(family: str) -> None:
     scene = build_scene(SceneSpec("room", 3, family=family))
     assert sum(thing.item is not None for thing in scene.objects) >= 8
-
-
-@pytest.mark.slow
-def test_families_differ_in_color() -> None:
-    means = []
-    for family in ("classic", "office"):
-        scene = build_scene(SceneSpec("room", 11, family=family, area_m2=16.0))
-        means.append(scan_scene(scene, num_points=4000).colors.astype(float).mean(0))
-    # Warm, dark woods and papers against grey and white.
-    warmth = [mean[0] - mean[2] for mean in means]
-    assert warmth[0] > warmth[1] + 10
 
 
 @pytest.mark.slow
@@ -105,14 +87,6 @@ def test_cameras_stand_in_free_space_at_eye_height(kind: str) -> None:
     positions = np.array([sample_pose(scene, rng).position for _ in range(5)])
     assert (scene.surface.clearance(positions) > 0.39).all()
     assert ((positions[:, 2] >= 1.0) & (positions[:, 2] <= 1.9)).all()
-
-
-@pytest.mark.slow
-def test_a_street_is_as_long_as_the_search_cuboid_of_the_paper() -> None:
-    scene = build_scene(SceneSpec("street", 0))
-    low, high = scan_scene(scene, num_points=20_000, color_kind="labels").bounds
-    assert high[0] - low[0] > 50
-    assert high[1] - low[1] > 10
 
 
 def test_rotations_are_of_the_kind_asked_for() -> None:

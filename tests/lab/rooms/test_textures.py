@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from lab.rooms.materials import patterns
 from lab.rooms.materials.texture import Texture, TextureAtlas, plain
 from lab.rooms.objects.solids import box, cylinder, ellipsoid
 
@@ -57,10 +56,3 @@ def test_a_closed_solid_encloses_its_volume() -> None:
         a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
         volume += (a * np.cross(b, c)).sum() / 6
     assert abs(volume - 6.0) < 1e-9
-
-
-def test_patterns_repeat_by_seed_and_fill_their_size() -> None:
-    first, again = (patterns.planks(np.random.default_rng(3), (0.6, 0.4, 0.3), (2.0, 1.0)) for _ in range(2))
-    np.testing.assert_array_equal(first.pixels, again.pixels)
-    assert first.pixels.shape[1] == 2 * first.pixels.shape[0]
-    assert first.pixels.std() > 5

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from core.geometry.pose import Pose
-from lab.rooms import Scene, SceneKind, SceneSpec, View, build_scene, make_case, sample_pose, scan_scene, take_view
-from lab.rooms.scenes.mirrored import mirrored_room
-from lab.rooms.scenes.twin_scene import twin_poses
+from lab.rooms import Scene, SceneSpec, View, build_scene, make_case, sample_pose, scan_scene, take_view
+from lab.rooms.scenes.generator import SceneKind
+from lab.rooms.scenes.twin_scene import mirrored_room, twin_poses
 from lab.rooms.suites import SUITES
 
 

@@ -1,1 +1,0 @@
-"""Measures what the algorithm costs, without a service."""

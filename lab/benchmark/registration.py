@@ -1,0 +1,138 @@
+"""Time and peak memory of registering a scan, each time in a fresh process, so that the peak is that of the registration."""
+
+import multiprocessing
+import statistics
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from core.errors import CoreError
+from core.index.map_builder import build_map_index
+from core.index.map_codec import encode_map_index
+from core.options import IndexOptions
+from core.scan.reading import read_scan
+from lab.benchmark.painted_room import PaintedRoom
+from lab.benchmark.rooms import spacing_for
+from lab.benchmark.scan_files import write_room_scan
+from lab.benchmark.timing import Say, Spread, spread_of
+
+_SAMPLE_POINTS = 100_000
+_PAGE_LINES = {"VmHWM": "peak", "VmRSS": "resident"}
+
+
+class RegistrationFailedError(CoreError):
+    """The process that registers a scan ended without figures."""
+
+
+@dataclass(frozen=True)
+class RegistrationFigures:
+    """Seconds and bytes of one registration on the processor, as the service does it.
+
+    seconds: by stage, and `total`. base_bytes: of the process before it began; peak_bytes: the most at any time, None where /proc
+    is missing.
+    """
+
+    scan_bytes: int
+    points: int
+    points_used: int
+    starts: int
+    index_bytes: int
+    seconds: dict[str, float]
+    base_bytes: int | None
+    peak_bytes: int | None
+
+
+@dataclass(frozen=True)
+class RegistrationCost:
+    """The registration whose total is the median, and the spread of all. peak_bytes: the most of any, None where not known."""
+
+    scan_format: str
+    median: RegistrationFigures
+    total: Spread
+    peak_bytes: int | None
+
+
+def time_registration(points: int, starts: int, repeats: int, scan_format: str, say: Say) -> RegistrationCost:
+    """Write a scan of `points` points to a temporary file and register it `repeats` times.
+
+    Raises RegistrationFailedError when it does not go through, and OSError when the disk is full.
+    """
+    room, spacing_m = PaintedRoom(0), room_spacing(points, starts)
+    with tempfile.TemporaryDirectory(prefix="panoloc-bench-") as folder:
+        scan = Path(folder) / f"room.{scan_format}"
+        write_room_scan(scan, room, points, say)
+        found = []
+        for number in range(repeats):
+            say(f"registering {points:,} points ({scan_format}), {number + 1} of {repeats}")
+            found.append(register_in_new_process(scan, spacing_m, torch.get_num_threads()))
+    totals = [each.seconds["total"] * 1000 for each in found]
+    median = found[totals.index(statistics.median_low(totals))]
+    peaks = [each.peak_bytes for each in found if each.peak_bytes is not None]
+    return RegistrationCost(scan_format, median, spread_of(totals), max(peaks, default=None))
+
+
+def room_spacing(points: int, starts: int) -> float:
+    """Return the spacing, metres, that puts about `starts` starts into the map of a painted room scanned with `points` points."""
+    return spacing_for(PaintedRoom(0).scan(min(points, _SAMPLE_POINTS)), starts)
+
+
+def register_in_new_process(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
+    """Register `scan` in a fresh process.
+
+    Raises a ScanError for a file that cannot be read, and RegistrationFailedError when the process dies.
+    """
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
+        try:
+            return processes.submit(register, scan, spacing_m, threads).result()
+        except BrokenProcessPool as error:
+            raise RegistrationFailedError(
+                f"registration of {scan.name}: expected figures, but the process died; was there enough memory?"
+            ) from error
+
+
+def register(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
+    """Read, index and encode `scan` in this process. Raises a ScanError for a file that cannot be read."""
+    torch.set_num_threads(threads)
+    base, began = memory_bytes().get("resident"), time.perf_counter()
+    cloud = read_scan(scan)
+    seconds = {"reading": time.perf_counter() - began}
+    stages: list[tuple[str, float]] = []
+    index = build_map_index(
+        cloud,
+        IndexOptions(spacing_m=spacing_m),
+        progress=lambda stage, share: stages.append((stage, time.perf_counter())),
+    )
+    stages.append(("encoding", time.perf_counter()))
+    encoded = encode_map_index(index)
+    ended = time.perf_counter()
+    # A stage lasts until the next report, whichever stage that is of.
+    for (stage, at), (_, until) in zip(stages, [*stages[1:], ("", ended)], strict=True):
+        seconds[stage] = seconds.get(stage, 0.0) + until - at
+    seconds["total"] = ended - began
+    return RegistrationFigures(
+        scan_bytes=scan.stat().st_size,
+        points=cloud.num_points_read,
+        points_used=index.num_points,
+        starts=index.num_starts,
+        index_bytes=len(encoded),
+        seconds=seconds,
+        base_bytes=base,
+        # The kernel counts in steps, so its peak may lie some pages below what it said at the start.
+        peak_bytes=None if base is None else max(base, memory_bytes().get("peak", 0)),
+    )
+
+
+def memory_bytes() -> dict[str, int]:
+    """Return `resident` and `peak` bytes of this process; empty where /proc is missing.
+
+    Not `resource.getrusage`, whose peak a process inherits from the one that started it.
+    """
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    pairs = (line.split(":", 1) for line in lines if ":" in line)
+    return {_PAGE_LINES[name]: int(value.split()[0]) * 1024 for name, value in pairs if name in _PAGE_LINES}

@@ -1,1 +1,0 @@
-"""The parts of the benchmark that need a running service."""

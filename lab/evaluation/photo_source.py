@@ -1,0 +1,87 @@
+"""Any source of panoramas as a source of photos: cut out of the panoramas by the cameras of the suites.
+
+A panorama has one centre, so frames of a session have no parallax here, whatever their recipe says; their tracking has its noise.
+"""
+
+import io
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from PIL import Image
+
+from core.errors import OptionsError
+from core.geometry.pose import Pose
+from core.panorama.panorama import Panorama
+from core.panorama.reader import read_panorama
+from core.panorama.session import Session
+from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
+from lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
+
+
+def as_photos(scans: Sequence[ScanCases], camera: str, seeds: Sequence[int], width: int = 1024) -> list[ScanCases]:
+    """Return the scans with photos in place of their panoramas; nothing is read before it is loaded.
+
+    camera: one of `lab.rooms.CAMERAS`. seeds: of headings and noise, one per panorama in turn. width: of a photo, pixels.
+    Raises OptionsError for an unknown camera.
+    """
+    if camera not in CAMERAS:
+        raise OptionsError(f"camera: expected one of {', '.join(CAMERAS)}, got {camera!r}")
+    return [_photographed(scan, camera, seeds, width) for scan in scans]
+
+
+def _photographed(scan: ScanCases, camera: str, seeds: Sequence[int], width: int) -> ScanCases:
+    drawn = {
+        f"{name}@{seeds[number % len(seeds)]}": (name, seeds[number % len(seeds)])
+        for number, name in enumerate(scan.query_names)
+    }
+
+    def load() -> LoadedScan:
+        """Load the scan, whose queries are cut when asked for."""
+        loaded = scan.load()
+
+        def query(name: str) -> KnownQuery:
+            """Read the panorama and cut its photos."""
+            of, seed = drawn[name]
+            # By its name: the same photo whichever tags and limits chose the panorama.
+            rng = np.random.default_rng((seed, zlib.crc32(of.encode()), 29))
+            return cut_query(loaded.query(of), CAMERAS[camera], rng, width)
+
+        return replace(loaded, query=query)
+
+    return replace(
+        scan,
+        name=f"{scan.name}/{camera}" + (f"-{width}px" if width != 1024 else ""),
+        group=f"{scan.group}/{camera}",
+        query_names=tuple(drawn),
+        load=load,
+    )
+
+
+def cut_query(known: KnownQuery, camera: QueryCamera, rng: np.random.Generator, width: int) -> KnownQuery:
+    """Return the query of photos that the camera takes where a panorama was taken, in directions of its own; or the panorama, spoilt."""
+    place = known.poses[0]
+    if camera.shooting is None:
+        panorama, missing = with_any_defect(known.panorama, rng)
+        masked = Panorama(panorama.color, panorama.valid & ~missing)
+        return replace(known, query=masked if camera.masked else as_uploaded(panorama), changed_pixels=None)
+    lens, rotations = camera.shooting.camera(rng, width), camera.shooting.rotations(rng)
+    photos = [cut_photo(known.panorama, lens, place.rotation.T @ rotation) for rotation in rotations]
+    poses = [Pose(rotation, place.position) for rotation in rotations]
+    if camera.session is None:
+        session = Session.of_photo(photos[0])
+    else:
+        axes = session_axes(rng, poses[0], upright=camera.session.up_known)
+        session = tracked(photos, poses, axes, camera.session, rng)
+    # Where the place exists twice, the photo was turned against each of its panoramas alike.
+    first = tuple(Pose(pose.rotation @ place.rotation.T @ rotations[0], pose.position) for pose in known.poses)
+    return replace(known, query=session, poses=first, changed_pixels=None, hints=camera.hints)
+
+
+def as_uploaded(panorama: Panorama) -> Panorama:
+    """Return the panorama as it is read from a file without a mask, which may find what is missing; what was masked stays so."""
+    buffer = io.BytesIO()
+    Image.fromarray(panorama.color).save(buffer, "PNG")
+    read = read_panorama(buffer.getvalue())
+    return Panorama(read.color, read.valid & panorama.valid)

@@ -1,0 +1,132 @@
+"""Where cases come from: procedural suites, and case folders with a truth.json beside their scans and panoramas."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from core.errors import OptionsError
+from core.geometry.pose import Pose
+from core.options import ColorKind, IndexOptions, ScanOptions
+from core.panorama.reader import read_panorama
+from core.scan.reading import read_scan
+from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from lab.evaluation.photo_source import as_uploaded
+from lab.rooms import suite_cases
+
+
+def suite_scans(
+    suite: str,
+    seeds: Sequence[int],
+    *,
+    families: Sequence[str] = (),
+    width: int = 1024,
+    num_points: int | None = None,
+    spacing_m: float | None = None,
+) -> list[ScanCases]:
+    """Return one scan with one query per seed; nothing is made before it is loaded.
+
+    families: style families to draw from, none for all. width: of the panorama, or of a photo, in pixels. num_points: of the scan,
+    None for what the suite says. spacing_m: of the starts, None for the default.
+    Raises OptionsError for an unknown suite or family.
+    """
+    suite_cases(suite, [], families=families or None)  # what is unknown is refused before anything is made
+    facts = {"family": families[0]} if len(families) == 1 else {}
+    among = f"-{'-'.join(families)}" if families else ""
+    sizes = (f"-{width}px" if width != 1024 else "") + (f"-{num_points}pts" if num_points is not None else "")
+
+    def load(seed: int) -> LoadedScan:
+        """Make the case of a seed."""
+        cases = suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points)
+        case = next(iter(cases))
+        is_unmasked = case.missing_pixels is not None and case.panorama.valid[case.missing_pixels].any()
+        query = KnownQuery(
+            as_uploaded(case.panorama) if is_unmasked else case.query,
+            (case.pose, *case.alternatives),
+            case.changed_pixels,
+            case.changed_points,
+            ("procedural", case.color_kind),
+            case.hints,
+            case.lookalikes,
+        )
+        kinds: dict[str, ColorKind] = {kind: kind for kind in get_args(ColorKind)}
+        # The paper's outdoor case: grid starts in a known cuboid (§4.2).
+        options = IndexOptions("grid", spacing_m, case.region, kinds[case.color_kind])
+        if case.region is None:
+            options = replace(options, starts_method="octree")
+        return LoadedScan(case.cloud, options, lambda _: query)
+
+    return [
+        ScanCases(
+            # No case of other sizes or families has this name.
+            name=f"{suite}-{seed}{among}{sizes}",
+            group=suite,
+            query_names=("panorama",),
+            load=lambda seed=seed: load(seed),  # type: ignore[misc]
+            place=f"seed {seed}",  # suites of the same seed show the same rooms
+            facts={**facts, "seed": seed},
+        )
+        for seed in seeds
+    ]
+
+
+def seed_range(text: str) -> list[int]:
+    """Return the seeds that a text such as `1000-1019`, `7` or `1,3,5-8` names; raises OptionsError for anything else."""
+    seeds: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"(\d+)(?:-(\d+))?", part.strip())
+        if match is None or int(match[2] or match[1]) < int(match[1]):
+            raise OptionsError(f"seeds: expected numbers and ranges such as 1000-1019 or 1,3,5-8, got {text!r}")
+        seeds += range(int(match[1]), int(match[2] or match[1]) + 1)
+    return seeds
+
+
+def folder_scans(root: Path, *, tags: tuple[str, ...] = ()) -> list[ScanCases]:
+    """Return the scans of all truth.json in `root` and one level below, each with the queries that bear all `tags`.
+
+    Raises SourceError when there is none, or one is not of the expected form.
+    """
+    truths = sorted([*root.glob("truth.json"), *root.glob("*/truth.json")])
+    if not truths:
+        raise SourceError(f"{root}: expected truth.json in it or in a folder below, found none")
+    return [scan for truth in truths for scan in _scans_of(truth, tags)]
+
+
+def _scans_of(truth_file: Path, tags: tuple[str, ...]) -> list[ScanCases]:
+    folder = truth_file.parent
+    try:
+        truth = json.loads(truth_file.read_text(encoding="utf-8"))
+        name, scans = str(truth.get("name", folder.name)), list(truth["scans"])
+        queries = {str(entry["image"]): entry for entry in truth["queries"] if set(tags) <= set(entry.get("tags", ()))}
+    except (ValueError, KeyError, TypeError) as error:
+        raise SourceError(
+            f"{truth_file}: expected scans and queries with image, position_m and rotation ({error!r})"
+        ) from error
+    return [
+        ScanCases(
+            name=name if len(scans) == 1 else f"{name}/{scan}",
+            group=name,
+            query_names=tuple(image for image, entry in queries.items() if entry.get("scan", scan) == scan),
+            load=lambda scan=scan: _load(folder, scan, truth.get("color_kind", "rgb"), queries),  # type: ignore[misc]
+            place=name,
+        )
+        for scan in scans
+    ]
+
+
+def _load(folder: Path, scan: str, color_kind: Any, queries: dict[str, dict[str, Any]]) -> LoadedScan:
+    def query(image: str) -> KnownQuery:
+        """Read the panorama of that file name with its pose."""
+        entry = queries[image]
+        return KnownQuery(
+            read_panorama((folder / image).read_bytes()),
+            (Pose(np.asarray(entry["rotation"], np.float64), np.asarray(entry["position_m"], np.float64)),),
+            tags=tuple(entry.get("tags", ())),
+        )
+
+    cloud = read_scan(folder / scan, ScanOptions(color_kind=color_kind))
+    return LoadedScan(cloud, IndexOptions(color_kind=color_kind), query)

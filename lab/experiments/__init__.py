@@ -1,1 +1,0 @@
-"""Experiments that the lab notebook tells of, each with what it takes to repeat it."""

@@ -1,0 +1,77 @@
+"""The measurement itself: what it changes, and that a changed file is what the tests see."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.mutation.score import MUTATED, ROOT, Mutant, changes_of, concerning_tests
+
+SOURCE = '''"""A module."""
+
+LIMIT = 5
+
+
+def doubled(number: int) -> int:
+    """Return twice the number."""
+    return number * 2
+
+
+class Counter:
+    """Counts."""
+
+    @property
+    def is_full(self) -> bool:
+        """Tell whether it is full."""
+        return self.count > LIMIT
+
+    def name(self, text: str = "a text for people") -> str:
+        """Return a name."""
+        return text or "counter"
+'''
+
+
+@pytest.fixture(scope="module")
+def mutants() -> list[Mutant]:
+    made = [make() for make in changes_of("service/made_up.py", SOURCE)]
+    return [mutant for mutant in made if mutant is not None]
+
+
+def test_every_mutant_differs_in_one_line_of_a_function_also_of_one_with_a_decorator(mutants: list[Mutant]) -> None:
+    changed = set()
+    for mutant in mutants:
+        pairs = zip(SOURCE.splitlines(), mutant.source.splitlines(), strict=True)
+        (number,) = (number for number, (old, new) in enumerate(pairs, 1) if old != new)
+        assert number == mutant.line
+        changed.add(number)
+    assert changed == {8, 17, 21}
+
+
+def test_texts_for_people_stay(mutants: list[Mutant]) -> None:
+    assert all("a text for people" in mutant.source for mutant in mutants)
+    assert any('"COUNTER"' in mutant.source for mutant in mutants)
+
+
+@pytest.mark.slow
+def test_every_mutated_file_has_tests_that_concern_it() -> None:
+    for pattern in MUTATED:
+        files = [str(path.relative_to(ROOT)) for path in ROOT.glob(pattern)]
+        assert files, pattern
+        assert all((ROOT / test).exists() for file in files for test in concerning_tests(file))
+
+
+PROGRAM = """
+from tests.mutation.score import Mutant, outcome
+source = open("lab/process_memory.py").read()
+changes = {"none": "", "fault": "proportional_bytes = lambda pid: 0", "for ever": "while True: pass"}
+for name, change in changes.items():
+    mutant = Mutant("lab/process_memory.py", 1, name, source + change)
+    print(name, outcome(["tests/lab/test_process_memory.py"], mutant, 60.0 if name != "for ever" else 4.0), sep=": ")
+"""
+
+
+@pytest.mark.slow
+def test_tests_see_the_changed_file_and_one_that_runs_for_ever_is_ended(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, timeout=280)
+    assert done.stdout.splitlines() == ["none: lives", "fault: noticed", "for ever: timed out"], done.stderr
