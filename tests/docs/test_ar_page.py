@@ -1,4 +1,4 @@
-"""The snippets of docs/ar.md send poses, intrinsics and options that mean what the service takes them for, and undo its answer rightly."""
+"""The code in docs/ar sends poses, intrinsics and options that mean what the service takes them for, and undo its answer rightly."""
 
 import json
 import math
@@ -29,15 +29,14 @@ from tests.docs.ar_devices import (
     webxr_projection,
 )
 from tests.docs.ar_snippets import (
-    LANGUAGES,
-    PAGE,
+    FILES,
     content_at,
     options_of,
     ros_functions,
     snippet,
 )
 
-PLATFORMS = pytest.mark.parametrize("platform", list(LANGUAGES))
+PLATFORMS = pytest.mark.parametrize("platform", list(FILES))
 
 
 def taken(platform: str) -> LocalizeOptions:
@@ -195,16 +194,3 @@ def test_a_snippet_takes_up_to_six_frames_turned_by_30_degrees(platform: str) ->
     (limit,) = re.findall(r"< (0\.\d+) }|> (0\.\d+)", code)
     assert float("".join(limit)) == pytest.approx(math.cos(math.radians(15)), abs=5e-4)
     assert re.search(r"(?:count < |size >= |length >= |== )6\b", code)
-
-
-def test_the_page_names_what_it_explains() -> None:
-    for word in (
-        "not_localized",
-        "ambiguous",
-        "confidence",
-        "accuracy",
-        "map_from_session⁻¹ · content_map",
-        "(x, z, −y)",
-    ):
-        assert word in PAGE
-    assert "displayOrientedPose" not in snippet("ARCore")
