@@ -59,7 +59,7 @@ class ReadingContext:
 class ScanReader(Protocol):
     """A function that yields the points of one format."""
 
-    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]: ...  # noqa: D102
+    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]: ...
 
 
 def no_color_error(columns: str) -> ScanContentError:
