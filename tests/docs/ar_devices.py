@@ -1,4 +1,4 @@
-"""What each platform of docs/ar.md hands out for one known pose, and the entry of `cameras` that its snippet makes of that.
+"""What each platform of docs/ar.md hands out for one known pose, and the entry of `cameras` that its code makes of it.
 
 The pose was worked out apart from this code: heading 37.5, elevation -12.25, roll 4.75 degrees in a map that is east, north, up.
 """

@@ -1,4 +1,4 @@
-"""Runs what the snippets of docs/ar.md do with a camera: their own lines, read from the page, on stand-ins of what each platform hands out.
+"""Runs what the code in docs/ar does with a camera: its own lines, on stand-ins of what each platform hands out.
 
 Of Swift, Kotlin and JavaScript only names that are bound and expressions of numbers are run, which are Python as well; of the Python
 snippet whole functions.
@@ -11,21 +11,19 @@ from typing import Any
 
 from tests.docs.documentation import ROOT
 
-PAGE = (ROOT / "docs" / "ar.md").read_text(encoding="utf-8")
-LANGUAGES = {"ARKit": "swift", "ARCore": "kotlin", "WebXR": "js", "ROS 2": "python"}
+FILES = {"ARKit": "arkit.swift", "ARCore": "arcore.kt", "WebXR": "webxr.js", "ROS 2": "ros2.py"}
 ENTRY = {
-    "swift": "func entry(_ camera: ARCamera)",
-    "kotlin": "fun entry(camera: Camera)",
-    "js": "function entry(view)",
+    "ARKit": "func entry(_ camera: ARCamera)",
+    "ARCore": "fun entry(camera: Camera)",
+    "WebXR": "function entry(view)",
 }
 _BINDING = re.compile(r"^\s*(?:let|val|const) (\w+|\(.+\)|\{.+\}) = (.+?);?$")
 _KEY = re.compile(r"\"?(\w+)\"?(?::| to) ")
 
 
 def snippet(platform: str) -> str:
-    """Return the code of a platform's section, without comments at the ends of lines."""
-    (section,) = re.findall(rf"^## {platform}\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S)
-    (code,) = re.findall(rf"^```{LANGUAGES[platform]}\n(.*?)^```", section, re.M | re.S)
+    """Return the code of a platform, without comments at the ends of lines."""
+    code = (ROOT / "docs" / "ar" / FILES[platform]).read_text(encoding="utf-8")
     return re.sub(r" {2,}(//|#) .*$", "", code, flags=re.M)
 
 
@@ -35,7 +33,7 @@ def entry_of(platform: str, **given: Any) -> dict[str, Any]:
     given: by name what the lines read: `camera` or `view`, and functions of the platform.
     """
     code = snippet(platform)
-    _, _, rest = code.partition(ENTRY[LANGUAGES[platform]])
+    _, _, rest = code.partition(ENTRY[platform])
     bindings, _, literal = rest.partition("return ")
     # `let t = transform.columns.3` reads an element; Int makes a whole number of a CGFloat.
     names: dict[str, Any] = {"Int": int, **given}
@@ -74,7 +72,7 @@ def ros_functions() -> dict[str, Any]:
         if isinstance(node, ast.Assign) or (isinstance(node, ast.FunctionDef) and node.name in wanted)
     ]
     names: dict[str, Any] = {"TransformStamped": _transform_stamped}
-    exec(compile(ast.Module(chosen, []), "docs/ar.md", "exec"), names)
+    exec(compile(ast.Module(chosen, []), "docs/ar/ros2.py", "exec"), names)
     return names
 
 

@@ -10,9 +10,9 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 
 
 def relative_links(page: Path) -> Iterator[str]:
-    """Yield the targets of links to other files of the project."""
+    """Yield the targets of links within the project."""
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
-        if "://" not in target and not target.startswith("#"):
+        if "://" not in target:
             yield target
 
 

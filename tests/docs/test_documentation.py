@@ -32,7 +32,7 @@ def options_of(words: list[str]) -> set[str]:
 def test_every_link_leads_somewhere(page: Path) -> None:
     for link in relative_links(page):
         name, _, anchor = link.partition("#")
-        target = (page.parent / name).resolve()
+        target = (page.parent / name).resolve() if name else page
         assert target.exists(), f"{page.name} links to {link}"
         assert not anchor or anchor in anchors(target), f"{page.name} links to {link}"
 
