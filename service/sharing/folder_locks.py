@@ -16,7 +16,7 @@ from typing import Protocol
 
 from service.errors import CacheDownError
 from service.sharing.held_lock import HeldLock, held_once_free, unless_cancelled
-from service.storage_lacks import lacks_said
+from service.storage.disk import disk_errors
 
 
 class FolderLocks(Protocol):
@@ -102,7 +102,7 @@ class SharedFolderLocks:
     def _try(self, name: str) -> HeldLock | None:
         path = self._folder / name
         while True:
-            with lacks_said():
+            with disk_errors():
                 self._folder.mkdir(parents=True, exist_ok=True)
                 # Not inherited by child processes, which would hold it after us.
                 file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

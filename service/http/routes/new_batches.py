@@ -26,7 +26,7 @@ from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import Services, services_of
 from service.settings import Settings
-from service.storage_lacks import lacks_said
+from service.storage.disk import disk_errors
 
 router = APIRouter(tags=["batches"])
 
@@ -188,7 +188,7 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
         settings.max_batch_images, settings.max_image_bytes, settings.max_image_bytes * _MAX_FULL_IMAGES
     )
     folder = await asyncio.to_thread(services.storage.spool_folder)
-    with lacks_said():
+    with disk_errors():
         images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
     if not images:
         raise ArchiveError("archive: expected images, got a zip without any; their names end in .jpg, .png or .webp")
