@@ -17,8 +17,7 @@ from service.batches.record import BatchRecord, Result, folder_of, image_key, re
 from service.batches.results import BatchResults
 from service.batches.stored_batches import StoredBatches
 from service.errors import BatchLimitError, BatchNotFoundError, StorageError
-from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
-from service.sharing.held_lock import HeldLock
+from service.sharing.locks import HeldLock, Locks, OwnLocks
 from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
@@ -29,11 +28,11 @@ _ID = re.compile(r"batch_[0-9a-f]{16}")
 class BatchStore:
     """Used from one event loop."""
 
-    def __init__(self, storage: Storage, max_batches: int, locks: FolderLocks | None = None) -> None:
+    def __init__(self, storage: Storage, max_batches: int, locks: Locks | None = None) -> None:
         """locks: of the processes that share the storage; None: there is no other."""
         self._storage = storage
         self._files = StoredBatches(storage)
-        self._locks = locks or OwnFolderLocks()
+        self._locks = locks or OwnLocks()
         self._max_batches = max_batches
         self._records: dict[str, BatchRecord] = {}
         # Deleted by us, now or before: no id comes again.

@@ -27,8 +27,7 @@ from service.maps.known_maps import KnownMaps, is_id
 from service.maps.record import MapRecord, Revision, folder_of, key_of, read_stamped_record, write_record
 from service.maps.scan_size import counted_bytes
 from service.maps.turns import Turns
-from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
-from service.sharing.held_lock import HeldLock
+from service.sharing.locks import HeldLock, Locks, OwnLocks
 from service.storage import Storage
 
 Result = TypeVar("Result")
@@ -50,9 +49,9 @@ class MapRegistry(KnownMaps):
     are going.
     """
 
-    def __init__(self, storage: Storage, max_maps: int, locks: FolderLocks | None = None) -> None:
+    def __init__(self, storage: Storage, max_maps: int, locks: Locks | None = None) -> None:
         """locks: of the processes that share the storage; None: there is no other."""
-        self._locks = locks or OwnFolderLocks()
+        self._locks = locks or OwnLocks()
         super().__init__(storage, self._locks.is_shared)
         self._max_maps = max_maps
         self._turns = Turns(self._locks)

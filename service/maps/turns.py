@@ -5,7 +5,7 @@ from collections.abc import Coroutine
 from typing import Any, TypeVar
 from weakref import WeakValueDictionary
 
-from service.sharing.folder_locks import FolderLocks
+from service.sharing.locks import Locks
 
 Result = TypeVar("Result")
 
@@ -13,7 +13,7 @@ Result = TypeVar("Result")
 class Turns:
     """Used from one event loop. locks: of the processes that use the same maps."""
 
-    def __init__(self, locks: FolderLocks) -> None:
+    def __init__(self, locks: Locks) -> None:
         self._locks = locks
         # Each lives for as long as somebody holds it or waits for it.
         self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
