@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from core.georeference import coordinate_system
 from service.errors import InvalidOptionsError, MapNotFoundError
+from service.maps.known_maps import VisibleMaps
 from service.maps.record import MapRecord, coordinate_system_of
 from service.maps.selection import MAX_MAPS, MapChoice
-from service.maps.visible import VisibleMaps
 
 _REACH_M = (
     1000.0  # of a map around the place that is known of it, and of a device's error beyond the one that it states

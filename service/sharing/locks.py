@@ -77,7 +77,7 @@ class Locks(ABC):
         """Tell whether a lock of this process is certainly still its own; True for one that it does not hold."""
         return True
 
-    async def close(self) -> None:  # noqa: B027: only leases have to be released
+    async def close(self) -> None:  # noqa: B027 - only leases have to be released
         """Release everything."""
 
     @abstractmethod

@@ -55,7 +55,7 @@ def test_a_cursor_that_we_did_not_make_is_refused_or_harmless(cursor: str) -> No
 )
 def test_pages_show_every_map_that_stays_once_and_in_order(times: list[int], limit: int, gone: set[int]) -> None:
     registry = MapRegistry(FolderStorage(Path("unused")), 100)
-    registry._records = {f"map_{n:02}": record(f"map_{n:02}", f"2026-01-0{time + 1}") for n, time in enumerate(times)}
+    registry._records |= {f"map_{n:02}": record(f"map_{n:02}", f"2026-01-0{time + 1}") for n, time in enumerate(times)}
     expected = [each.id for each in registry.all() if int(each.id[4:]) not in gone]
     seen, cursor, first = [], None, True
     while first or cursor is not None:
