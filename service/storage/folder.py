@@ -134,7 +134,7 @@ class FolderStorage:
 
     def tidy(self, min_age_s: float = 0.0) -> None:
         """Remove unfinished uploads, deletions and writes."""
-        writes = (each for kept in ("maps", "batches") for each in (self._folder / kept).rglob(".*.tmp"))
+        writes = (each for kept in ("maps", "batches", "changes") for each in (self._folder / kept).rglob(".*.tmp"))
         for leftover in (*self._spool.glob("*"), *self._folder.glob(f"{_DELETED}*"), *writes):
             if age_s(leftover) < min_age_s:
                 continue

@@ -7,8 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import KNOWN_FORMATS
-from service.batches.archive import UnpackedImage, UnpackLimits, unpack_images
-from service.batches.names import unique_names
+from service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
 from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
 from service.http.access import caller_of, note_change, require

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.batches.archive import UnpackLimits, unpack_images
-from service.batches.names import unique_names
+from service.batches.archive import UnpackLimits, unique_names, unpack_images
 from service.errors import ArchiveError, UploadTooLargeError
 
 LIMITS = UnpackLimits(max_images=3, max_image_bytes=1000, max_total_bytes=1500)
