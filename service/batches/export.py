@@ -38,7 +38,7 @@ class ExportRequest:
 
 
 def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | None) -> str:
-    """Return the map whose photos are exported: the wanted one, or the only one. Raises ExportRefusedError for several."""
+    """Return the map whose photos are exported: the wanted or the only one. Raises ExportRefusedError for several."""
     found = maps_of(results.values())
     if wanted is not None:
         return wanted
@@ -125,7 +125,7 @@ def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
 async def _written(
     storage: Storage, module: str, document: dict[str, Any], options: tuple[str, ...], suffix: str, time_s: float
 ) -> BinaryIO:
-    """Return what a module of `core.exports` writes of a document, as an open file without a name. suffix: of its kind."""
+    """Return what a module of `core.exports` writes of a document, as an open file without a name."""
     folder = await asyncio.to_thread(storage.spool_folder)
     source, target = folder / new_id("document"), folder / f"{new_id('export')}{suffix}"
     try:

@@ -1,7 +1,7 @@
 """One batch: the request, as it is stored; and the result of each image.
 
 In storage: `batches/{id}/batch.json`, written once, last of all that an upload brings; `images/00000` and so on;
-`results/00000.json` as each image is done. Records and results contain their own digest, see `service.storage.sealed_json`.
+`results/00000.json` as each image is done. All but images contain their own digest, see `service.storage.sealed_json`.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from core.camera.camera import CameraDescription
 from service.jobs import QueryOptions
 
 Result = dict[str, Any]
-"""`status` of the query or "failed", and either `answer` (the body of `POST /localize`) or `error` (a problem document)."""
+"""`status` of the query or "failed", and either `answer` (body of `POST /localize`) or `error` (problem document)."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

@@ -1,8 +1,8 @@
 """Changes that answers saw since a map's scan, kept for a lifetime, so that it shows where several of them agree.
 
-In storage: `changes/{map}/{time}-{answer}-{images}.json`, beside the maps and not in them: an answer that comes in while
-its map is being deleted leaves nothing in the folder of that map. {images} is a digest: the same images sent again are
-no second witness.
+In storage: `changes/{map}/{time}-{answer}-{images}.json`, beside the maps and not in them: an answer that comes in
+while its map is being deleted leaves nothing in the folder of that map. {images} is a digest: the same images sent
+again are no second witness.
 """
 
 import array

@@ -136,7 +136,7 @@ class Registrations:
         _log.info("registration ended", result=result, duration_s=round(duration_s, 3))
 
     async def _result_of(self, ref: MapRef, request_id: str) -> str:
-        """Return "ready" or "failed", whichever the map is now. Raises MapNotFoundError when nobody wants it any more."""
+        """Return "ready" or "failed", the map's status now. Raises MapNotFoundError when nobody wants it any more."""
         try:
             outcome = await self._outcome_of(ref, request_id)
             await self._once_there_is_room(ref, lambda: self._finish(ref, outcome))

@@ -105,8 +105,8 @@ async def _renewed(lock: Lock) -> bool:
     """Renew a lock, also one that a Redis has lost which was restarted or needed room; False where another has it."""
     token = lock.local.token
     with contextlib.suppress(LockNotOwnedError):
-        return await lock.reacquire()
-    return await lock.acquire(token=token)
+        return bool(await lock.reacquire())
+    return bool(await lock.acquire(token=token))
 
 
 async def _answered(asked: Awaitable[Answer]) -> Answer:

@@ -1,4 +1,4 @@
-"""Where scans, map records and batches live: files under keys such as `maps/map_x/1/scan.ply`, in a folder or in a bucket."""
+"""Storage of scans, maps and batches: files under keys such as `maps/map_x/1/scan.ply`, in a folder or a bucket."""
 
 from service.storage.folder import FolderStorage
 from service.storage.protocol import Stamp, Storage

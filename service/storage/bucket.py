@@ -1,13 +1,13 @@
-"""Files in a bucket: key `a/b` is the object `prefix/a/b`. Uploads under way and local copies lie on this machine's disk.
+"""Files in a bucket: key `a/b` is the object `prefix/a/b`.
 
-A write of an object is atomic by itself. A bucket that does not answer is reported after some seconds of retries.
+Uploads under way and local copies lie on this machine's disk. A write of an object is atomic by itself. A bucket that
+does not answer is reported after some seconds of retries.
 
 Nothing can be moved away in one step, so a deletion first writes a note. Then go the objects directly below the prefix,
 such as `map.json`; then all others, and last the note. `tidy` finishes the deletions whose note is still there, except
 for what was written after it.
 """
 
-import contextlib
 import hashlib
 import json
 import logging
@@ -17,8 +17,10 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from functools import partial
+from io import BufferedIOBase
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
 
 from service.errors import ServiceError, StorageError, StoredFileChangedError, StoredFileMissingError
 from service.storage.bucket_client import open_client
@@ -169,29 +171,27 @@ class BucketStorage:
         self._objects.delete(left)
         self._objects.delete([note["path"]])
 
-    def _copy_of(self, key: str, checked: bool) -> tuple[str, BinaryIO]:
+    def _copy_of(self, key: str, checked: bool) -> tuple[str, BufferedIOBase]:
         """Return the name of a copy, and the copy itself, which its user releases."""
         is_fresh = False
         while True:
             found = self._objects.find(key, with_beginning=False)
             name = f"{found.cache_name}{PurePosixPath(key).suffix}"
-            with contextlib.suppress(StoredFileChangedError):  # while it was fetched
-                copy = self._copies.hold(name, lambda file, found=found: self._fetch(found, file), anew=is_fresh)  # type: ignore[misc]
-                try:
-                    if not checked or found.digest is None:
-                        return name, copy
-                    digest = hashlib.file_digest(copy, "sha256").hexdigest()
-                    if digest == found.digest:
-                        return name, copy
-                except BaseException:
-                    self._copies.release(copy)
-                    raise
-                self._copies.release(copy)
-                if is_fresh:
-                    check_digest(key, found.digest, digest)
-                is_fresh = True  # the copy has changed on this disk; the bucket has another
+            try:
+                copy = self._copies.hold(name, partial(self._fetch, found), anew=is_fresh)
+            except StoredFileChangedError:  # while it was fetched
+                continue
+            if not checked or found.digest is None:
+                return name, copy
+            digest = hashlib.file_digest(copy, "sha256").hexdigest()
+            if digest == found.digest:
+                return name, copy
+            self._copies.release(copy)
+            if is_fresh:
+                check_digest(key, found.digest, digest)
+            is_fresh = True  # the copy has changed on this disk; the bucket has another
 
-    def _fetch(self, found: FoundObject, file: BinaryIO) -> None:
+    def _fetch(self, found: FoundObject, file: BufferedIOBase) -> None:
         for piece in self._objects.pieces(found):
             file.write(piece)
 

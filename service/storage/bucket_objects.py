@@ -1,7 +1,7 @@
-"""Objects of a bucket: written whole, read in pieces, so that neither a long file nor a slow network meets a time limit.
+"""Objects of a bucket: written whole, read in pieces, so that no long file on a slow network meets a time limit.
 
-The digest of an object is in its metadata, so that one write stores both. An object that was copied into the bucket from
-a folder has its digest in a file beside it.
+The digest of an object is in its metadata, so that one write stores both. An object that was copied into the bucket
+from a folder has its digest in a file beside it.
 """
 
 import contextlib
@@ -101,7 +101,7 @@ class BucketObjects:
                 return found, b"".join(self.pieces(found))
 
     def pages(self, prefix: str, *, after: str | None = None, page: int = 1000) -> Iterator[list[Any]]:
-        """Yield the descriptions of all objects below a prefix page by page, in order. after: a path to begin behind."""
+        """Yield descriptions of the objects below a prefix page by page, in order. after: a path to begin behind."""
         with bucket_errors(self._url, prefix, writes=False):
             found: Any = obstore.list(self._client, f"{prefix}/", offset=after, chunk_size=page)
             yield from found

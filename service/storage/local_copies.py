@@ -9,8 +9,8 @@ import fcntl
 import os
 import uuid
 from collections.abc import Callable
+from io import BufferedIOBase
 from pathlib import Path
-from typing import BinaryIO
 
 from service.storage.disk import disk_errors
 
@@ -28,7 +28,7 @@ class LocalCopies:
         """Return where a copy lies while it is held."""
         return self._folder / name
 
-    def hold(self, name: str, fetch: Callable[[BinaryIO], None], *, anew: bool = False) -> BinaryIO:
+    def hold(self, name: str, fetch: Callable[[BufferedIOBase], None], *, anew: bool = False) -> BufferedIOBase:
         """Return the open copy of a file; it stays until `release`.
 
         name: identifies the bytes. fetch: writes them where there is no copy; its errors pass through.
@@ -42,13 +42,13 @@ class LocalCopies:
             if (copy := self._fetched(path, fetch, anew)) is not None:
                 return copy
 
-    def release(self, copy: BinaryIO) -> None:
+    def release(self, copy: BufferedIOBase) -> None:
         """Close a copy, and remove the least recently used ones that are too many."""
         copy.close()
         with contextlib.suppress(OSError):
             self._make_room()
 
-    def _fetched(self, path: Path, fetch: Callable[[BinaryIO], None], anew: bool) -> BinaryIO | None:
+    def _fetched(self, path: Path, fetch: Callable[[BufferedIOBase], None], anew: bool) -> BufferedIOBase | None:
         """Fetch a copy and return it held; None where another process was faster, or took it for a dead one's."""
         with disk_errors():
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -88,11 +88,11 @@ class LocalCopies:
                     num_bytes -= 0 if is_too_large else stat.st_size
 
 
-def _locked(path: Path, mode: str) -> BinaryIO | None:
+def _locked(path: Path, mode: str) -> BufferedIOBase | None:
     """Open a file that nobody removes while it is open; None where there is none."""
     with contextlib.suppress(FileNotFoundError):
         # Not inherited by child processes, which would hold it after us.
-        copy: BinaryIO = path.open(mode)  # type: ignore[assignment]
+        copy: BufferedIOBase = path.open(mode)  # type: ignore[assignment]
         fcntl.flock(copy, fcntl.LOCK_SH)
         if os.fstat(copy.fileno()).st_nlink:
             return copy
