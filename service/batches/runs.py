@@ -67,10 +67,6 @@ class BatchRuns:
         self._running[record.id] = task
         task.add_done_callback(lambda ended: self._note_end(record.id, ended))
 
-    def is_running(self, batch_id: str) -> bool:
-        """Tell whether a batch is worked on."""
-        return batch_id in self._running
-
     async def cancel(self, batch_id: str) -> None:
         """End the work on a batch and wait until it has ended."""
         self._once_more.pop(batch_id, None)

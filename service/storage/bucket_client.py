@@ -10,6 +10,8 @@ from obstore.store import AzureStore, GCSStore, ObjectStore, S3Store
 from service.errors import StorageAwayError
 from service.storage.urls import split_url
 
+# Of one request; files are sent and fetched in pieces.
+_TIMEOUT_S, _PROBE_TIMEOUT_S = 30.0, 5.0
 _STORES: dict[str, Any] = {"s3": S3Store, "gs": GCSStore, "az": AzureStore}
 # The URL names the bucket; obstore would let a variable override it.
 _OF_THE_URL = frozenset(
@@ -28,8 +30,7 @@ def open_client(url: str, variables: Mapping[str, str], *, is_patient: bool = Tr
     config = _known_variables(scheme, bucket, variables)
     endpoints = (value for name, value in config.items() if "endpoint" in name or "url" in name)
     options = {
-        # Of one request; files are sent and fetched in pieces.
-        "timeout": timedelta(seconds=30 if is_patient else 5),
+        "timeout": timedelta(seconds=_TIMEOUT_S if is_patient else _PROBE_TIMEOUT_S),
         "connect_timeout": timedelta(seconds=5 if is_patient else 2),
         # Only where the operator wrote http://.
         "allow_http": any(value.startswith("http://") for value in endpoints),
