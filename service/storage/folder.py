@@ -89,7 +89,12 @@ class FolderStorage:
             raise missing(key) from error
         if digest is not None:
             self._check(key, digest)
-        yield path
+        try:
+            yield path
+        except FileNotFoundError as error:
+            if path.exists():
+                raise
+            raise missing(key) from error  # deleted before the caller has opened it
 
     def names(self, prefix: str) -> list[str]:
         """Return the names directly below a prefix, sorted, without digests and unfinished files."""

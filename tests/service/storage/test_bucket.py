@@ -295,7 +295,6 @@ def test_a_bucket_that_goes_away_is_reported_within_seconds_and_serves_again(tmp
     upload.write_bytes(b"kept")
     for call in (
         lambda: storage.read("a"),
-        lambda: storage.put("a", b"y"),
         lambda: storage.adopt("b", upload, "0"),
         lambda: storage.stamps("maps", "map.json"),
     ):
