@@ -95,7 +95,7 @@ class BatchRuns:
         own = await _persistently(lambda: self._store.try_run(record.id), "a batch cannot be taken up")
         if own is None:
             return
-        own.call_when_lost(self._running[record.id].cancel)
+        own.when_lost = self._running[record.id].cancel
         try:
             await self._run_own(record)
         finally:

@@ -6,7 +6,7 @@ The only writer of either; where other processes share the storage, one of them 
 import asyncio
 import re
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ import structlog
 from service.batches.record import BatchRecord, Result, folder_of, image_key
 from service.batches.stored_batches import StoredBatches
 from service.errors import BatchLimitError, BatchNotFoundError, StorageError
+from service.sharing.change_signal import Publish, publish_nothing
 from service.sharing.keyed_lock import uninterrupted
 from service.sharing.locks import HeldLock, Locks, OwnLocks
 from service.storage import Storage
@@ -39,10 +40,6 @@ class _Batch:
     num_written: int = 0
 
 
-async def _publish_nothing(batch_id: str) -> None:
-    """Stand in for publishing changes to other processes."""
-
-
 class BatchStore:
     """Used from one event loop."""
 
@@ -58,13 +55,13 @@ class BatchStore:
         self._num_coming = 0
         self._reading_statuses = asyncio.Lock()
         self._redo: Callable[[BatchRecord], None] = lambda record: None
-        self._publish: Callable[[str], Awaitable[None]] = _publish_nothing
+        self._publish: Publish = publish_nothing
 
     def call_when_damaged(self, redo: Callable[[BatchRecord], None]) -> None:
         """Set what is called for a batch with a damaged stored result: its image has none any more."""
         self._redo = redo
 
-    def call_on_change(self, publish: Callable[[str], Awaitable[None]]) -> None:
+    def call_on_change(self, publish: Publish) -> None:
         """Set what is awaited with the id of each batch that this process has made, deleted, or has a result of."""
         self._publish = publish
 

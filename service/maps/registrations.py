@@ -109,7 +109,7 @@ class Registrations:
             return
         if own is None:
             return
-        own.call_when_lost(self._running[ref].cancel)
+        own.when_lost = self._running[ref].cancel
         try:
             # Another process may have brought it to its end before it was ours.
             await self._registry.refresh(ref.id)

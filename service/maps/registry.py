@@ -26,6 +26,7 @@ from service.errors import (
 from service.jobs import MapRef, now
 from service.maps.known_maps import KnownMaps
 from service.maps.record import MapRecord, folder_of, key_of, read_stamped_record, write_record
+from service.sharing.change_signal import Publish, publish_nothing
 from service.sharing.keyed_lock import KeyedLock
 from service.sharing.locks import HeldLock, Locks, OwnLocks
 from service.storage import Stamp, Storage
@@ -37,10 +38,6 @@ _log = structlog.get_logger(__name__)
 _ID = re.compile(r"map_[0-9a-f]{16}")
 # Long after whatever a process that still lives has begun.
 _LEFT_BEHIND_S = 24 * 3600.0
-
-
-async def _publish_nothing(map_id: str) -> None:
-    """Stand in for publishing changes to other processes."""
 
 
 class MapRegistry(KnownMaps):
@@ -57,12 +54,12 @@ class MapRegistry(KnownMaps):
         self._max_maps = max_maps
         self._locks = locks or OwnLocks()
         self._changes = KeyedLock()
-        self._publish: Callable[[str], Awaitable[None]] = _publish_nothing
+        self._publish: Publish = publish_nothing
         self._num_coming = 0
         # Of the records as they were read or written last.
         self._stamps: dict[str, Stamp] = {}
 
-    def call_on_change(self, publish: Callable[[str], Awaitable[None]]) -> None:
+    def call_on_change(self, publish: Publish) -> None:
         """Set what is awaited with the id of each map that this process has changed, made or deleted."""
         self._publish = publish
 

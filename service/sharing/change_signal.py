@@ -5,6 +5,7 @@ It only makes them look at once: the storage is what counts, and every replica l
 
 import contextlib
 import secrets
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import structlog
@@ -17,6 +18,14 @@ _STREAM = "panoloc:changed"
 _TIMEOUT_S = 0.5
 _MOST_KEPT = 1000
 _LIFETIME_S = 60
+
+
+Publish = Callable[[str], Awaitable[None]]
+"""Publishes the id of a changed map or batch."""
+
+
+async def publish_nothing(name: str) -> None:
+    """Stand in for publishing where there is no other replica."""
 
 
 class ChangeSignal:

@@ -91,7 +91,7 @@ class LeaseLocks(Locks):
                 if not await _answered(_renewed(lease.in_redis)):
                     lease.is_lost = True
                     _log.warning("another API replica has taken over", lease=lease.name)
-                    lock.lose()
+                    lock.when_lost()
                     return
                 lease.renewed_s = now_s
             except CacheDownError as error:

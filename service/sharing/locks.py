@@ -12,6 +12,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -22,20 +23,12 @@ _PAUSE_S = 0.005
 _LONGEST_PAUSE_S = 0.1
 
 
+@dataclass(eq=False)
 class HeldLock:
-    """A lock until it is released, or lost to another process, as only leases are. release: lets others have it."""
+    """A lock. release: lets others have it. when_lost: called when another process has it, which only leases allow."""
 
-    def __init__(self, release: Callable[[], None]) -> None:
-        self.release = release
-        self._when_lost: Callable[[], object] = lambda: None
-
-    def call_when_lost(self, end: Callable[[], object]) -> None:
-        """Set what ends the work under this lock when another process has it."""
-        self._when_lost = end
-
-    def lose(self) -> None:
-        """Note that another process has it."""
-        self._when_lost()
+    release: Callable[[], None]
+    when_lost: Callable[[], object] = lambda: None
 
 
 class Locks(ABC):

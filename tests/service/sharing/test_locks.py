@@ -180,7 +180,7 @@ async def test_a_holder_learns_that_another_has_its_lease_and_leaves_it_alone(
 ) -> None:
     lock = await taken(leases[0])
     lost = asyncio.Event()
-    lock.call_when_lost(lost.set)
+    lock.when_lost = lost.set
     client.set(KEY, "of another", px=60_000)
     async with asyncio.timeout(10):
         await lost.wait()

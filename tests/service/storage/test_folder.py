@@ -166,9 +166,14 @@ def test_tidying_removes_what_a_crash_left_and_nothing_else(storage: FolderStora
 
 def test_a_file_that_is_deleted_before_its_copy_is_opened_is_missing(storage: FolderStorage) -> None:
     storage.put("maps/m/1/points.ply", b"points")
-    with pytest.raises(StoredFileMissingError), storage.local_copy("maps/m/1/points.ply") as path:
-        storage.delete_all("maps/m")
-        path.read_bytes()
+
+    def open_late() -> None:
+        with storage.local_copy("maps/m/1/points.ply") as path:
+            storage.delete_all("maps/m")
+            path.read_bytes()
+
+    with pytest.raises(StoredFileMissingError):
+        open_late()
 
 
 def test_a_folder_is_named_by_a_path_or_a_url(tmp_path: Path) -> None:
