@@ -17,7 +17,7 @@ from service.storage.sealed_json import seal, unseal
 RevisionStatus = Literal["queued", "ready", "failed"]
 
 ON_EARTH = ("georeference", "coordinate_system", "geoid_undulation_m")
-"""What the document of a map says of its place on Earth."""
+"""Fields of a map's document about its place on Earth."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

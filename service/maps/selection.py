@@ -30,7 +30,7 @@ class MapChoice:
 
     @classmethod
     def from_form(cls, map_ids: list[str], tags: list[str], tenant: str | None) -> "MapChoice":
-        """Check what a form says. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
+        """Check the fields of a form. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
         if bool(map_ids) == bool(tags):
             got = "both" if tags else "neither"
             raise invalid_option("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")

@@ -32,7 +32,7 @@ class BucketInUseError(RuntimeError):
 
 
 class BucketClaim:
-    """Of one service, from `take` to `release`. is_shared: others that say so too may use the bucket."""
+    """Of one service, from `take` to `release`. is_shared: others with the same setting may use the bucket too."""
 
     def __init__(self, storage: BucketStorage, data_dir: Path, *, is_shared: bool) -> None:
         """data_dir: locked by this service, so that a note with the token in it is of this service's last run."""

@@ -8,7 +8,7 @@ from service.storage.protocol import Storage
 
 
 class StorageUnusableError(RuntimeError):
-    """The storage cannot be used as it is set; the message says what to correct."""
+    """The storage cannot be used as it is configured; the message names the correction."""
 
 
 def check_at_start(storage: Storage, *, is_shared: bool) -> None:

@@ -35,7 +35,7 @@ def packed(*cells: tuple[int, int, int]) -> str:
 
 
 def seen(*cells: tuple[int, int, int], changed: tuple[tuple[int, int, int], ...] = ()) -> dict[str, Any]:
-    """Return what a worker says of an answer."""
+    """Return cells as a worker reports them."""
     return {"cell_m": 0.5, "seen": packed(*cells), "changed": packed(*changed)}
 
 

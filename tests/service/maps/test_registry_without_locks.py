@@ -20,7 +20,7 @@ REF = MapRef("map_0123456789abcdef", 1)
 
 
 class NoLocks(OwnLocks):
-    """Exclude nobody, as leases do that have run out."""
+    """Exclude nobody, like expired leases."""
 
     is_shared = True
     sure = True

@@ -21,7 +21,7 @@ Claims = Callable[..., BucketClaim]
 def claim(
     bucket_server: BucketServer, prefix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Claims]:
-    """Return what makes the claim of a service on a machine of its own."""
+    """Return a function that makes the claim of a service on a machine of its own."""
     monkeypatch.setattr("service.storage.claim._RENEW_S", RENEW_S)
     monkeypatch.setattr("service.storage.claim._WATCH_S", WATCH_S)
     made = []
@@ -37,7 +37,7 @@ def claim(
         each.release()
 
 
-def ends_without_a_word(claim: BucketClaim) -> None:
+def kill(claim: BucketClaim) -> None:
     claim._stopping.set()
     claim._thread.join()
 
@@ -70,12 +70,12 @@ def test_one_that_was_killed_keeps_others_out_for_a_while_and_itself_not_at_all(
 ) -> None:
     one = claim("one")
     one.take()
-    ends_without_a_word(one)
+    kill(one)
     began = time.monotonic()
     again = claim("one")
     again.take()
     assert time.monotonic() - began < WATCH_S / 2
-    ends_without_a_word(again)
+    kill(again)
     monkeypatch.setattr("service.storage.claim._WATCH_S", 1.0)
     began = time.monotonic()
     claim("two").take()
