@@ -253,7 +253,7 @@ class MapRegistry(KnownMaps):
             await self._remove_forgotten_revisions(record)
         elif not self._locks.is_shared:  # otherwise another process may store its scan now
             # Never deleted here: it may be a scan that somebody wants back.
-            _log.error("a folder of maps is left alone, it has no record", map_id=map_id)
+            _log.error("a folder of maps is left alone, its record is missing or cannot be read", map_id=map_id)
 
     async def _remove_forgotten_revisions(self, record: MapRecord) -> None:
         for name in await asyncio.to_thread(self._storage.names, folder_of(record.id)):
