@@ -24,8 +24,8 @@ from service.settings import Settings
 from service.storage import Storage, open_storage
 from service.storage.bucket import BucketStorage
 from service.storage.claim import BucketClaim, BucketInUseError
-from service.storage.opening import variables_of_buckets
 from service.storage.start_check import StorageUnusableError, check_at_start
+from service.storage.urls import variables_of_buckets
 from service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)

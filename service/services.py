@@ -26,8 +26,8 @@ from service.metrics import Metrics
 from service.settings import Settings
 from service.shared_folder import LOOK_S, SharedFolder
 from service.sharing.change_signal import ChangeSignal
-from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, SharedFolderLocks
 from service.sharing.leases import LeaseLocks
+from service.sharing.locks import FolderLocks, Locks, OwnLocks
 from service.storage import Storage
 
 _MOST_EXPORTS = 2
@@ -61,7 +61,7 @@ class Services:
     uploads: UploadPlaces
     wrong_keys: WrongKeys
     audit: AuditLog
-    locks: FolderLocks
+    locks: Locks
     shared_folder: SharedFolder | None = None
     started: bool = False
     began: float = field(default_factory=time.monotonic)
@@ -149,13 +149,13 @@ class Services:
         await self.locks.close()
 
 
-def _locks_of(settings: Settings) -> FolderLocks:
+def _locks_of(settings: Settings) -> Locks:
     if not settings.shared:
-        return OwnFolderLocks()
+        return OwnLocks()
     if settings.has_bucket:
         assert settings.redis_url is not None
         return LeaseLocks(settings.redis_url)
-    return SharedFolderLocks(settings.storage_folder / "locks")
+    return FolderLocks(settings.storage_folder / "locks")
 
 
 def services_of(connection: HTTPConnection) -> Services:

@@ -16,7 +16,7 @@ from service.keys.setting import callers_of_setting
 from service.keys.token_settings import TokenSettings
 from service.limits.connection_limits import ConnectionLimits
 from service.limits.registration_limits import RegistrationLimits
-from service.storage.opening import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
+from service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
 
 class Settings(TokenSettings):

@@ -1,4 +1,4 @@
-"""What a front door does because others use the same data folder: it sees what they changed, and takes over what they leave behind."""
+"""What an API replica does because others use the same storage: see what they changed, take over what they leave."""
 
 import asyncio
 import contextlib
@@ -18,29 +18,13 @@ from service.storage import Stamp, Storage
 _log = structlog.get_logger(__name__)
 
 LOOK_S = 0.5
-"""What a signal does not tell is seen after this."""
-# What a dead process had under way is taken up after this, once its locks are free.
-_TAKE_UP_S = 0.5
-_LISTEN_S = 0.1
-# Results of a batch come every moment.
+"""Seconds after which a change is seen that no signal has published."""
+_POLL_S = 0.1
+# The work of a dead process is taken over after this, once its locks are free.
+_TAKE_OVER_S = 0.5
+# Results of a batch are published every moment.
 _BATCHES_S = 1.0
 _BATCH = "batch_"
-
-
-class _Pace:
-    """Says every so many seconds, and at once, that it is time."""
-
-    def __init__(self, every_s: float) -> None:
-        self._every_s = every_s
-        self._last_s = -math.inf
-
-    def is_due(self) -> bool:
-        """Tell whether it is time, once each time."""
-        now_s = time.monotonic()
-        if now_s - self._last_s < self._every_s:
-            return False
-        self._last_s = now_s
-        return True
 
 
 class SharedFolder:
@@ -64,18 +48,19 @@ class SharedFolder:
         self._signal = signal
         self._look_s = look_s
         self._seen: dict[str, Stamp] = {}
-        self._told_batches: set[str] = set()
+        self._published_batches: set[str] = set()
+        self._done_s: dict[str, float] = {}
         self._stopping = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
-        registry.call_on_change(signal.tell)
-        batches.call_on_change(signal.tell)
+        registry.call_on_change(signal.publish)
+        batches.call_on_change(signal.publish)
 
     def start(self) -> None:
-        """Begin to listen and to look."""
-        self._task = asyncio.create_task(self._run(), name="look at what other front doors did")
+        """Begin to poll and to look."""
+        self._task = asyncio.create_task(self._run(), name="look at changes of other API replicas")
 
     async def stop(self) -> None:
-        """Look no more, so that nothing new is taken up; changes are still told."""
+        """Look no more, so that nothing new is taken over; changes are still published."""
         self._stopping.set()
         if self._task is not None:
             await asyncio.wait({self._task})
@@ -85,35 +70,42 @@ class SharedFolder:
         await self._signal.close()
 
     async def _run(self) -> None:
-        looking, taking_up, batches = _Pace(self._look_s), _Pace(_TAKE_UP_S), _Pace(_BATCHES_S)
         while not self._stopping.is_set():
             try:
-                await self._listen()
-                if batches.is_due():
-                    await self._look_at_told_batches()
-                if looking.is_due():
+                await self._poll()
+                if self._is_due("batches", _BATCHES_S):
+                    await self._look_at_published_batches()
+                if self._is_due("look", self._look_s):
                     await self._look()
-                if taking_up.is_due():
-                    await self._take_up()
+                if self._is_due("take over", _TAKE_OVER_S):
+                    await self._take_over()
             except (TryAgainError, OSError) as error:
-                _log.warning("what other front doors did cannot be seen, trying again", error=str(error))
+                _log.warning("changes of other API replicas cannot be seen, trying again", error=str(error))
             except Exception:
-                _log.exception("looking at what other front doors did met an unexpected fault")
+                _log.exception("looking at changes of other API replicas met an unexpected fault")
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._stopping.wait(), _LISTEN_S)
+                await asyncio.wait_for(self._stopping.wait(), _POLL_S)
 
-    async def _listen(self) -> None:
-        changed = await self._signal.heard()
-        self._told_batches.update(each for each in changed if each.startswith(_BATCH))
-        changed_maps = [each for each in dict.fromkeys(changed) if not each.startswith(_BATCH)]
+    def _is_due(self, what: str, every_s: float) -> bool:
+        """Tell whether it is time for something again, once each time."""
+        now_s = time.monotonic()
+        if now_s - self._done_s.get(what, -math.inf) < every_s:
+            return False
+        self._done_s[what] = now_s
+        return True
+
+    async def _poll(self) -> None:
+        changed = dict.fromkeys(await self._signal.poll())
+        self._published_batches.update(each for each in changed if each.startswith(_BATCH))
+        changed_maps = [each for each in changed if not each.startswith(_BATCH)]
         for map_id in changed_maps:
             await self._registry.refresh(map_id)
         if changed_maps:
             await self._registrations.end_unwanted()
 
-    async def _look_at_told_batches(self) -> None:
-        told, self._told_batches = self._told_batches, set()
-        for batch_id in told:
+    async def _look_at_published_batches(self) -> None:
+        published, self._published_batches = self._published_batches, set()
+        for batch_id in published:
             await self._batches.refresh_one(batch_id)
 
     async def _look(self) -> None:
@@ -127,7 +119,7 @@ class SharedFolder:
         self._seen = stored
         await self._batches.refresh()
 
-    async def _take_up(self) -> None:
+    async def _take_over(self) -> None:
         await self._registrations.end_unwanted()
         await self._batch_runs.end_unwanted()
         self._registrations.resume()

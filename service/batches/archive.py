@@ -1,18 +1,22 @@
-"""Images out of a zip: each into a file of its own, within limits that hold while it inflates, whatever the archive says of itself."""
+"""Images of an upload: out of a zip, within limits that hold while it inflates, and their names."""
 
 import hashlib
+import re
 import uuid
 import zipfile
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from core.distinct_names import distinct_names
 from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
 from service.errors import ArchiveError, UploadTooLargeError
 
 IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp"})
 _BLOCK_BYTES = 2**20
 _MAX_ENTRIES = 20_000
+_LONGEST_NAME = 200
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,10 @@ class UnpackLimits:
 
 
 def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[list[UnpackedImage], list[str]]:
-    """Return the images of a zip in its order, and the names of files that are no images by their endings, which stay packed.
+    """Return the images of a zip in its order, and the names of the files that are no images by their endings.
 
-    Raises ArchiveError for what is no zip, is damaged, encrypted, or names files outside of itself, and UploadTooLargeError; nothing stays
-    in the folder then.
+    Raises UploadTooLargeError, and ArchiveError for what is no zip, is damaged, encrypted, or names files outside of
+    itself; nothing stays in the folder then.
     """
     unpacked: list[UnpackedImage] = []
     try:
@@ -59,6 +63,11 @@ def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[li
         raise
 
 
+def unique_names(given: Iterable[str]) -> list[str]:
+    """Return a printable path inside its folder for each name, in order; the second of a name becomes `name-2`."""
+    return distinct_names(map(_clean, given))
+
+
 def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipfile.ZipInfo], list[str]]:
     entries = [entry for entry in opened.infolist() if not entry.is_dir()]
     if len(entries) > _MAX_ENTRIES:
@@ -70,7 +79,8 @@ def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipf
     images = [entry for entry in entries if _is_image(entry.filename)]
     if len(images) > max_images:
         raise UploadTooLargeError(
-            f"archive: expected at most {max_images:,} images (PANOLOC_MAX_BATCH_IMAGES), got {len(images):,}; send several batches"
+            f"archive: expected at most {max_images:,} images (PANOLOC_MAX_BATCH_IMAGES), got {len(images):,}; "
+            "send several batches"
         )
     return images, [entry.filename for entry in entries if not _is_image(entry.filename)]
 
@@ -89,7 +99,7 @@ def _check(entry: zipfile.ZipInfo) -> None:
 
 
 def _is_image(name: str) -> bool:
-    """Tell by its name whether a file is an image; those that systems put beside them, hidden, are none."""
+    """Tell by its name whether a file is an image; hidden files of systems are none."""
     path = PurePosixPath(name)
     hidden = any(part.startswith(".") or part == "__MACOSX" for part in path.parts)
     return path.suffix.lower() in IMAGE_ENDINGS and not hidden
@@ -98,7 +108,7 @@ def _is_image(name: str) -> bool:
 def _unpack(
     opened: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path, max_bytes: int, left: int
 ) -> tuple[str, int]:
-    """Write one file; the bytes that come are counted, not those that are announced. left: of all files together."""
+    """Write one file; counts the bytes that come, not those that are announced. left: of all files together."""
     digest, num_bytes = hashlib.sha256(), 0
     with opened.open(entry) as source, target.open("wb") as sink:
         while block := source.read(_BLOCK_BYTES):
@@ -110,9 +120,16 @@ def _unpack(
                 )
             if num_bytes > left:
                 raise UploadTooLargeError(
-                    f"archive: expected images of one batch to unpack to so many bytes together that {left:,} are left for "
-                    f"{entry.filename[:80]!r}, got more; send several batches"
+                    f"archive: expected the images of a batch to unpack to at most as many bytes together that "
+                    f"{left:,} are left for {entry.filename[:80]!r}, got more; send several batches"
                 )
             digest.update(block)
             sink.write(block)
     return digest.hexdigest(), num_bytes
+
+
+def _clean(name: str) -> str:
+    printable = re.sub(r"[\x00-\x1f\x7f]", "", name).replace("\\", "/")
+    # Cut before the parts are looked at: what is left of `photos..` could be `..`.
+    parts = [part.strip() for part in printable[-_LONGEST_NAME:].split("/")]
+    return "/".join(part for part in parts if part not in ("", ".", "..")) or "image"

@@ -1,7 +1,6 @@
-"""An export of a batch: what was found as a tour, written into a zip by a process of its own, because that needs numpy and the photos."""
+"""Exports and plans of a batch, each written by a process of its own, because that needs numpy and the photos."""
 
 import asyncio
-import contextlib
 import json
 import os
 import sys
@@ -29,7 +28,7 @@ REFUSED = 3
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """What is exported. results: of the images that have one, by number. map_id: whose photos."""
+    """One export. results: of the images that have one, by number. map_id: whose photos."""
 
     record: BatchRecord
     results: Mapping[int, Result]
@@ -39,13 +38,14 @@ class ExportRequest:
 
 
 def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | None) -> str:
-    """Return the map whose photos are exported: the one that is wanted, or the only one. Raises ExportRefusedError for several."""
+    """Return the map whose photos are exported: the wanted or the only one. Raises ExportRefusedError for several."""
     found = maps_of(results.values())
     if wanted is not None:
         return wanted
     if len(found) > 1:
         raise ExportRefusedError(
-            f"expected photos of one map, got some of {', '.join(found)}, each with axes of its own; name one of them as map_id"
+            f"expected photos of one map, got some of {', '.join(found)}, each with axes of its own; "
+            "name one of them as map_id"
         )
     return found[0] if found else next(iter(record.map_ids), "none")
 
@@ -53,18 +53,12 @@ def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | Non
 async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord | None, time_s: float) -> BinaryIO:
     """Return the open zip, which has no name any more, so that nothing is left of it when it is closed.
 
-    place: the map; None: it was deleted, so that there are no points and no georeference of it. Raises ExportRefusedError, StorageError and
-    ExportFailedError.
+    place: the map; None: it was deleted, so that its points and georeference are missing. Raises ExportRefusedError,
+    StorageError and ExportFailedError.
     """
     with ExitStack() as stack:
         document = await asyncio.to_thread(_tour_document, storage, wanted, place, stack)
-        folder = await asyncio.to_thread(storage.spool_folder)
-        tour, target = folder / f"{new_id('tour')}.json", folder / f"{new_id('export')}.zip"
-        for path in (tour, target):
-            stack.callback(path.unlink, missing_ok=True)
-        await asyncio.to_thread(tour.write_text, json.dumps(document), encoding="utf-8")
-        await _run("core.exports", str(tour), wanted.format, str(target), time_s=time_s)
-        return target.open("rb")
+        return await _written(storage, "core.exports", document, (wanted.format,), ".zip", time_s)
 
 
 async def draw_plan(
@@ -82,14 +76,9 @@ async def draw_plan(
     with ExitStack() as stack:
         photos = [photo_of(name, results.get(number), map_id) for number, name in enumerate(record.names)]
         points = await asyncio.to_thread(_points, storage, place, stack)
-        folder = await asyncio.to_thread(storage.spool_folder)
-        document, target = folder / f"{new_id('placement')}.json", folder / f"{new_id('plan')}.png"
-        for path in (document, target):
-            stack.callback(path.unlink, missing_ok=True)
-        text = json.dumps(placement_document(map_id, points, photos))
-        await asyncio.to_thread(document.write_text, text, encoding="utf-8")
-        await _run("core.exports.overview", str(document), str(target), time_s=time_s)
-        return await asyncio.to_thread(target.read_bytes)
+        document = placement_document(map_id, points, photos)
+        with await _written(storage, "core.exports.overview", document, (), ".png", time_s) as picture:
+            return await asyncio.to_thread(picture.read)
 
 
 def _tour_document(
@@ -122,7 +111,7 @@ def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
 
 
 def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
-    """Return the scan itself where it is an E57, whatever its name says, whose frame is that of the map."""
+    """Return the scan itself where it is an E57 in the frame of the map, whatever its name says."""
     serving = None if place is None else place.serving
     if serving is None or serving.options.scan.unit != "m" or serving.options.scan.up_axis != "z":
         return None
@@ -131,6 +120,21 @@ def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
     except StoredFileMissingError:
         return None
     return scan if detect_format(scan, None)[0] == "e57" else None
+
+
+async def _written(
+    storage: Storage, module: str, document: dict[str, Any], options: tuple[str, ...], suffix: str, time_s: float
+) -> BinaryIO:
+    """Return what a module of `core.exports` writes of a document, as an open file without a name."""
+    folder = await asyncio.to_thread(storage.spool_folder)
+    source, target = folder / new_id("document"), folder / f"{new_id('export')}{suffix}"
+    try:
+        await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
+        await _run(module, str(source), *options, str(target), time_s=time_s)
+        return target.open("rb")
+    finally:
+        for path in (source, target):
+            path.unlink(missing_ok=True)
 
 
 async def _run(module: str, *arguments: str, time_s: float) -> None:
@@ -147,19 +151,17 @@ async def _run(module: str, *arguments: str, time_s: float) -> None:
     )
     try:
         async with asyncio.timeout(time_s):
-            _, said = await process.communicate()
+            _, messages = await process.communicate()
     except TimeoutError as error:
-        process.kill()
-        await process.wait()
         raise ExportFailedError(
-            f"expected an export within {time_s:g} s (PANOLOC_EXPORT_TIME_S), got none; export fewer photos, or let the operator allow more"
+            f"expected an export within {time_s:g} s (PANOLOC_EXPORT_TIME_S), got none; "
+            "export fewer photos, or let the operator allow more"
         ) from error
-    except BaseException:
-        with contextlib.suppress(ProcessLookupError):
+    finally:
+        if process.returncode is None:
             process.kill()
-        await process.wait()
-        raise
-    last = (said.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
+            await process.wait()
+    last = (messages.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
     if process.returncode == REFUSED:
         raise ExportRefusedError(last)
     if process.returncode != 0:

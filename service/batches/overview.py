@@ -1,4 +1,4 @@
-"""Results of images as what `core.exports.overview` draws; for batches, and for folders that the command line has placed."""
+"""Results of images as `core.exports.overview` draws them; of batches, and of folders of the command line."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,7 +10,7 @@ _MAX_OTHERS = 4  # places of one ambiguous photo, besides the likeliest
 
 
 def photo_of(name: str, result: Result | None, map_id: str | None, image: Path | None = None) -> dict[str, Any]:
-    """Return a photo for `placement_document`. result: None while there is none. map_id: only poses in this map are drawn.
+    """Return a photo for `placement_document`. result: None while there is none. map_id: whose poses are drawn.
 
     image: its file, for pictures that show it.
     """

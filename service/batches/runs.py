@@ -1,8 +1,8 @@
 """Brings every image of every batch to a result: after an upload, and again after a restart.
 
-Images are handed to the pool one per free worker and only while no query waits, so that a batch of a thousand images delays a single query
-by no more than the image that is under way. Batches take turns.
-Of several processes that share the batches one has a batch to itself; when that ends, another takes it up.
+The pool gets one image per free worker, and only while no query waits: a batch of a thousand images delays a query by
+no more than the image under way. Batches alternate. Of several processes that share the batches one owns a batch; when
+that ends, another takes it over.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ class BatchRuns:
         self._localizations = localizations
         self._pool = pool
         self._max_pixels = max_pixels
-        self._turn = asyncio.Lock()
+        self._waiting = asyncio.Lock()
         self._num_under_way = 0
         self._running: dict[str, asyncio.Task[None]] = {}
         self._once_more: dict[str, BatchRecord] = {}
@@ -59,17 +59,13 @@ class BatchRuns:
                 await self.cancel(batch_id)
 
     def begin(self, record: BatchRecord) -> None:
-        """Work on a batch that is stored; on one that is under way once more when that has ended."""
+        """Work on a stored batch; on one that is under way once more after its end."""
         if record.id in self._running:
             self._once_more[record.id] = record
             return
         task = asyncio.create_task(self._run(record), name=f"batch {record.id}")
         self._running[record.id] = task
         task.add_done_callback(lambda ended: self._note_end(record.id, ended))
-
-    def is_running(self, batch_id: str) -> bool:
-        """Tell whether a batch is worked on."""
-        return batch_id in self._running
 
     async def cancel(self, batch_id: str) -> None:
         """End the work on a batch and wait until it has ended."""
@@ -96,17 +92,17 @@ class BatchRuns:
         structlog.contextvars.bind_contextvars(batch_id=record.id)
         while not self._pool.state().ready:
             await asyncio.sleep(_POLL_S)
-        own = await _patiently(lambda: self._store.try_run(record.id), "a batch cannot be taken up")
+        own = await _persistently(lambda: self._store.try_run(record.id), "a batch cannot be taken up")
         if own is None:
             return
-        own.call_when_lost(self._running[record.id].cancel)
+        own.when_lost = self._running[record.id].cancel
         try:
             await self._run_own(record)
         finally:
             own.release()
 
     async def _run_own(self, record: BatchRecord) -> None:
-        done = await _patiently(lambda: self._store.done(record.id), "what is done of a batch cannot be listed")
+        done = await _persistently(lambda: self._store.done(record.id), "what is done of a batch cannot be listed")
         if len(done) == len(record.names):
             return  # another process has done it meanwhile
         async with asyncio.TaskGroup() as images:
@@ -119,8 +115,8 @@ class BatchRuns:
         _log.info("a batch is done", num_images=len(record.names))
 
     async def _wait_for_place(self) -> None:
-        """Wait until a worker is free and no query waits, and hold a place; batches get theirs in turn."""
-        async with self._turn:
+        """Wait until a worker is free and no query waits, and take a place; first come, first served."""
+        async with self._waiting:
             while not self._has_place():
                 await asyncio.sleep(_POLL_S)
             self._num_under_way += 1
@@ -134,7 +130,7 @@ class BatchRuns:
 
     async def _localize(self, record: BatchRecord, number: int) -> None:
         result = await self._result(record, number)
-        await _patiently(lambda: self._store.put_result(record.id, number, result), "a result cannot be stored")
+        await _persistently(lambda: self._store.put_result(record.id, number, result), "a result cannot be stored")
 
     async def _result(self, record: BatchRecord, number: int) -> Result:
         request_id = f"{record.id}-{number:05}"
@@ -147,11 +143,11 @@ class BatchRuns:
             return {"status": "failed", "error": problem_document(error, request_id)}
 
     async def _answer(self, record: BatchRecord, number: int, request_id: str) -> dict[str, Any]:
-        """Return the answer of one query; what is only a matter of time is tried again until it is over.
+        """Return the answer of one query; what only takes time is tried again until it is over.
 
-        A deadline may have passed because the index of the map was built anew, after a restart: that goes on, and a later try finds it.
+        A deadline may pass because the index of the map is rebuilt after a restart: a later try finds it.
         """
-        data = await _patiently(lambda: self._store.image(record.id, number), "an image cannot be read", _MAX_READS)
+        data = await _persistently(lambda: self._store.image(record.id, number), "an image cannot be read", _MAX_READS)
         check_image(data, IMAGE, self._max_pixels)
         image = QueryImage(data, camera=record.camera)
         query = LocalizeRequest(
@@ -170,14 +166,14 @@ class BatchRuns:
                 await asyncio.sleep(min(max(error.retry_after_s, _POLL_S), _LONGEST_PAUSE_S))
 
 
-async def _patiently(work: Callable[[], Awaitable[_T]], what: str, max_tries: int | None = None) -> _T:
-    """Return what `work` returns; what a disk or a moment refuses is tried again after growing pauses: nothing waits for a restart."""
+async def _persistently(work: Callable[[], Awaitable[_T]], what: str, max_tries: int | None = None) -> _T:
+    """Return what `work` returns; after a disk error or a TryAgainError try again, with growing pauses."""
     pause_s, num_tries = _FIRST_PAUSE_S, 0
     while True:
         try:
             return await work()
         except (OSError, TryAgainError) as error:
-            # What comes back when a bucket does is not the fault of one image.
+            # A bucket that does not answer is not the fault of one image.
             num_tries += not isinstance(error, StorageAwayError)
             if num_tries == max_tries:
                 raise

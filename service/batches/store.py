@@ -1,4 +1,4 @@
-"""All batches: what was asked in memory, images and results in storage.
+"""All batches: records and progress in memory, images and results in storage.
 
 The only writer of either; where other processes share the storage, one of them at a time.
 """
@@ -6,19 +6,19 @@ The only writer of either; where other processes share the storage, one of them 
 import asyncio
 import re
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable, Sequence
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 import structlog
 
-from service.batches.record import BatchRecord, Result, folder_of, image_key, result_key, result_to_json
-from service.batches.results import BatchResults
+from service.batches.record import BatchRecord, Result, folder_of, image_key
 from service.batches.stored_batches import StoredBatches
 from service.errors import BatchLimitError, BatchNotFoundError, StorageError
-from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
-from service.sharing.held_lock import HeldLock
+from service.sharing.change_signal import Publish, publish_nothing
+from service.sharing.keyed_lock import uninterrupted
+from service.sharing.locks import HeldLock, Locks, OwnLocks
 from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
@@ -26,121 +26,119 @@ _log = structlog.get_logger(__name__)
 _ID = re.compile(r"batch_[0-9a-f]{16}")
 
 
+@dataclass(eq=False)
+class _Batch:
+    """done: numbers of images with a result. statuses: of those results that were read or written here.
+
+    damaged: images whose stored result cannot be used. num_written: results that this process has written.
+    """
+
+    record: BatchRecord
+    done: set[int] = field(default_factory=set)
+    statuses: dict[int, str] = field(default_factory=dict)
+    damaged: set[int] = field(default_factory=set)
+    num_written: int = 0
+
+
 class BatchStore:
     """Used from one event loop."""
 
-    def __init__(self, storage: Storage, max_batches: int, locks: FolderLocks | None = None) -> None:
+    def __init__(self, storage: Storage, max_batches: int, locks: Locks | None = None) -> None:
         """locks: of the processes that share the storage; None: there is no other."""
         self._storage = storage
         self._files = StoredBatches(storage)
-        self._locks = locks or OwnFolderLocks()
+        self._locks = locks or OwnLocks()
         self._max_batches = max_batches
-        self._records: dict[str, BatchRecord] = {}
+        self._batches: dict[str, _Batch] = {}
         # Deleted by us, now or before: no id comes again.
-        self._going: set[str] = set()
-        self._results = BatchResults(storage, self._files, self._locks.is_shared)
+        self._deleted: set[str] = set()
         self._num_coming = 0
-        self._tell: Callable[[str], Awaitable[None]] = _tell_nobody
+        self._reading_statuses = asyncio.Lock()
+        self._redo: Callable[[BatchRecord], None] = lambda record: None
+        self._publish: Publish = publish_nothing
 
     def call_when_damaged(self, redo: Callable[[BatchRecord], None]) -> None:
-        """Name what is called for a batch of which a stored result turned out to be damaged: its image has none any more."""
-        self._results.when_damaged = lambda batch_id: redo(self._records[batch_id])
+        """Set what is called for a batch with a damaged stored result: its image has none any more."""
+        self._redo = redo
 
-    def call_on_change(self, tell: Callable[[str], Awaitable[None]]) -> None:
-        """Name what is awaited with the id of each batch that this process has made, deleted, or has a result of."""
-        self._tell = tell
+    def call_on_change(self, publish: Publish) -> None:
+        """Set what is awaited with the id of each batch that this process has made, deleted, or has a result of."""
+        self._publish = publish
 
     async def load(self) -> None:
-        """Read all records; uploads that never became a batch are removed, a record that cannot be read is logged and left alone."""
+        """Read all records; uploads that never became a batch are removed, unreadable records are left alone."""
         for batch_id in await asyncio.to_thread(self._storage.names, "batches"):
-            try:
-                record = await asyncio.to_thread(self._files.read, batch_id)
-            except StorageError as error:
-                _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
-                continue
-            if record is None:
+            if not await self._look(batch_id):
                 await self._remove_unfinished(batch_id)
-                continue
-            self._records[batch_id] = record
-            self._results.begin(batch_id, len(await self.done(batch_id)))
 
     async def refresh(self) -> None:
         """Look what other processes have made, done and deleted; does nothing where there are none."""
         if not self._locks.is_shared:
             return
-        known_before = set(self._records)
+        known_before = set(self._batches)
         stored = await asyncio.to_thread(self._storage.stamps, "batches", "batch.json")
         for batch_id in known_before - stored.keys():
-            self._forget(batch_id)
+            self._batches.pop(batch_id, None)
         for batch_id in stored:
             await self.find(batch_id)
         for record in self.unfinished():
-            await self._results.count(record.id)
+            await self.done(record.id)
 
     async def refresh_one(self, batch_id: str) -> None:
         """Look what other processes have made of one batch."""
-        if not self._locks.is_shared or not _ID.fullmatch(batch_id):
-            return
-        if batch_id not in self._records:
+        if batch_id not in self._batches:
             await self.find(batch_id)
-        elif await asyncio.to_thread(self._files.is_stored, batch_id):
-            await self._results.count(batch_id)
+        elif not self._locks.is_shared or await asyncio.to_thread(self._files.is_stored, batch_id):
+            await self.done(batch_id)
         else:
-            self._forget(batch_id)
+            self._batches.pop(batch_id, None)
 
     async def find(self, batch_id: str) -> None:
-        """Look for a batch that is not known here: another process may have made it a moment ago. Raises StorageAwayError."""
-        if batch_id in self._records or not self._locks.is_shared or not _ID.fullmatch(batch_id):
-            return
-        try:
-            found = await asyncio.to_thread(self._files.read, batch_id)
-            num_done = 0 if found is None else len(await self.done(batch_id))
-        except StorageError as error:
-            _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
-            return
-        if found is not None and batch_id not in self._records and batch_id not in self._going:
-            self._records[batch_id] = found
-            self._results.begin(batch_id, num_done)
+        """Look for an unknown batch, which another process may have made a moment ago. Raises StorageAwayError."""
+        if batch_id not in self._batches and self._locks.is_shared and _ID.fullmatch(batch_id):
+            await self._look(batch_id)
 
     def get(self, batch_id: str, tenant: str | None = None) -> BatchRecord:
         """Return a batch; tenant: of the caller, None for one that sees all. Raises BatchNotFoundError."""
-        record = self._records.get(batch_id)
-        if record is None or (tenant is not None and record.tenant != tenant):
+        batch = self._batches.get(batch_id)
+        if batch is None or (tenant is not None and batch.record.tenant != tenant):
             raise BatchNotFoundError(
                 f"expected the id of a batch, got {batch_id[:80]!r}, which is unknown or deleted; send the images again"
             )
-        return record
+        return batch.record
 
     def has(self, batch_id: str) -> bool:
         """Tell whether there is a batch under this id."""
-        return batch_id in self._records
+        return batch_id in self._batches
 
     async def try_run(self, batch_id: str) -> HeldLock | None:
-        """Return what says that a batch is ours alone to work on, None while another process has it.
+        """Return the lock on the work on a batch, None while another process has it.
 
-        Raises StorageFullError and StorageReadOnlyError.
+        Raises StorageFullError, StorageReadOnlyError and CacheDownError.
         """
         return await self._locks.try_hold(f"run-{batch_id}")
 
     def unfinished(self) -> list[BatchRecord]:
         """Return the batches with images that have no result yet, oldest first."""
-        waiting = [each for each in self._records.values() if self.num_done(each.id) < len(each.names)]
+        waiting = [each.record for each in self._batches.values() if len(each.done) < len(each.record.names)]
         return sorted(waiting, key=_order)
 
     def after(self, place: tuple[str, str], tenant: str | None = None) -> list[BatchRecord]:
         """Return the batches that come after a place, (created_at, id), oldest first; tenant: as in `get`."""
-        seen = (each for each in self._records.values() if tenant is None or each.tenant == tenant)
-        return sorted((each for each in seen if _order(each) > place), key=_order)
+        records = (each.record for each in self._batches.values())
+        seen = (record for record in records if tenant is None or record.tenant == tenant)
+        return sorted((record for record in seen if _order(record) > place), key=_order)
 
     def num_done(self, batch_id: str) -> int:
         """Return how many images of a batch have a result; nothing is read for that."""
-        return self._results.num_done(batch_id)
+        return len(self._batches[batch_id].done) if batch_id in self._batches else 0
 
     def check_room(self) -> None:
         """Raise BatchLimitError when there are as many batches as allowed."""
-        if len(self._records) + self._num_coming >= self._max_batches:
+        if len(self._batches) + self._num_coming >= self._max_batches:
             raise BatchLimitError(
-                f"expected fewer than {self._max_batches} batches (PANOLOC_MAX_BATCHES), got as many; delete one you do not need"
+                f"expected fewer than {self._max_batches} batches (PANOLOC_MAX_BATCHES), got as many; "
+                "delete one you do not need"
             )
 
     async def add(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
@@ -151,40 +149,56 @@ class BatchStore:
         # Again: others may have come while this one was uploaded.
         self.check_room()
         self._num_coming += 1
+        lock = _lock_of(record.id)
         try:
-            async with self._turn(record.id):
-                await _to_the_end(
-                    self._files.adopt, record, images, partial(check_sure, self._locks, _turn_of(record.id))
-                )
+            async with self._locks.held(lock):
+                check = partial(self._locks.check_sure, lock)
+                await uninterrupted(asyncio.to_thread(self._files.adopt, record, images, check))
         except BaseException:
-            await _to_the_end(self._storage.delete_all, folder_of(record.id))
+            await uninterrupted(asyncio.to_thread(self._storage.delete_all, folder_of(record.id)))
             raise
         finally:
             self._num_coming -= 1
-        self._records[record.id] = record
-        self._results.begin(record.id)
-        await self._tell(record.id)
+        self._batches[record.id] = _Batch(record)
+        await self._publish(record.id)
 
     async def done(self, batch_id: str) -> set[int]:
         """Return the numbers of the images that have a result."""
-        return await self._results.done(batch_id)
+        if self._locks.is_shared:
+            listed = await asyncio.to_thread(self._files.numbers_done, batch_id)
+            if (batch := self._batches.get(batch_id)) is not None:
+                batch.done |= listed - batch.damaged
+        batch = self._batches.get(batch_id)
+        return set() if batch is None else set(batch.done)
 
     async def counts(self, batch_id: str) -> Counter[str]:
         """Return how many images ended with each status."""
-        return await self._results.counts(batch_id)
+        async with self._reading_statuses:
+            done = await self.done(batch_id)
+            if (batch := self._batches.get(batch_id)) is None:
+                return Counter()
+            for number, result in (await self._read(batch, done - batch.statuses.keys())).items():
+                batch.statuses.setdefault(number, result["status"])
+            return Counter(batch.statuses.values())
 
     async def results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result]:
-        """Return the results of those images that have one; one that is damaged is none, and its image is localized again."""
-        return await self._results.read(batch_id, numbers)
+        """Return the results of those images that have one; a damaged one is none, and its image localized again."""
+        done = await self.done(batch_id)
+        batch = self._batches.get(batch_id)
+        return {} if batch is None else await self._read(batch, [number for number in numbers if number in done])
 
     async def put_result(self, batch_id: str, number: int, result: Result) -> None:
-        """Store what became of an image; to its end, so that nothing is written after a batch is deleted."""
-        async with self._turn(batch_id):
+        """Store the result of an image; to its end, so that nothing is written after a batch is deleted."""
+        async with self._locks.held(_lock_of(batch_id)):
             if self._locks.is_shared and not await asyncio.to_thread(self._files.is_stored, batch_id):
                 return
-            await _to_the_end(self._storage.replace, result_key(batch_id, number), result_to_json(result))
-        self._results.note(batch_id, number, result)
-        await self._tell(batch_id)
+            await uninterrupted(asyncio.to_thread(self._files.put_result, batch_id, number, result))
+        if (batch := self._batches.get(batch_id)) is not None:
+            batch.num_written += 1
+            batch.done.add(number)
+            batch.statuses[number] = result["status"]
+            batch.damaged.discard(number)
+        await self._publish(batch_id)
 
     async def image(self, batch_id: str, number: int) -> bytes:
         """Return an image as it was uploaded. Raises StorageError."""
@@ -193,26 +207,49 @@ class BatchStore:
     async def remove(self, batch_id: str) -> None:
         """Delete a batch with its images and results. Raises BatchNotFoundError."""
         self.get(batch_id)
-        self._going.add(batch_id)
-        self._forget(batch_id)
+        batch = self._batches.pop(batch_id)
+        self._deleted.add(batch_id)
         try:
-            async with self._turn(batch_id):
-                await _to_the_end(self._storage.delete_all, folder_of(batch_id))
+            async with self._locks.held(_lock_of(batch_id)):
+                await uninterrupted(asyncio.to_thread(self._storage.delete_all, folder_of(batch_id)))
         except BaseException:
-            self._going.discard(batch_id)
+            self._deleted.discard(batch_id)
+            self._batches[batch_id] = batch
             raise
-        await self._tell(batch_id)
+        await self._publish(batch_id)
 
-    def _turn(self, batch_id: str) -> AbstractAsyncContextManager[None]:
-        return self._locks.held(_turn_of(batch_id))
+    async def _look(self, batch_id: str) -> bool:
+        """Read a batch that is not known; return False where it is none, but an upload that was to become one."""
+        try:
+            record = await asyncio.to_thread(self._files.read, batch_id)
+            done = set() if record is None else await asyncio.to_thread(self._files.numbers_done, batch_id)
+        except StorageError as error:
+            _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
+            return True
+        if record is not None and batch_id not in self._batches and batch_id not in self._deleted:
+            self._batches[batch_id] = _Batch(record, done)
+        return record is not None
 
-    def _forget(self, batch_id: str) -> None:
-        self._records.pop(batch_id, None)
-        self._results.forget(batch_id)
+    async def _read(self, batch: _Batch, numbers: Iterable[int]) -> dict[int, Result]:
+        """Return results; where one is damaged, its image waits again."""
+        batch_id, num_written = batch.record.id, batch.num_written
+        found = await asyncio.to_thread(self._files.read_results, batch_id, numbers)
+        damaged = {number for number, result in found.items() if result is None} - batch.damaged
+        # One that was written meanwhile may be as it should be: the next reader finds out.
+        if damaged and batch.num_written == num_written and self._batches.get(batch_id) is batch:
+            batch.damaged |= damaged
+            batch.done -= damaged
+            for number in damaged:
+                batch.statuses.pop(number, None)
+            _log.error(
+                "results are damaged, their images are localized again", batch_id=batch_id, numbers=sorted(damaged)
+            )
+            self._redo(batch.record)
+        return {number: result for number, result in found.items() if result is not None}
 
     async def _remove_unfinished(self, batch_id: str) -> None:
         """Remove an upload that never became a batch, unless another process is at it."""
-        lock = await self._locks.try_hold(_turn_of(batch_id))
+        lock = await self._locks.try_hold(_lock_of(batch_id))
         if lock is None:
             return
         try:
@@ -222,24 +259,10 @@ class BatchStore:
             lock.release()
 
 
-async def _tell_nobody(batch_id: str) -> None:
-    """Stand in for telling other processes of a change."""
-
-
-def _turn_of(batch_id: str) -> str:
+def _lock_of(batch_id: str) -> str:
     """Return the lock that is held while something is done to a batch."""
     return f"batch-{batch_id}"
 
 
 def _order(record: BatchRecord) -> tuple[str, str]:
     return record.created_at, record.id
-
-
-async def _to_the_end(work: Callable[..., object], *arguments: object) -> None:
-    """Run blocking work in a thread; a cancellation takes effect after it."""
-    task = asyncio.create_task(asyncio.to_thread(work, *arguments))
-    try:
-        await asyncio.shield(task)
-    except asyncio.CancelledError:
-        await asyncio.wait({task})
-        raise

@@ -1,4 +1,4 @@
-"""Results of images as the tour that `core.exports.tour_file` reads; for batches, and for folders that the command line has placed."""
+"""Results of images as the tour that `core.exports.tour_file` reads; of batches, and of folders of the command line."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from service.maps.record import ON_EARTH
 
 @dataclass
 class TourDocument:
-    """Photos of one map, gathered one after the other. map_id: theirs. include_ambiguous: write those that fit several places, too."""
+    """Photos of one map, added one by one. include_ambiguous: also those that fit several places."""
 
     map_id: str
     include_ambiguous: bool
@@ -27,7 +27,8 @@ class TourDocument:
         if not _has_pose(result):
             return f"not_localized: fits no place well enough{_best_guess(result['answer'])}"
         if result["status"] == "ambiguous" and not self.include_ambiguous:
-            return f"ambiguous: fits several places about as well{_best_guess(result['answer'])}; ask for ambiguous photos to have it"
+            guess = _best_guess(result["answer"])
+            return f"ambiguous: fits several places about as well{guess}; ask for ambiguous photos to have it"
         placed_in = result["answer"]["map_id"]
         return None if placed_in == self.map_id else f"placed in another map, {placed_in}"
 
@@ -60,9 +61,10 @@ class TourDocument:
         scan: Path | None,
         survey: Path | None = None,
     ) -> dict[str, Any]:
-        """Return the tour. place: what a map says of its place on Earth, as its document has it, perhaps among other things.
+        """Return the tour. place: document of a map, of which the place on Earth is used.
 
-        scan: a PLY with the points of the map. survey: the scan itself, an E57."""
+        scan: a PLY with the points of the map. survey: the scan itself, an E57.
+        """
         return {
             "name": self.map_id,
             "created_unix_s": created_unix_s,

@@ -10,8 +10,8 @@ from service.errors import KeyMissingError, ScopeMissingError
 from service.keys.audit_log import Change
 from service.keys.caller import ALL_SCOPES, Caller, Scope
 from service.keys.tokens import TokenRefusedError
+from service.maps.known_maps import VisibleMaps
 from service.maps.record import MapRecord
-from service.maps.visible import VisibleMaps
 from service.services import services_of
 
 _bearer = HTTPBearer(auto_error=False, description="Asked for only where the operator has made keys.")

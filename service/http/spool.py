@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from core.scan.format_detection import HEAD_BYTES, extension_of, format_of
 from service.errors import UploadTooLargeError
-from service.storage_lacks import lacks_said
+from service.storage.disk import disk_errors
 
 MAX_FIELD_BYTES = 64 * 1024
 
@@ -58,7 +58,7 @@ class Spool:
     def __init__(self, folder: Path, name: str, rule: PartRule, part: str) -> None:
         self._name, self._rule, self._part = name, rule, part
         self._path = folder / uuid.uuid4().hex
-        with lacks_said():
+        with disk_errors():
             self._file: BinaryIO = self._path.open("wb")
         self._digest = hashlib.sha256()
         self._waiting = bytearray()
@@ -82,7 +82,7 @@ class Spool:
     def write_out(self) -> None:
         """Write and hash what waits. Raises StorageFullError and StorageReadOnlyError."""
         self._digest.update(self._waiting)
-        with lacks_said():
+        with disk_errors():
             self._file.write(self._waiting)
         self._waiting.clear()
 
@@ -91,7 +91,7 @@ class Spool:
         if not self._head_checked:
             self._check_head()
         self.write_out()
-        with lacks_said():
+        with disk_errors():
             # The last bytes leave the buffer only now.
             self._file.close()
         return SpooledFile(self._name, self._path, self._num_bytes, self._digest.hexdigest())

@@ -1,8 +1,8 @@
-"""What answers saw changed since a map's scan, kept for a time of its own, so that it shows where several of them agree.
+"""Changes that answers saw since a map's scan, kept for a lifetime, so that it shows where several of them agree.
 
-In storage: `changes/{map}/{time}-{answer}-{images}/changes.json`, beside the maps, not in them: an answer that comes in while its map is
-being deleted leaves nothing in the folder of a map that is no more. {images} is a digest: who sends the same ones again is no second
-witness.
+In storage: `changes/{map}/{time}-{answer}-{images}.json`, beside the maps and not in them: an answer that comes in
+while its map is being deleted leaves nothing in the folder of that map. {images} is a digest: the same images sent
+again are no second witness.
 """
 
 import array
@@ -25,7 +25,6 @@ from service.storage import Storage
 MOST_ANSWERS = 200
 """Of a map; older ones make room."""
 
-_FORMAT = 1
 Cell = tuple[int, int, int]
 
 
@@ -45,23 +44,24 @@ class ChangeLog:
         return self._lifetime_s > 0
 
     async def note(self, answer: Document, cells: dict[str, Any] | None, images: Sequence[bytes]) -> None:
-        """Keep what an answer to images saw, instead of what was seen in the same ones before; cells: see `service.worker.change_cells`,
-        None: nothing."""
+        """Keep what an answer to images saw, in place of an earlier answer to the same ones.
+
+        cells: see `service.worker.change_cells`; None: nothing.
+        """
         if self.is_kept and cells is not None and answer["map_id"] is not None:
             await asyncio.to_thread(self._note, answer, cells, images)
 
     async def document(self, ref: MapRef, origin_offset: list[float]) -> Document:
-        """Return what `GET /maps/{id}/changes` shows of the revision that answers queries."""
+        """Return the body of `GET /maps/{id}/changes` for the revision that answers queries."""
         return await asyncio.to_thread(self._document, ref, origin_offset)
 
     async def forget(self, map_id: str) -> None:
-        """Delete all of a map."""
+        """Delete everything about a map."""
         await asyncio.to_thread(self._storage.delete_all, _folder_of(map_id))
 
     def _note(self, answer: Document, cells: dict[str, Any], images: Sequence[bytes]) -> None:
         now = datetime.now(UTC)
         kept = {
-            "format": _FORMAT,
             "revision": answer["map_revision"],
             "cells": cells,
             "answer": {
@@ -72,19 +72,19 @@ class ChangeLog:
                 **answer["change"],
             },
         }
-        folder, digest = _folder_of(answer["map_id"]), _digest_of(images)
-        name = f"{_stamp(now)}-{answer['id']}-{digest}"
-        self._storage.replace(f"{folder}/{name}/changes.json", json.dumps(kept).encode())
+        folder, same_images = _folder_of(answer["map_id"]), f"-{_digest_of(images)}.json"
+        name = f"{_time_stamp(now)}-{answer['id']}{same_images}"
+        self._storage.replace(f"{folder}/{name}", json.dumps(kept).encode())
         names = self._storage.names(folder)
-        again = {each for each in names if each.endswith(f"-{digest}") and each != name}
-        for each in again:
-            self._storage.delete_all(f"{folder}/{each}")
-        self._drop_old(folder, [each for each in names if each not in again])
+        again = [each for each in names if each.endswith(same_images) and each != name]
+        others = [each for each in names if each not in again]
+        oldest = self._oldest()
+        for each in (*again, *(each for each in others if each < oldest or each in others[:-MOST_ANSWERS])):
+            self._storage.delete(f"{folder}/{each}")
 
-    def _drop_old(self, folder: str, names: list[str]) -> None:
-        oldest = _stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
-        for name in names[:-MOST_ANSWERS] + [name for name in names[-MOST_ANSWERS:] if name < oldest]:
-            self._storage.delete_all(f"{folder}/{name}")
+    def _oldest(self) -> str:
+        """Return what the names of answers that still count are not below."""
+        return _time_stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
 
     def _document(self, ref: MapRef, origin_offset: list[float]) -> Document:
         seen: Counter[Cell] = Counter()
@@ -119,25 +119,21 @@ class ChangeLog:
         }
 
     def _kept(self, ref: MapRef) -> Iterator[dict[str, Any]]:
-        """Yield what is kept of a revision and not too old, oldest first."""
-        folder = _folder_of(ref.id)
-        oldest = _stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
+        """Yield what is kept of a revision and counts, oldest first."""
+        folder, oldest = _folder_of(ref.id), self._oldest()
         for name in self._storage.names(folder):
             if name < oldest:
                 continue
             try:
-                kept = json.loads(self._storage.read(f"{folder}/{name}/changes.json"))
-            except (
-                StorageError,
-                ValueError,
-            ):  # just dropped by another answer, or not to be read: the others say enough
+                kept = json.loads(self._storage.read(f"{folder}/{name}"))
+            except (StorageError, ValueError):  # just deleted by another answer, or damaged: the others are enough
                 continue
-            if kept.get("format") == _FORMAT and kept["revision"] == ref.revision:
+            if kept["revision"] == ref.revision:
                 yield kept
 
 
 def _position_of(pose: Document) -> list[float]:
-    """Return where a photo was taken in the map's own axes, whatever axes the answer has."""
+    """Return the position of a photo in the map's own axes, whatever axes the answer has."""
     return list(in_map_axes(list(pose["map_from_camera"]["position_m"].values()), pose["frame"]))
 
 
@@ -146,14 +142,11 @@ def _folder_of(map_id: str) -> str:
 
 
 def _digest_of(images: Sequence[bytes]) -> str:
-    """Return what tells whether images are the same, in the same order."""
-    whole = hashlib.sha256()
-    for image in images:
-        whole.update(hashlib.sha256(image).digest())
-    return whole.hexdigest()[:16]
+    """Return a digest of images in their order."""
+    return hashlib.sha256(b"".join(hashlib.sha256(image).digest() for image in images)).hexdigest()[:16]
 
 
-def _stamp(time: datetime) -> str:
+def _time_stamp(time: datetime) -> str:
     return time.strftime("%Y%m%dT%H%M%S%f")
 
 

@@ -1,4 +1,4 @@
-"""Places in the list of maps, as text for the next page: they name a place in the order, so maps may come and go between two pages."""
+"""Cursors of lists: a place in the order, as text, so that maps may come and go between two pages."""
 
 import base64
 import binascii

@@ -4,14 +4,13 @@ import math
 from dataclasses import dataclass
 
 from core.georeference import coordinate_system
-from service.errors import InvalidOptionsError, MapNotFoundError
+from service.errors import MapNotFoundError
+from service.maps.known_maps import VisibleMaps
 from service.maps.record import MapRecord, coordinate_system_of
-from service.maps.selection import MAX_MAPS, MapChoice
-from service.maps.visible import VisibleMaps
+from service.maps.selection import MAX_MAPS, MapChoice, invalid_option
 
-_REACH_M = (
-    1000.0  # of a map around the place that is known of it, and of a device's error beyond the one that it states
-)
+# Of a map around its known place, and of a device's error beyond the one that it states.
+_REACH_M = 1000.0
 _EARTH_RADIUS_M = 6_371_000.0
 
 
@@ -25,7 +24,7 @@ class Place:
 
 
 def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
-    """Return the maps that answer and have a place on Earth; place: only those within a kilometre more than its accuracy.
+    """Return the maps that answer and have a place on Earth; place: only those within its accuracy plus a kilometre.
 
     Raises MapNotFoundError where there is none, and InvalidOptionsError for more than a query may name.
     """
@@ -38,14 +37,14 @@ def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
     if not near:
         where = "" if place is None else f" within {place.accuracy_m + _REACH_M:g} m of the geolocation"
         raise MapNotFoundError(
-            f"expected a map that is ready and has a place on Earth{where}, got none of {len(known)}; set a georeference with "
-            "PATCH /maps/{id}, or name a map as map_id"
+            f"expected a map that is ready and has a place on Earth{where}, got none of {len(known)}; "
+            "set a georeference with PATCH /maps/{id}, or name a map as map_id"
         )
     if len(near) > MAX_MAPS:
-        message = (
-            f"expected at most {MAX_MAPS} maps to search, got {len(near)}; send a geolocation, or name maps as map_id"
+        raise invalid_option(
+            "map_id",
+            f"expected at most {MAX_MAPS} maps to search, got {len(near)}; send a geolocation, or name maps as map_id",
         )
-        raise InvalidOptionsError(f"map_id: {message}", [{"field": "map_id", "message": message}])
     return MapChoice(tuple(near), None, maps.tenant)
 
 

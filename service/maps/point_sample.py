@@ -20,9 +20,9 @@ _BLOCK_BYTES = 2**20
 
 @dataclass(frozen=True)
 class PlySample:
-    """A binary little-endian PLY of x, y, z and red, green, blue, in this order, of which no more than the header is in memory.
+    """A binary little-endian PLY of x, y, z and red, green, blue, of which only the header is in memory.
 
-    file: open, at the first point; whoever reads the points closes it. point_format: of one point, as `struct` writes it.
+    file: open, at the first point; reading the points closes it. point_format: of one point, as `struct` writes it.
     """
 
     header: bytes

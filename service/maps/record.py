@@ -1,35 +1,31 @@
 """One map: what is known of it, as it is stored and as it is shown.
 
-Written by the HTTP process alone, read by workers that rebuild an index.
-
-A record lives in storage under `maps/{id}/map.json` and bears its own digest, because it is replaced in one step.
+Written by the HTTP process alone, read by workers that rebuild an index. A record lies in storage under
+`maps/{id}/map.json` and contains its own digest, because it is replaced in one step.
 """
 
-import dataclasses
-import hashlib
-import json
-from dataclasses import dataclass, field
-from typing import Any, Literal, Self, cast
+from dataclasses import field
+from typing import Any, Literal
 
-from core.errors import OptionsError
-from core.options import Box, IndexOptions, ScanOptions
-from service.errors import StoredFileDamagedError
+from pydantic import ConfigDict, TypeAdapter
+from pydantic.dataclasses import dataclass
+
 from service.jobs import MapRef, RegisterOptions
 from service.storage import Stamp, Storage
+from service.storage.sealed_json import seal, unseal
 
 RevisionStatus = Literal["queued", "ready", "failed"]
 
 ON_EARTH = ("georeference", "coordinate_system", "geoid_undulation_m")
-"""What the document of a map says of its place on Earth."""
-
-_FORMAT = 1
+"""Fields of a map's document about its place on Earth."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Revision:
-    """One uploaded scan of a map and what became of it.
+    """One uploaded scan of a map and its registration.
 
     number: from 1. scan_key: in storage. scan_sha256: hexadecimal. options: as in `RegisterJob`.
+    unpacked_bytes: those that an archive announces, None for other files.
     num_attempts: registrations of it that began, also before the service was started again.
     stats, diagnostics: as in the HTTP contract, once ready. error: a problem document, once failed.
     """
@@ -40,6 +36,7 @@ class Revision:
     scan_bytes: int
     scan_sha256: str
     options: RegisterOptions
+    unpacked_bytes: int | None = None
     status: RevisionStatus = "queued"
     num_attempts: int = 0
     stats: dict[str, Any] | None = None
@@ -47,15 +44,15 @@ class Revision:
     error: dict[str, Any] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class MapRecord:
     """One map. Times are RFC 3339 in UTC.
 
     newest: the revision uploaded last. serving: the one that answers queries: `newest` itself once that is ready, an
     older one until then, None before the first is ready.
-    owner: the tenant of the key that made it, None: seen by keys without a tenant alone. shared_with: further tenants, "*" for all.
-    coordinate_system: by EPSG code or WKT, where somebody said so. geoid_undulation_m: of the geoid above the ellipsoid, likewise.
-    version: how often the record was written.
+    owner: the tenant of the key that made it; None: seen by keys without a tenant alone. shared_with: further tenants,
+    "*" for all. coordinate_system: EPSG code or WKT, where it was given. geoid_undulation_m: height of the geoid above
+    the ellipsoid, likewise. version: how often the record was written.
     """
 
     id: str
@@ -94,54 +91,25 @@ class MapRecord:
         """Return a revision by its number, None when its scan is not kept."""
         return next((each for each in (self.newest, self.serving) if each and each.number == number), None)
 
-    def to_json(self) -> bytes:
-        """Return the record as stored."""
-        record = dataclasses.asdict(self)
-        # Beside the record: an older service reads it.
-        version = record.pop("version")
-        for name in ("coordinate_system", "geoid_undulation_m", "owner", "shared_with"):
-            if record[name] in (None, []):
-                del record[name]  # versions of before it read what does not need it
-        for name in ("newest", "serving"):
-            revision: Revision | None = getattr(self, name)
-            if revision is not None:
-                record[name]["options"] = options_to_json(revision.options)
-                if not revision.num_attempts:
-                    # As it was before attempts were counted: an older service reads it.
-                    del record[name]["num_attempts"]
-        document = {"format": _FORMAT, "version": version, "sha256": _digest(record), "record": record}
-        return json.dumps(document, indent=1).encode()
 
-    @classmethod
-    def from_json(cls, data: bytes, key: str) -> Self:
-        """Read what `to_json` wrote; key: for the message of StoredFileDamagedError."""
-        try:
-            document = json.loads(data)
-            record = document["record"]
-            if document["sha256"] != _digest(record):
-                raise ValueError("its digest differs")
-            newest, serving = _revision(record.pop("newest")), record.pop("serving")
-            version = int(document.get("version", 0))
-            return cls(
-                newest=newest, serving=None if serving is None else _revision(serving), version=version, **record
-            )
-        except (ValueError, KeyError, TypeError, AttributeError, OptionsError) as error:
-            raise StoredFileDamagedError(
-                f"{key}: expected a map record as the service wrote it, but {error}; restore the file from a backup"
-            ) from error
+_MAP_RECORD = TypeAdapter(MapRecord)
 
 
 def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the JSON of a map; progress: what its registration reported last, None when it has not begun."""
+    """Return the JSON of a map; progress: last report of its registration, None when it has not begun."""
     newest, serving = record.newest, record.serving
     shown = newest if newest.status == "ready" or serving is None else serving
+    if newest.status != "queued":
+        progress = {"status": newest.status, "stage": None, "progress": 1.0 if newest.status == "ready" else 0.0}
+    elif progress is None:
+        progress = {"status": "queued", "stage": "waiting for other registrations, or for workers", "progress": 0.0}
     return {
         "id": record.id,
         "name": record.name,
         "tags": record.tags,
         "revision": newest.number,
         "serving_revision": None if serving is None else serving.number,
-        **_state(newest.status, progress),
+        **{name: progress[name] for name in ("status", "stage", "progress")},
         "error": newest.error,
         "created_at": record.created_at,
         "updated_at": record.updated_at,
@@ -156,23 +124,14 @@ def map_document(record: MapRecord, progress: dict[str, Any] | None) -> dict[str
 
 def place_on_earth(record: MapRecord) -> dict[str, Any]:
     """Return the values of `ON_EARTH`."""
-    return dict(
-        zip(ON_EARTH, (record.georeference, coordinate_system_of(record), record.geoid_undulation_m), strict=True)
-    )
+    values = record.georeference, coordinate_system_of(record), record.geoid_undulation_m
+    return dict(zip(ON_EARTH, values, strict=True))
 
 
 def coordinate_system_of(record: MapRecord) -> str | None:
-    """Return the coordinate system of a map's positions: what was said of it, else what the scan that answers queries says."""
+    """Return the coordinate system of a map's positions: the one that was given, else that of the serving scan."""
     stats = None if record.serving is None else record.serving.stats
     return record.coordinate_system or (stats or {}).get("coordinate_system")
-
-
-def _state(status: str, progress: dict[str, Any] | None) -> dict[str, Any]:
-    if status != "queued":
-        return {"status": status, "stage": None, "progress": 1.0 if status == "ready" else 0.0}
-    if progress is None:
-        return {"status": "queued", "stage": "waiting for other registrations, or for workers", "progress": 0.0}
-    return {"status": progress["status"], "stage": progress["stage"], "progress": progress["progress"]}
 
 
 def folder_of(map_id: str) -> str:
@@ -192,48 +151,17 @@ def read_record(storage: Storage, map_id: str) -> MapRecord:
 
 def read_stamped_record(storage: Storage, map_id: str) -> tuple[MapRecord, Stamp]:
     """Return the record of a map with its stamp, for `write_record`. Raises as `read_record` does."""
-    key = _record_key(map_id)
-    data, stamp = storage.read_stamped(key)
-    return MapRecord.from_json(data, key), stamp
+    data, stamp = storage.read_stamped(_record_key(map_id))
+    return unseal(_MAP_RECORD, data, _record_key(map_id)), stamp
 
 
 def write_record(storage: Storage, record: MapRecord, over: Stamp | None = None) -> Stamp:
-    """Store a record over its predecessor and return its stamp. over: of the predecessor; None: whatever it is. Raises
-    StoredFileChangedError."""
-    return storage.replace(_record_key(record.id), record.to_json(), over)
+    """Store a record over its predecessor and return its stamp.
 
-
-def options_to_json(options: RegisterOptions) -> dict[str, Any]:
-    """Return options in the form of the HTTP contract, in which they are stored."""
-    scan, index = options.scan, options.index
-    region = None if index.region is None else {"min": list(index.region[0]), "max": list(index.region[1])}
-    return {
-        "unit": scan.unit,
-        "up_axis": scan.up_axis,
-        "color_kind": scan.color_kind,
-        "starts": {"method": index.starts_method, "spacing_m": index.spacing_m, "region": region},
-    }
-
-
-def options_from_json(stored: dict[str, Any]) -> RegisterOptions:
-    """Return what `options_to_json` was given; fields that are missing have their defaults. Raises OptionsError."""
-    of_both = {name: stored[name] for name in ("color_kind",) if name in stored}
-    of_scan = {name: stored[name] for name in ("unit", "up_axis") if name in stored}
-    starts = dict(stored.get("starts") or {})
-    region = starts.pop("region", None)
-    if "method" in starts:
-        starts["starts_method"] = starts.pop("method")
-    box = None if region is None else cast(Box, (tuple(region["min"]), tuple(region["max"])))
-    return RegisterOptions(ScanOptions(**of_scan, **of_both), IndexOptions(**starts, **of_both, region=box))
-
-
-def _revision(stored: dict[str, Any]) -> Revision:
-    return Revision(**{**stored, "options": options_from_json(stored["options"])})
+    over: stamp of the predecessor; None: any. Raises StoredFileChangedError.
+    """
+    return storage.replace(_record_key(record.id), seal(_MAP_RECORD, record), over)
 
 
 def _record_key(map_id: str) -> str:
-    return f"maps/{map_id}/map.json"
-
-
-def _digest(record: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
+    return f"{folder_of(map_id)}/map.json"

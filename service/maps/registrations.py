@@ -1,14 +1,13 @@
 """Brings every uploaded scan to `ready` or `failed`: after an upload, and again after a restart.
 
-One task per revision waits for the pool. A newer scan or the end of the map cancels it. Of several processes that share the
-maps one has the revision to itself; when that ends, in whatever way, another takes it up.
+One task per revision waits for the pool. A newer scan or the deletion of the map cancels it. Of several processes that
+share the maps one owns the revision; when that ends in whatever way, another takes it over.
 """
 
 import asyncio
 import json
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
 from typing import Any
 
 import structlog
@@ -26,12 +25,10 @@ from service.errors import (
 )
 from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
 from service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
-from service.maps.attempts import Attempts
-from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
 from service.metrics import Metrics
 from service.problems import problem_document
-from service.sharing.held_lock import HeldLock
+from service.sharing.keyed_lock import uninterrupted
 
 _log = structlog.get_logger(__name__)
 
@@ -43,7 +40,7 @@ _NO_STORAGE = "waiting for the storage"
 
 
 class Registrations:
-    """Used from one event loop. waiting_for_room: revisions that are done but cannot be stored, each with what is waited for."""
+    """Used from one event loop. waiting_for_room: revisions that are done but cannot be stored, with the reason."""
 
     def __init__(
         self, registry: MapRegistry, pool: WorkerPool, cache: Cache, metrics: Metrics, limits: RegistrationLimits
@@ -54,7 +51,8 @@ class Registrations:
         self._metrics = metrics
         self._limits = limits
         self._stopping = False
-        self._attempts = Attempts(registry)
+        # Those whose attempt is counted and has not ended.
+        self._attempted: set[MapRef] = set()
         self._room_pause_s = _ROOM_PAUSE_S
         self.waiting_for_room: dict[MapRef, str] = {}
         self._running: dict[MapRef, asyncio.Task[None]] = {}
@@ -75,8 +73,7 @@ class Registrations:
 
     async def cancel(self, map_id: str, keep: MapRef | None = None) -> None:
         """End the registrations of a map, save that of `keep`, and wait until they have ended."""
-        found = [task for ref, task in self._running.items() if ref.id == map_id and ref != keep]
-        await _end(found)
+        await _end([task for ref, task in self._running.items() if ref.id == map_id and ref != keep])
 
     async def end_unwanted(self) -> None:
         """End the registrations of revisions that other processes have replaced, or whose maps they have deleted."""
@@ -104,34 +101,27 @@ class Registrations:
 
     async def _run(self, ref: MapRef, request_id: str) -> None:
         structlog.contextvars.bind_contextvars(request_id=request_id, map_id=ref.id, revision=ref.revision)
-        own = await self._own(ref)
+        await self._wait_until_possible()
+        try:
+            own = await self._registry.try_register(ref)
+        except (TryAgainError, OSError) as error:
+            _log.warning("a registration cannot be taken up, it is tried again later", error=str(error))
+            return
         if own is None:
             return
-        own.call_when_lost(self._running[ref].cancel)
+        own.when_lost = self._running[ref].cancel
         try:
             # Another process may have brought it to its end before it was ours.
             await self._registry.refresh(ref.id)
-            if not self._has_ended(ref):
+            if not self._is_wanted(ref) or self._registry.get(ref.id).newest.status == "queued":
                 await self._register(ref, request_id)
         except TryAgainError as error:
-            _log.warning("a registration cannot go on, somebody will try again", error=str(error))
+            _log.warning("a registration cannot go on, it is tried again later", error=str(error))
         finally:
             own.release()
 
-    async def _own(self, ref: MapRef) -> HeldLock | None:
-        """Take a revision for this process, once it could register it."""
-        await self._wait_until_possible()
-        try:
-            return await self._registry.try_register(ref)
-        except (TryAgainError, OSError) as error:
-            _log.warning("a registration cannot be taken up, somebody will try again", error=str(error))
-            return None
-
     def _is_wanted(self, ref: MapRef) -> bool:
         return self._registry.has(ref.id) and self._registry.get(ref.id).newest_ref == ref
-
-    def _has_ended(self, ref: MapRef) -> bool:
-        return self._is_wanted(ref) and self._registry.get(ref.id).newest.status != "queued"
 
     async def _register(self, ref: MapRef, request_id: str) -> None:
         began = time.monotonic()
@@ -146,7 +136,7 @@ class Registrations:
         _log.info("registration ended", result=result, duration_s=round(duration_s, 3))
 
     async def _result_of(self, ref: MapRef, request_id: str) -> str:
-        """Return "ready" or "failed", whichever the map is now. Raises MapNotFoundError when nobody wants it any more."""
+        """Return "ready" or "failed", the map's status now. Raises MapNotFoundError when nobody wants it any more."""
         try:
             outcome = await self._outcome_of(ref, request_id)
             await self._once_there_is_room(ref, lambda: self._finish(ref, outcome))
@@ -159,16 +149,18 @@ class Registrations:
             if isinstance(error, RegistrationLimitError):
                 self._metrics.note_refusal("registration")
             failure = problem_document(error, request_id)
-            await self._once_there_is_room(ref, lambda: self._fail(ref, failure))
+            await self._once_there_is_room(
+                ref, lambda: self._registry.change_newest(ref, status="failed", error=failure)
+            )
             return "failed"
 
     async def _once_there_is_room(self, ref: MapRef, store: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Store what became of a registration; wait for as long as the storage takes nothing."""
+        """Store the result of a registration; wait for as long as the storage takes nothing."""
         attempt = 1
         try:
             while True:
                 try:
-                    await _to_the_end(store())
+                    await uninterrupted(store())
                     return
                 except TryAgainError as error:
                     has_no_room = isinstance(error, StorageFullError | StorageReadOnlyError)
@@ -184,10 +176,12 @@ class Registrations:
         while True:
             await self._wait_until_possible()
             newest = self._registry.get(ref.id).newest
-            scan_bytes = await self._counted_bytes(newest)
-            job = _job(newest, ref, request_id, self._limits.seconds(scan_bytes))
+            if newest.number != ref.revision:
+                raise NoWorkerError(f"revision {ref.revision} was replaced by revision {newest.number}")
+            time_limit_s = self._limits.seconds(newest.unpacked_bytes or newest.scan_bytes)
+            job = RegisterJob(ref, newest.scan_key, newest.scan_name, newest.options, request_id, time_limit_s)
             try:
-                return await self._pool.register(job, lambda: self._attempts.begin(ref))
+                return await self._pool.register(job, lambda: self._begin_attempt(ref))
             except TryAgainError as error:
                 attempt = self._registry.get(ref.id).newest.num_attempts
                 if attempt >= MAX_ATTEMPTS:
@@ -195,19 +189,26 @@ class Registrations:
                 _log.warning("a registration is tried again", attempt=attempt, error=str(error))
                 await asyncio.sleep(min(error.retry_after_s * max(1, attempt), _LONGEST_PAUSE_S))
             except asyncio.CancelledError:
-                if self._stopping:
-                    await _to_the_end(self._attempts.take_back(ref))
+                # An orderly stop is no attempt that ended the service.
+                if self._stopping and ref in self._attempted:
+                    await uninterrupted(self._count_attempt(ref, -1))
                 raise
             finally:
-                self._attempts.end(ref)
+                self._attempted.discard(ref)
 
-    async def _counted_bytes(self, revision: Revision) -> int:
-        while True:
-            try:
-                return await self._registry.counted_bytes(revision)
-            except TryAgainError as error:
-                _log.warning("a scan cannot be looked at, trying again", error=str(error))
-                await asyncio.sleep(min(error.retry_after_s, _LONGEST_PAUSE_S))
+    async def _begin_attempt(self, ref: MapRef) -> None:
+        """Count an attempt before it can end the service, so that a scan that always does is given up."""
+        if self._registry.get(ref.id).newest.num_attempts >= MAX_ATTEMPTS:
+            raise RegistrationLimitError(
+                f"expected a map after {MAX_ATTEMPTS} attempts at most, but the service ended during each; "
+                "upload a smaller scan, or one in another format"
+            )
+        self._attempted.add(ref)
+        await self._count_attempt(ref, 1)
+
+    async def _count_attempt(self, ref: MapRef, step: int) -> None:
+        num_attempts = self._registry.get(ref.id).newest.num_attempts + step
+        await self._registry.change_newest(ref, num_attempts=max(0, num_attempts))
 
     async def _wait_until_possible(self) -> None:
         while True:
@@ -227,44 +228,14 @@ class Registrations:
         }
         await self._registry.put_files(ref, files)
         former = self._registry.get(ref.id).serving_ref
-
-        def ready(record: MapRecord) -> MapRecord:
-            newest = replace(
-                record.newest, status="ready", stats=outcome.stats, diagnostics=outcome.diagnostics, error=None
-            )
-            return replace(record, newest=newest, serving=newest)
-
-        await self._registry.change_newest(ref, ready)
+        await self._registry.change_newest(
+            ref, status="ready", stats=outcome.stats, diagnostics=outcome.diagnostics, error=None
+        )
         if former is not None:
             await self.forget(former)
-
-    async def _fail(self, ref: MapRef, error: dict[str, Any]) -> None:
-        await self._registry.change_newest(
-            ref, lambda record: replace(record, newest=replace(record.newest, status="failed", error=error))
-        )
-
-
-async def _to_the_end(work: Coroutine[Any, Any, None]) -> None:
-    """Wait for work that must not stop half-way; cancellations, of which several may come, take effect after it."""
-    task = asyncio.create_task(work)
-    cancelled: asyncio.CancelledError | None = None
-    while not task.done():
-        try:
-            await asyncio.wait({task})
-        except asyncio.CancelledError as error:
-            cancelled = error
-    if cancelled is not None:
-        raise cancelled from task.exception()
-    task.result()
 
 
 async def _end(tasks: list[asyncio.Task[None]]) -> None:
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def _job(revision: Revision, ref: MapRef, request_id: str, time_limit_s: float) -> RegisterJob:
-    if revision.number != ref.revision:
-        raise NoWorkerError(f"revision {ref.revision} was replaced by revision {revision.number}")
-    return RegisterJob(ref, revision.scan_key, revision.scan_name, revision.options, request_id, time_limit_s)

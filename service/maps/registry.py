@@ -1,16 +1,17 @@
 """All maps of the service: in memory for reading, in storage for good.
 
-The only writer of what is stored of maps. What is done to one map is done in turn, so that no file is written while its
-folder is being deleted; different maps do not wait for each other. Where other processes share the storage, a turn is one
-among all of them, and begins with a look at what they have made of the map.
+The only writer of what is stored of maps. Changes of one map exclude each other, so that no file is written while its
+folder is being deleted; different maps do not wait for each other. Where other processes share the storage, a change
+excludes theirs too, and begins with a look at what they have made of the map.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import structlog
 
@@ -23,24 +24,20 @@ from service.errors import (
     VersionConflictError,
 )
 from service.jobs import MapRef, now
-from service.maps.known_maps import KnownMaps, is_id
-from service.maps.record import MapRecord, Revision, folder_of, key_of, read_stamped_record, write_record
-from service.maps.scan_size import counted_bytes
-from service.maps.turns import Turns
-from service.sharing.folder_locks import FolderLocks, OwnFolderLocks, check_sure
-from service.sharing.held_lock import HeldLock
-from service.storage import Storage
+from service.maps.known_maps import KnownMaps
+from service.maps.record import MapRecord, folder_of, key_of, read_stamped_record, write_record
+from service.sharing.change_signal import Publish, publish_nothing
+from service.sharing.keyed_lock import KeyedLock
+from service.sharing.locks import HeldLock, Locks, OwnLocks
+from service.storage import Stamp, Storage
 
 Result = TypeVar("Result")
 
 _log = structlog.get_logger(__name__)
 
+_ID = re.compile(r"map_[0-9a-f]{16}")
 # Long after whatever a process that still lives has begun.
 _LEFT_BEHIND_S = 24 * 3600.0
-
-
-async def _tell_nobody(map_id: str) -> None:
-    """Stand in for telling other processes of a change."""
 
 
 class MapRegistry(KnownMaps):
@@ -50,50 +47,45 @@ class MapRegistry(KnownMaps):
     are going.
     """
 
-    def __init__(self, storage: Storage, max_maps: int, locks: FolderLocks | None = None) -> None:
+    def __init__(self, storage: Storage, max_maps: int, locks: Locks | None = None) -> None:
         """locks: of the processes that share the storage; None: there is no other."""
-        self._locks = locks or OwnFolderLocks()
-        super().__init__(storage, self._locks.is_shared)
+        super().__init__()
+        self._storage = storage
         self._max_maps = max_maps
-        self._turns = Turns(self._locks)
-        self._tell: Callable[[str], Coroutine[Any, Any, None]] = _tell_nobody
+        self._locks = locks or OwnLocks()
+        self._changes = KeyedLock()
+        self._publish: Publish = publish_nothing
         self._num_coming = 0
+        # Of the records as they were read or written last.
+        self._stamps: dict[str, Stamp] = {}
 
-    def call_on_change(self, tell: Callable[[str], Coroutine[Any, Any, None]]) -> None:
-        """Name what is awaited with the id of each map that this process has changed, made or deleted."""
-        self._tell = tell
+    def call_on_change(self, publish: Publish) -> None:
+        """Set what is awaited with the id of each map that this process has changed, made or deleted."""
+        self._publish = publish
 
     async def load(self) -> None:
         """Read all records; one that cannot be read is logged and left alone."""
-        await asyncio.to_thread(self._storage.tidy, _LEFT_BEHIND_S if self._is_shared else 0.0)
+        await asyncio.to_thread(self._storage.tidy, _LEFT_BEHIND_S if self._locks.is_shared else 0.0)
         map_ids = await asyncio.to_thread(self._storage.names, "maps")
         # At the same time: a bucket answers each after a while.
         await asyncio.gather(*(self._load(map_id) for map_id in map_ids))
 
-    async def _load(self, map_id: str) -> None:
-        try:
-            record, stamp = await asyncio.to_thread(read_stamped_record, self._storage, map_id)
-        except StorageError as error:
-            if self._is_shared and isinstance(error, StoredFileMissingError):
-                return  # another process stores its scan now
-            # Never deleted here: it may be a scan that somebody wants back.
-            _log.error("a folder of maps is left alone, its record cannot be read", map_id=map_id, error=str(error))
-            return
-        self._records[map_id], self._stamps[map_id] = record, stamp
-        await self._remove_forgotten_revisions(record)
-
     async def find(self, map_ids: Iterable[str]) -> None:
-        """Look for maps that are not known here: another process may have made them a moment ago. Raises StorageAwayError."""
+        """Look for unknown maps, which another process may have made a moment ago. Raises StorageAwayError."""
         await asyncio.gather(*(self.refresh(each) for each in set(map_ids) if each not in self._records))
 
     async def refresh(self, map_id: str) -> None:
         """Look what other processes have made of a map; does nothing where there are none."""
-        if self._is_shared and (map_id in self._records or is_id(map_id)):
-            await self._turns.take_here(map_id, self._look(map_id))
+        if self._locks.is_shared and (map_id in self._records or _ID.fullmatch(map_id)):
+            await self._changes.run(map_id, lambda: self._look(map_id))
+
+    def is_current(self, map_id: str, stamp: Stamp) -> bool:
+        """Tell whether a map is known as it is stored."""
+        return map_id in self._records and self._stamps.get(map_id) == stamp
 
     def check_new_revision(self, ref: MapRef) -> None:
-        """Raise CacheDownError where the reference of `new_revision` may be another's by now: before a record names it."""
-        check_sure(self._locks, _coming(ref))
+        """Raise CacheDownError where the reference of `new_revision` may be another's: before a record names it."""
+        self._locks.check_sure(_scan_lock(ref))
 
     @asynccontextmanager
     async def new_revision(self, map_id: str) -> AsyncIterator[MapRef]:
@@ -103,7 +95,7 @@ class MapRegistry(KnownMaps):
         """
         await self.refresh(map_id)
         number = self.get(map_id).newest.number + 1
-        while (lock := await self._locks.try_hold(_coming(MapRef(map_id, number)))) is None:
+        while (lock := await self._locks.try_hold(_scan_lock(MapRef(map_id, number)))) is None:
             number += 1
         try:
             yield MapRef(map_id, number)
@@ -123,19 +115,15 @@ class MapRegistry(KnownMaps):
         When there is no such record in the end, `remove_revision` takes the scan away again.
         """
         key = key_of(ref, name)
-        await self._in_turn(ref.id, asyncio.to_thread(self._storage.adopt, key, file, digest))
+        await self._exclusively(ref.id, lambda: asyncio.to_thread(self._storage.adopt, key, file, digest))
         return key
 
     async def try_register(self, ref: MapRef) -> HeldLock | None:
-        """Return what says that the registration of a revision is ours alone, None while another process has it.
+        """Return the lock on the registration of a revision, None while another process has it.
 
-        Raises StorageFullError and StorageReadOnlyError.
+        Raises StorageFullError, StorageReadOnlyError and CacheDownError.
         """
         return await self._locks.try_hold(f"register-{ref.id}-{ref.revision}")
-
-    async def counted_bytes(self, revision: Revision) -> int:
-        """Return how large a scan is for the limits of its registration."""
-        return await asyncio.to_thread(counted_bytes, self._storage, revision)
 
     async def put_files(self, ref: MapRef, files: Mapping[str, bytes]) -> None:
         """Store files of a revision by name. Raises MapNotFoundError when it was replaced or deleted meanwhile."""
@@ -148,7 +136,7 @@ class MapRegistry(KnownMaps):
             for name, data in files.items():
                 await asyncio.to_thread(self._storage.put, key_of(ref, name), data)
 
-        await self._in_turn(ref.id, put())
+        await self._exclusively(ref.id, put)
 
     async def add(self, record: MapRecord) -> MapRecord:
         """Store a new map, and return it. Raises MapLimitError."""
@@ -161,14 +149,14 @@ class MapRegistry(KnownMaps):
             finally:
                 self._num_coming -= 1
 
-        return await self._in_turn(record.id, add())
+        return await self._exclusively(record.id, add)
 
     async def change(
         self, map_id: str, update: Callable[[MapRecord], MapRecord], version: int | None = None
     ) -> MapRecord:
         """Store what `update` makes of a map, and return it.
 
-        version: that the map has to have. Raises MapNotFoundError, and VersionConflictError where somebody has changed it since.
+        version: that the map must have. Raises MapNotFoundError, and VersionConflictError for another version.
         """
 
         async def change() -> MapRecord:
@@ -176,7 +164,8 @@ class MapRegistry(KnownMaps):
                 found = self.get(map_id)
                 if version is not None and found.version != version:
                     raise VersionConflictError(
-                        f"expected version {version} of {map_id}, but somebody has changed it: it is at {found.version}; read it again"
+                        f"expected version {version} of {map_id}, but somebody has changed it: "
+                        f"it is at {found.version}; read it again"
                     )
                 changed = update(found)
                 if changed == found:
@@ -184,77 +173,103 @@ class MapRegistry(KnownMaps):
                 try:
                     return await self._write(replace(changed, updated_at=now()))
                 except StoredFileChangedError:
-                    # By one who had our lock while this process stood still.
+                    # By a process that had our lock while this one stood still.
                     await self._look(map_id)
 
-        return await self._in_turn(map_id, change())
+        return await self._exclusively(map_id, change)
 
-    async def change_newest(self, ref: MapRef, update: Callable[[MapRecord], MapRecord]) -> None:
-        """Change a map unless a newer scan of it has come meanwhile."""
-        await self.change(ref.id, lambda record: update(record) if record.newest_ref == ref else record)
+    async def change_newest(self, ref: MapRef, **changes: object) -> None:
+        """Change fields of the newest revision, unless a newer scan has come; one that becomes ready serves."""
+
+        def update(record: MapRecord) -> MapRecord:
+            if record.newest_ref != ref:
+                return record
+            newest = replace(record.newest, **changes)  # type: ignore[arg-type]
+            return replace(record, newest=newest, serving=newest if newest.status == "ready" else record.serving)
+
+        await self.change(ref.id, update)
 
     async def remove(self, map_id: str) -> None:
         """Delete a map with everything stored of it. Raises MapNotFoundError."""
 
         async def remove() -> None:
             record = self.get(map_id)
-            check_sure(self._locks, _turn_of(map_id))
+            self._locks.check_sure(_map_lock(map_id))
             del self._records[map_id]
             try:
                 await asyncio.to_thread(self._storage.delete_all, folder_of(map_id))
             except BaseException:
                 self._records[map_id] = record
                 raise
-            await self._tell(map_id)
+            await self._publish(map_id)
 
-        await self._in_turn(map_id, remove())
+        await self._exclusively(map_id, remove)
 
     async def remove_revision(self, ref: MapRef) -> None:
         """Delete the files of a revision unless the record names it; without a record, what is left of the map."""
 
         async def remove() -> None:
             if not self.holds(ref):
-                for lock in (_turn_of(ref.id), _coming(ref)):
-                    check_sure(self._locks, lock)
+                for lock in (_map_lock(ref.id), _scan_lock(ref)):
+                    self._locks.check_sure(lock)
                 prefix = f"{folder_of(ref.id)}/{ref.revision}" if self.has(ref.id) else folder_of(ref.id)
                 await asyncio.to_thread(self._storage.delete_all, prefix)
 
-        await self._in_turn(ref.id, remove())
+        await self._exclusively(ref.id, remove)
+
+    async def _exclusively(self, map_id: str, work: Callable[[], Awaitable[Result]]) -> Result:
+        """Do something to a map as the only one, on what is stored of it, and to its end."""
+
+        async def among_processes() -> Result:
+            async with self._locks.held(_map_lock(map_id)):
+                if self._locks.is_shared:
+                    await self._look(map_id)
+                return await work()
+
+        return await self._changes.run(map_id, among_processes)
 
     async def _write(self, record: MapRecord) -> MapRecord:
         record = replace(record, version=record.version + 1)
-        over = self._stamps.get(record.id) if self._is_shared else None
+        over = self._stamps.get(record.id) if self._locks.is_shared else None
         self._stamps[record.id] = await asyncio.to_thread(write_record, self._storage, record, over)
         self._records[record.id] = record
-        await self._tell(record.id)
+        await self._publish(record.id)
         return record
 
-    async def _in_turn(self, map_id: str, work: Coroutine[Any, Any, Result]) -> Result:
-        async def on_what_is_stored() -> Result:
-            try:
-                if self._is_shared:
-                    await self._look(map_id)
-                return await work
-            finally:
-                work.close()  # where it has not begun
+    async def _look(self, map_id: str) -> None:
+        """Read what is stored of a map; while nothing else is done to it."""
+        try:
+            found, stamp = await asyncio.to_thread(read_stamped_record, self._storage, map_id)
+            self._records[map_id], self._stamps[map_id] = found, stamp
+        except StoredFileMissingError:
+            self._records.pop(map_id, None)
+            self._stamps.pop(map_id, None)
+        except StorageError as error:
+            _log.error("a map stays as it was, its record cannot be read", map_id=map_id, error=str(error))
 
-        return await self._turns.take(map_id, _turn_of(map_id), on_what_is_stored())
+    async def _load(self, map_id: str) -> None:
+        await self._look(map_id)
+        if (record := self._records.get(map_id)) is not None:
+            await self._remove_forgotten_revisions(record)
+        elif not self._locks.is_shared:  # otherwise another process may store its scan now
+            # Never deleted here: it may be a scan that somebody wants back.
+            _log.error("a folder of maps is left alone, its record is missing or cannot be read", map_id=map_id)
 
     async def _remove_forgotten_revisions(self, record: MapRecord) -> None:
         for name in await asyncio.to_thread(self._storage.names, folder_of(record.id)):
             if name.isdigit() and record.revision(int(name)) is None:
                 ref = MapRef(record.id, int(name))
                 # None: another process stores it now.
-                if (lock := await self._locks.try_hold(_coming(ref))) is not None:
+                if (lock := await self._locks.try_hold(_scan_lock(ref))) is not None:
                     await self.remove_revision(ref)
                     lock.release()
 
 
-def _turn_of(map_id: str) -> str:
+def _map_lock(map_id: str) -> str:
     """Return the lock that is held while something is done to a map."""
     return f"map-{map_id}"
 
 
-def _coming(ref: MapRef) -> str:
+def _scan_lock(ref: MapRef) -> str:
     """Return the lock that is held while the scan of a revision is stored."""
     return f"scan-{ref.id}-{ref.revision}"

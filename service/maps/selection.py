@@ -1,4 +1,4 @@
-"""Which maps a query is about: named by their ids, or by a tag."""
+"""The maps of a query: named by their ids, or by a tag."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _RETRY_AFTER_S = 2
 
 @dataclass(frozen=True)
 class ChosenMaps:
-    """Maps that can answer. warnings: what the caller should know about those that cannot."""
+    """Maps that can answer. warnings: about those that cannot."""
 
     refs: tuple[MapRef, ...]
     warnings: tuple[str, ...] = ()
@@ -30,12 +30,12 @@ class MapChoice:
 
     @classmethod
     def from_form(cls, map_ids: list[str], tags: list[str], tenant: str | None) -> "MapChoice":
-        """Check what a form says. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
+        """Check the fields of a form. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
         if bool(map_ids) == bool(tags):
             got = "both" if tags else "neither"
-            raise _invalid("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
+            raise invalid_option("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
         if len(set(map_ids)) > MAX_MAPS:
-            raise _invalid("map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
+            raise invalid_option("map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
 
     def resolve(self, registry: KnownMaps) -> ChosenMaps:
@@ -56,7 +56,9 @@ class MapChoice:
         if not serving:
             return ChosenMaps((serving_ref(tagged[0]),))
         if len(serving) > MAX_MAPS:
-            raise _invalid("tag", f"expected at most {MAX_MAPS} maps, got {len(serving)} with this tag; name the maps")
+            raise invalid_option(
+                "tag", f"expected at most {MAX_MAPS} maps, got {len(serving)} with this tag; name the maps"
+            )
         left_out = [record.id for record in tagged if record.serving is None]
         return ChosenMaps(tuple(serving), tuple(f"{map_id} bears the tag but is not ready" for map_id in left_out))
 
@@ -75,5 +77,6 @@ def serving_ref(record: MapRecord) -> MapRef:
     )
 
 
-def _invalid(name: str, message: str) -> InvalidOptionsError:
+def invalid_option(name: str, message: str) -> InvalidOptionsError:
+    """Return the error for one option."""
     return InvalidOptionsError(f"{name}: {message}", [{"field": name, "message": message}])

@@ -1,1 +1,1 @@
-"""What several front doors (HTTP processes) on one data folder or bucket need of each other: locks, and word of what was changed."""
+"""Locks and change signals among the API replicas on one storage."""

@@ -1,7 +1,19 @@
-"""Where scans, map records and batches live: files under keys such as `maps/map_x/1/scan.ply`, in a folder or in a bucket."""
+"""Storage of scans, maps and batches: files under keys such as `maps/map_x/1/scan.ply`, in a folder or a bucket."""
 
 from service.storage.folder import FolderStorage
-from service.storage.opening import BucketAccess, open_storage
 from service.storage.protocol import Stamp, Storage
+from service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url
 
 __all__ = ["BucketAccess", "FolderStorage", "Stamp", "Storage", "open_storage"]
+
+
+def open_storage(url: str, access: BucketAccess | None = None) -> Storage:
+    """Return the storage behind a path or a URL. access: of a bucket. Raises ValueError for what is neither."""
+    if split_url(url)[0] not in BUCKET_SCHEMES:
+        return FolderStorage(folder_of(url))
+    if access is None:
+        raise ValueError(f"storage {url}: expected a folder for uploads and local copies with a bucket, got none")
+    # Only here: processes with a folder do without obstore.
+    from service.storage.bucket import BucketStorage
+
+    return BucketStorage(url, access)

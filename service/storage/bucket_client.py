@@ -1,4 +1,4 @@
-"""The client of a bucket: obstore, told where the bucket is, who we are, and how long anything may take."""
+"""The obstore client of a bucket: endpoint, credentials, timeouts and retries."""
 
 from collections.abc import Mapping
 from datetime import timedelta
@@ -8,14 +8,12 @@ from obstore.exceptions import BaseError, UnknownConfigurationKeyError
 from obstore.store import AzureStore, GCSStore, ObjectStore, S3Store
 
 from service.errors import StorageAwayError
-from service.storage.opening import split_url
+from service.storage.urls import split_url
 
-_STORES: dict[str, type[S3Store] | type[GCSStore] | type[AzureStore]] = {
-    "s3": S3Store,
-    "gs": GCSStore,
-    "az": AzureStore,
-}
-# The URL says them; obstore would take a second word for it.
+# Of one request; files are sent and fetched in pieces.
+_TIMEOUT_S, _PROBE_TIMEOUT_S = 30.0, 5.0
+_STORES: dict[str, Any] = {"s3": S3Store, "gs": GCSStore, "az": AzureStore}
+# The URL names the bucket; obstore would let a variable override it.
 _OF_THE_URL = frozenset(
     {"aws_bucket", "aws_bucket_name", "google_bucket", "google_bucket_name", "azure_container_name"}
 )
@@ -24,32 +22,26 @@ _OF_THE_URL = frozenset(
 def open_client(url: str, variables: Mapping[str, str], *, is_patient: bool = True) -> ObjectStore:
     """Return a client for the part of a bucket that a URL names.
 
-    is_patient: tries again for up to 20 s what the bucket or the way to it refuses, as stored files deserve; otherwise once, within
-    seconds, for who only asks how it is. Raises StorageAwayError for variables that cannot be used.
+    is_patient: retry for up to 20 s, for stored files; otherwise once within seconds, for readiness checks.
+    Raises StorageAwayError for unusable variables.
     """
     scheme, rest = split_url(url)
     bucket, _, prefix = rest.partition("/")
-    config = known_variables(scheme, bucket, variables)
+    config = _known_variables(scheme, bucket, variables)
     endpoints = (value for name, value in config.items() if "endpoint" in name or "url" in name)
-    options: dict[str, Any] = {
-        # Of one request; files are sent and fetched in pieces.
-        "timeout": timedelta(seconds=30 if is_patient else 5),
+    options = {
+        "timeout": timedelta(seconds=_TIMEOUT_S if is_patient else _PROBE_TIMEOUT_S),
         "connect_timeout": timedelta(seconds=5 if is_patient else 2),
-        # Who writes http:// means it.
+        # Only where the operator wrote http://.
         "allow_http": any(value.startswith("http://") for value in endpoints),
     }
-    retries: Any = {
+    retries = {
         "max_retries": 4 if is_patient else 1,
         "retry_timeout": timedelta(seconds=20 if is_patient else 3),
-        "backoff": {
-            "init_backoff": timedelta(milliseconds=100),
-            "max_backoff": timedelta(seconds=5),
-            "base": 2.0,
-        },
+        "backoff": {"init_backoff": timedelta(milliseconds=100), "max_backoff": timedelta(seconds=5), "base": 2.0},
     }
     try:
-        store: Any = _STORES[scheme]
-        client: ObjectStore = store(
+        client: ObjectStore = _STORES[scheme](
             bucket, prefix=prefix.strip("/") or None, config=config, client_options=options, retry_config=retries
         )
     except (BaseError, ValueError) as error:
@@ -59,16 +51,15 @@ def open_client(url: str, variables: Mapping[str, str], *, is_patient: bool = Tr
     return client
 
 
-def known_variables(scheme: str, bucket: str, variables: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that obstore knows, by their names in small letters; to others, as those of command line tools, it objects."""
+def _known_variables(scheme: str, bucket: str, variables: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that obstore knows, in small letters; it refuses others, such as those of command lines."""
     found = {}
     for name, value in variables.items():
         key = name.lower()
         if key in _OF_THE_URL or not value:
             continue
         try:
-            store: Any = _STORES[scheme]
-            store(bucket, config={key: value})
+            _STORES[scheme](bucket, config={key: value})
         except UnknownConfigurationKeyError:
             continue
         except (BaseError, ValueError):

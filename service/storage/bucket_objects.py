@@ -1,6 +1,7 @@
-"""One object of a bucket: written whole, read in pieces, so that neither a long file nor a slow network meets a time limit.
+"""Objects of a bucket: written whole, read in pieces, so that no long file on a slow network meets a time limit.
 
-Its digest is in its metadata and so of one write with it. What was copied into a bucket from a folder has it in a file beside it.
+The digest of an object is in its metadata, so that one write stores both. An object that was copied into the bucket
+from a folder has its digest in a file beside it.
 """
 
 import contextlib
@@ -18,9 +19,9 @@ from obstore.exceptions import BaseError
 from obstore.store import ObjectStore
 
 from service.errors import StoredFileChangedError, StoredFileMissingError
-from service.storage.bucket_lacks import bucket_lacks_said
-from service.storage.opening import split_url
+from service.storage.bucket_errors import bucket_errors
 from service.storage.protocol import DIGEST_SUFFIX, Stamp
+from service.storage.urls import split_url
 
 PIECE_BYTES = 8 * 2**20
 _PARTS_AT_A_TIME = 4
@@ -29,8 +30,10 @@ _DIGEST = "sha256"
 
 @dataclass(frozen=True)
 class FoundObject:
-    """An object as it is now. e_tag: of just these bytes. digest: SHA-256, hexadecimal, None where nothing is known. beginning: bytes that
-    came with it."""
+    """An object as it is now. e_tag: of these bytes. digest: SHA-256, hexadecimal, None where unknown.
+
+    beginning: bytes that came with it.
+    """
 
     key: str
     size: int
@@ -41,12 +44,12 @@ class FoundObject:
 
     @property
     def cache_name(self) -> str:
-        """Return a name that says what is in it."""
+        """Return a name that identifies the bytes."""
         return self.digest or hashlib.sha256(f"{self.key}\n{self.stamp}".encode()).hexdigest()
 
 
 class BucketObjects:
-    """Blocking; of any thread. url: for messages."""
+    """Blocking; of any thread. url: for messages. Every method raises as `Storage` does."""
 
     def __init__(self, client: ObjectStore, url: str) -> None:
         self._client = client
@@ -55,29 +58,28 @@ class BucketObjects:
         self._compared = "version" if split_url(url)[0] == "gs" else "e_tag"
 
     def write(self, key: str, data: bytes | Path, digest: str | None, over: Stamp | None = None) -> Stamp:
-        """Write an object and return its stamp; a file of any size goes in pieces of a few megabytes. over: as in `Storage.replace`."""
+        """Write an object and return its stamp; a file goes in pieces. over: as in `Storage.replace`."""
         options: dict[str, Any] = {"attributes": {} if digest is None else {_DIGEST: digest}}
         if over is not None:
             options["mode"] = {self._compared: over}
         if isinstance(data, bytes):
             options["use_multipart"] = False
-        with bucket_lacks_said(self._url, key, writes=True):
+        with bucket_errors(self._url, key, writes=True):
             put = obstore.put(
                 self._client, key, data, chunk_size=PIECE_BYTES, max_concurrency=_PARTS_AT_A_TIME, **options
             )
-        return self._stamp_of(put)
+        return self.stamp_of(put)
 
     def find(self, key: str, *, with_beginning: bool = True) -> FoundObject:
-        """Return what is there. with_beginning: and its first piece, which is all of most. Raises StoredFileMissingError."""
-        with bucket_lacks_said(self._url, key, writes=False):
+        """Return what is there; with_beginning: and its first piece, which is all of most objects."""
+        with bucket_errors(self._url, key, writes=False):
             head: Any = {"head": True}
             found = self._get(key) if with_beginning else obstore.get(self._client, key, options=head)
             beginning = bytes(found.bytes()) if with_beginning else b""
             digest = found.attributes.get(_DIGEST)
         digest = str(digest) if digest is not None else self._digest_beside(key)
-        return FoundObject(
-            key, found.meta["size"], self._stamp_of(found.meta), str(found.meta["e_tag"]), digest, beginning
-        )
+        meta = found.meta
+        return FoundObject(key, meta["size"], self.stamp_of(meta), str(meta["e_tag"]), digest, beginning)
 
     def pieces(self, found: FoundObject) -> Iterator[bytes]:
         """Yield all bytes of an object. Raises StoredFileChangedError where somebody replaces it meanwhile."""
@@ -98,9 +100,39 @@ class BucketObjects:
             with contextlib.suppress(StoredFileChangedError):
                 return found, b"".join(self.pieces(found))
 
+    def pages(self, prefix: str, *, after: str | None = None, page: int = 1000) -> Iterator[list[Any]]:
+        """Yield descriptions of the objects below a prefix page by page, in order. after: a path to begin behind."""
+        with bucket_errors(self._url, prefix, writes=False):
+            found: Any = obstore.list(self._client, f"{prefix}/", offset=after, chunk_size=page)
+            yield from found
+
+    def names(self, prefix: str) -> set[str]:
+        """Return the names directly below a prefix."""
+        with bucket_errors(self._url, prefix, writes=False):
+            found: Any = obstore.list_with_delimiter(self._client, prefix)
+        return {Path(path).name for path in (*found["common_prefixes"], *(each["path"] for each in found["objects"]))}
+
+    def delete(self, paths: list[str]) -> None:
+        """Delete objects, of which some may be gone already."""
+        if not paths:
+            return
+        with bucket_errors(self._url, paths[0], writes=True):
+            if len(paths) > 1:
+                # Where one is gone already, some kinds of buckets stop there.
+                with contextlib.suppress(FileNotFoundError):
+                    obstore.delete(self._client, paths)
+                    return
+            for path in paths:
+                with contextlib.suppress(FileNotFoundError):
+                    obstore.delete(self._client, path)
+
+    def stamp_of(self, meta: Any) -> str:
+        """Return what the bucket compares on a conditional write."""
+        return str(meta[self._compared] or meta["e_tag"])
+
     def _piece(self, found: FoundObject, start: int) -> bytes:
         options: Any = {"range": (start, min(start + PIECE_BYTES, found.size)), "if_match": found.e_tag}
-        with bucket_lacks_said(self._url, found.key, writes=False):
+        with bucket_errors(self._url, found.key, writes=False):
             return bytes(obstore.get(self._client, found.key, options=options).bytes())
 
     def _get(self, key: str) -> Any:
@@ -110,7 +142,7 @@ class BucketObjects:
         except BaseError as error:
             if "status code: 416" not in str(error):
                 raise
-            return obstore.get(self._client, key)  # one without a single byte has no range
+            return obstore.get(self._client, key)  # an empty object has no range
 
     def _digest_beside(self, key: str) -> str | None:
         if key.endswith(DIGEST_SUFFIX):
@@ -118,6 +150,3 @@ class BucketObjects:
         with contextlib.suppress(StoredFileMissingError):
             return self.find(key + DIGEST_SUFFIX).beginning.decode("ascii").strip()
         return None
-
-    def _stamp_of(self, meta: Any) -> str:
-        return str(meta[self._compared] or meta["e_tag"])

@@ -1,6 +1,6 @@
-"""Keeps services that do not share out of each other's bucket: a note in it, which whoever runs writes anew every few seconds.
+"""Keeps services that do not share a bucket out of each other's: a note in it, which each of them renews.
 
-No clocks are compared: a note that stays as it was for as long as three renewals take was left by a process that ended without a word.
+No clocks are compared: a note that stays unchanged for as long as three renewals take was left by a killed process.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 _RENEW_S = 10.0
 _WATCH_S = 30.0
 _LOOK_S = 2.0
-_SOLE, _SHARED = "claims/sole.json", "claims/shared.json"
+_NOTE = "claim.json"
 _TOKEN_FILE = "claim"
 
 
@@ -32,10 +32,10 @@ class BucketInUseError(RuntimeError):
 
 
 class BucketClaim:
-    """Of one service, from `take` to `release`. is_shared: others that say so too may use the bucket."""
+    """Of one service, from `take` to `release`. is_shared: others with the same setting may use the bucket too."""
 
     def __init__(self, storage: BucketStorage, data_dir: Path, *, is_shared: bool) -> None:
-        """data_dir: held by this service alone, so that the note of the one before on this folder is known to be of the past."""
+        """data_dir: locked by this service, so that a note with the token in it is of this service's last run."""
         self._storage = storage
         self._is_shared = is_shared
         self._token = secrets.token_hex(8) if is_shared else _token_of(data_dir)
@@ -46,35 +46,34 @@ class BucketClaim:
         self.loss: str | None = None
 
     def take(self) -> None:
-        """Take the bucket for this service; waits for up to half a minute to learn whether another lives.
+        """Take the bucket for this service; waits for up to half a minute to learn whether another one lives.
 
         Raises BucketInUseError, and what `Storage` raises.
         """
-        for key in (_SOLE,) if self._is_shared else (_SOLE, _SHARED):
-            self._wait_until_free(key)
+        self._wait_until_free()
         self._write()
-        if not self._is_shared and (other := self._other()):
+        if other := self._other():
             raise _in_use(self._storage.url, other)  # that came at the same moment
         self._thread.start()
 
     def call_when_lost(self, end: Callable[[], None]) -> None:
-        """Name what is called, from another thread, when another service has taken the bucket while this one stood still."""
+        """Set what is called, from another thread, when another service took the bucket while this one stood still."""
         self._when_lost = end
 
     def release(self) -> None:
-        """Let the next one in at once."""
+        """Stop, and let the next service in at once."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
-        # That of those who share is of all of them.
+        # The note of services that share is of all of them.
         if not self._is_shared and self.loss is None:
             with contextlib.suppress(ServiceError):
                 if self._other() is None:
-                    self._storage.delete(_SOLE)
+                    self._storage.delete(_NOTE)
 
-    def _wait_until_free(self, key: str) -> None:
-        first = self._read(key)
-        if first is None or first["token"] == self._token:
+    def _wait_until_free(self) -> None:
+        first = self._other()
+        if first is None:
             return
         _log.warning(
             "another service has used the bucket; waiting to see whether it still does",
@@ -83,7 +82,7 @@ class BucketClaim:
         deadline = time.monotonic() + _WATCH_S
         while time.monotonic() < deadline:
             time.sleep(min(_LOOK_S, _WATCH_S / 5))
-            now = self._read(key)
+            now = self._other()
             if now is None:
                 return
             if now != first:
@@ -92,7 +91,7 @@ class BucketClaim:
     def _renew_always(self) -> None:
         while not self._stopping.wait(_RENEW_S):
             try:
-                other = None if self._is_shared else self._other()
+                other = self._other()
                 if other is None:
                     self._write()
                     continue
@@ -105,25 +104,25 @@ class BucketClaim:
             return
 
     def _other(self) -> dict[str, Any] | None:
-        found = self._read(_SOLE)
-        return found if found is not None and found["token"] != self._token else None
-
-    def _read(self, key: str) -> dict[str, Any] | None:
+        """Return the note of a service that does not share the bucket with this one, if there is one."""
         try:
-            found = json.loads(self._storage.read(key))
-            return found if isinstance(found, dict) and "token" in found else None
-        except (StorageError, ValueError):
+            found = json.loads(self._storage.read(_NOTE))
+            if found["token"] == self._token or (self._is_shared and found["is_shared"]):
+                return None
+            return dict(found)
+        except (StorageError, ValueError, KeyError, TypeError):
             return None
 
     def _write(self) -> None:
         self._num_renewals += 1
         note = {
             "token": self._token,
+            "is_shared": self._is_shared,
             "machine": socket.gethostname(),
             "process": os.getpid(),
             "renewals": self._num_renewals,
         }
-        self._storage.put(_SHARED if self._is_shared else _SOLE, json.dumps(note).encode())
+        self._storage.put(_NOTE, json.dumps(note).encode())
 
 
 def _token_of(data_dir: Path) -> str:
@@ -141,6 +140,6 @@ def _named(note: dict[str, Any]) -> str:
 
 def _in_use(url: str, note: dict[str, Any]) -> BucketInUseError:
     return BucketInUseError(
-        f"{url}: expected a bucket of its own, but {_named(note)} is using it; stop that one, set PANOLOC_STORAGE to another prefix, or "
-        "PANOLOC_SHARED for each of them"
+        f"{url}: expected a bucket of its own, but {_named(note)} is using it; stop that one, "
+        "set PANOLOC_STORAGE to another prefix, or PANOLOC_SHARED for each of them"
     )

@@ -1,108 +1,100 @@
 """Files of a bucket on the disk of this machine: a bounded cache that all its processes share.
 
-A process links what it uses into a folder of its own, which it holds by a lock that the kernel drops when it ends, in whatever way:
-others may remove what is not used, and what was left by the dead, and never pull a file away from under anybody.
+Whoever uses a copy holds a lock on it, which the kernel drops when the process ends in whatever way. Only copies that
+nobody holds are removed.
 """
 
 import contextlib
 import fcntl
 import os
-import shutil
-import threading
 import uuid
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from io import BufferedIOBase
 from pathlib import Path
 
-from service.storage_lacks import lacks_said
+from service.storage.disk import disk_errors
 
-_LOCK = "lock"
-_OWN = "in-use-"
+_UNFINISHED = "."
 
 
 class LocalCopies:
-    """Blocking; of any thread. max_bytes: of the files that nobody uses now; 0: none is kept."""
+    """Blocking; of any thread. max_bytes: of the copies that are kept; 0: none stays after its use."""
 
     def __init__(self, folder: Path, max_bytes: int) -> None:
         self._folder = folder
         self._max_bytes = max_bytes
-        self._own: Path | None = None
-        self._turn = threading.Lock()
 
-    @contextmanager
-    def use(self, name: str, suffix: str, fetch: Callable[[Path], None]) -> Iterator[Path]:
-        """Give a path that ends in `suffix`, for the duration of a block.
+    def path(self, name: str) -> Path:
+        """Return where a copy lies while it is held."""
+        return self._folder / name
 
-        name: says what is in the file. fetch: writes it to a path, where there is no copy; what it raises goes through.
+    def hold(self, name: str, fetch: Callable[[BufferedIOBase], None], *, anew: bool = False) -> BufferedIOBase:
+        """Return the open copy of a file; it stays until `release`.
+
+        name: identifies the bytes. fetch: writes them where there is no copy; its errors pass through.
+        anew: also where there is one, as it is damaged.
         """
-        path = self._own_folder() / f"{uuid.uuid4().hex}{suffix}"
-        try:
-            if not self._take(name, path):
-                with lacks_said():
-                    fetch(path)
-                self._keep(name, path)
-            yield path
-        finally:
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
+        path = self.path(name)
+        while True:
+            if not anew and (copy := _locked(path, "rb")) is not None:
+                os.utime(path)
+                return copy
+            if (copy := self._fetched(path, fetch, anew)) is not None:
+                return copy
 
-    def forget(self, name: str) -> None:
-        """Keep a copy no longer, as one that is damaged."""
+    def release(self, copy: BufferedIOBase) -> None:
+        """Close a copy, and remove the least recently used ones that are too many."""
+        copy.close()
         with contextlib.suppress(OSError):
-            (self._folder / name).unlink()
+            self._make_room()
 
-    def _take(self, name: str, path: Path) -> bool:
-        try:
-            os.link(self._folder / name, path)
-            os.utime(path)  # the copy's as well: they are one file
-        except OSError:
-            return False
-        return True
-
-    def _keep(self, name: str, path: Path) -> None:
-        with self._turn, contextlib.suppress(OSError):  # a file system without links keeps none
-            if path.stat().st_size <= self._max_bytes:
-                with contextlib.suppress(FileExistsError):
-                    os.link(path, self._folder / name)
-                self._make_room()
+    def _fetched(self, path: Path, fetch: Callable[[BufferedIOBase], None], anew: bool) -> BufferedIOBase | None:
+        """Fetch a copy and return it held; None where another process was faster, or took it for a dead one's."""
+        with disk_errors():
+            self._folder.mkdir(parents=True, exist_ok=True)
+            unfinished = self._folder / f"{_UNFINISHED}{uuid.uuid4().hex}"
+            if (copy := _locked(unfinished, "x+b")) is None:
+                return None
+            try:
+                fetch(copy)
+                copy.flush()
+                copy.seek(0)
+                if not anew:
+                    try:
+                        os.link(unfinished, path)
+                        return copy
+                    except FileExistsError:
+                        copy.close()
+                        return None
+                    except OSError:  # a file system without links
+                        pass
+                unfinished.replace(path)
+                return copy
+            except BaseException:
+                copy.close()
+                raise
+            finally:
+                unfinished.unlink(missing_ok=True)
 
     def _make_room(self) -> None:
-        """Remove the copies that were used longest ago."""
-        copies = [(path.stat(), path) for path in self._folder.iterdir() if not path.name.startswith(_OWN)]
-        num_bytes = sum(found.st_size for found, _ in copies)
-        for found, path in sorted(copies, key=lambda copy: copy[0].st_mtime_ns):
-            if num_bytes <= self._max_bytes:
-                return
-            path.unlink(missing_ok=True)
-            num_bytes -= found.st_size
+        found = [(path.stat(), path) for path in self._folder.iterdir()]
+        num_bytes = sum(stat.st_size for stat, _ in found if stat.st_size <= self._max_bytes)
+        for stat, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
+            is_too_large = stat.st_size > self._max_bytes
+            if is_too_large or num_bytes > self._max_bytes or path.name.startswith(_UNFINISHED):
+                with path.open("rb") as copy, contextlib.suppress(BlockingIOError):
+                    fcntl.flock(copy, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink(missing_ok=True)
+                    num_bytes -= 0 if is_too_large else stat.st_size
 
-    def _own_folder(self) -> Path:
-        with self._turn, lacks_said():
-            if self._own is None or not self._own.is_dir():
-                self._folder.mkdir(parents=True, exist_ok=True)
-                self._remove_those_of_the_dead()
-                self._own = self._made_own()
-            return self._own
 
-    def _made_own(self) -> Path:
-        while True:
-            own = self._folder / f"{_OWN}{os.getpid()}-{uuid.uuid4().hex}"
-            own.mkdir()
-            # Taken for one of the dead, and removed, as long as nobody holds its lock.
-            with contextlib.suppress(FileNotFoundError):
-                # Open for as long as this process lives, and not in those that it starts.
-                lock = os.open(own / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-                fcntl.flock(lock, fcntl.LOCK_EX)
-                if (own / _LOCK).exists():
-                    return own
-                os.close(lock)
-
-    def _remove_those_of_the_dead(self) -> None:
-        for folder in self._folder.glob(f"{_OWN}*"):
-            with contextlib.suppress(OSError):
-                lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    shutil.rmtree(folder, ignore_errors=True)
-                finally:
-                    os.close(lock)
+def _locked(path: Path, mode: str) -> BufferedIOBase | None:
+    """Open a file that nobody removes while it is open; None where there is none."""
+    with contextlib.suppress(FileNotFoundError):
+        # Not inherited by child processes, which would hold it after us.
+        copy: BufferedIOBase = path.open(mode)  # type: ignore[assignment]
+        fcntl.flock(copy, fcntl.LOCK_SH)
+        if os.fstat(copy.fileno()).st_nlink:
+            return copy
+        copy.close()  # removed between our opening and our locking
+    return None

@@ -1,7 +1,7 @@
-"""What every storage does: `Storage` is the seam between the service and the folder or bucket that keeps its files.
+"""What every storage does: `Storage` stands between the service and the folder or bucket that keeps its files.
 
-Every write is atomic: after a crash at any moment a key holds either the old bytes or the new ones. What was written with `put` or
-`adopt` is checked against its digest when it is read.
+Every write is atomic: after a crash at any moment a key holds either the old bytes or the new ones. What was written
+with `put` or `adopt` is checked against its digest when it is read.
 """
 
 from contextlib import AbstractContextManager
@@ -13,13 +13,13 @@ from service.errors import StoredFileDamagedError, StoredFileMissingError
 DIGEST_SUFFIX = ".sha256"
 
 Stamp = tuple[int, int, int] | str
-"""What differs after a file was replaced."""
+"""Version of a stored file: differs after the file was replaced."""
 
 
 class Storage(Protocol):
     """Keeps files by key. Blocking; safe for several threads and processes as long as one of them writes a key.
 
-    What writes or deletes raises StorageFullError, StorageReadOnlyError and StorageAwayError, what reads StorageAwayError.
+    Writes and deletes raise StorageFullError, StorageReadOnlyError and StorageAwayError, reads StorageAwayError.
     """
 
     def put(self, key: str, data: bytes) -> None:
@@ -29,30 +29,30 @@ class Storage(Protocol):
         """Take over a file (it is moved); digest: its SHA-256, hexadecimal."""
 
     def replace(self, key: str, data: bytes, over: Stamp | None = None) -> Stamp:
-        """Store bytes that bear a digest of their own over older ones, in one step, and return their stamp.
+        """Store bytes that contain a digest of their own over older ones, in one step, and return their stamp.
 
-        over: the stamp of what is to be replaced; StoredFileChangedError where something else is there, or nothing. None: whatever it is.
+        over: stamp of the bytes to replace; StoredFileChangedError where the key has others, or none. None: any.
         """
 
     def read(self, key: str) -> bytes:
         """Return the bytes. Raises StoredFileMissingError and StoredFileDamagedError."""
 
     def read_stamped(self, key: str) -> tuple[bytes, Stamp]:
-        """Return the bytes as `read` does, and the stamp of just these."""
+        """Return the bytes as `read` does, with their stamp."""
 
     def local_copy(self, key: str, *, checked: bool = True) -> AbstractContextManager[Path]:
-        """Give the path of a file with these bytes, to be read only inside the `with` block. Raises as `read` does.
+        """Give the path of a file with these bytes, to be read inside the `with` block only. Raises as `read` does.
 
-        checked: against its digest, which reads all of it.
+        checked: against its digest, which reads the whole file.
         """
 
     def names(self, prefix: str) -> list[str]:
         """Return the names directly below a prefix such as `maps`, sorted; empty when there is none."""
 
     def delete_all(self, prefix: str) -> None:
-        """Delete everything below a prefix, in one step for whoever reads; does nothing when there is nothing.
+        """Delete everything below a prefix, in one step for readers; does nothing when there is nothing.
 
-        What lies directly below a prefix says that there is something, as `map.json` and `batch.json` do, and is gone before all else.
+        Files directly below the prefix, such as `map.json` and `batch.json`, are gone before all others.
         """
 
     def delete(self, key: str) -> None:
@@ -67,7 +67,7 @@ class Storage(Protocol):
     def tidy(self, min_age_s: float = 0.0) -> None:
         """Remove what a crash has left behind; call it once, before anything is written.
 
-        min_age_s: seconds for which nobody may have written it, where other processes use the storage as well.
+        min_age_s: seconds since the last write to leftovers, where other processes use the storage as well.
         """
 
     def stamps(self, prefix: str, name: str) -> dict[str, Stamp]:
@@ -75,7 +75,7 @@ class Storage(Protocol):
 
 
 def parts_of(key: str) -> list[str]:
-    """Return the parts of a key. Raises StoredFileMissingError for what could lead elsewhere."""
+    """Return the parts of a key. Raises StoredFileMissingError for a key that could lead out of the storage."""
     parts = key.split("/")
     if any(part in ("", ".", "..") or "\0" in part or "\\" in part for part in parts):
         raise StoredFileMissingError(f"{key!r}: expected a key such as maps/map_x/map.json")
@@ -88,7 +88,7 @@ def missing(key: str) -> StoredFileMissingError:
 
 
 def check_digest(key: str, expected: str | None, found: str) -> None:
-    """Raise StoredFileDamagedError where bytes are not those that were stored. expected: None where nothing is known."""
+    """Raise StoredFileDamagedError where bytes differ from those that were stored. expected: None where unknown."""
     if expected is not None and found != expected:
         raise StoredFileDamagedError(
             f"{key}: expected the SHA-256 {expected[:12]}… noted when it was stored, got {found[:12]}…; "

@@ -1,4 +1,4 @@
-"""Whether a bucket does what the service needs of one: asked once, at the start, when an operator can still correct what is wrong."""
+"""Checks at the start whether a bucket does what the service needs, while an operator can still correct it."""
 
 import uuid
 
@@ -8,11 +8,14 @@ from service.storage.protocol import Storage
 
 
 class StorageUnusableError(RuntimeError):
-    """The storage cannot be used as it is set; the message says what to correct."""
+    """The storage cannot be used as it is configured; the message names the correction."""
 
 
 def check_at_start(storage: Storage, *, is_shared: bool) -> None:
-    """Write, list, read and delete a probe. is_shared: and replace it only as it was read. Raises StorageUnusableError; folders pass."""
+    """Write, list, read and delete a probe; folders pass. is_shared: also replace it conditionally.
+
+    Raises StorageUnusableError.
+    """
     if not isinstance(storage, BucketStorage):
         return
     prefix = f"probes/{uuid.uuid4().hex}"
@@ -38,6 +41,7 @@ def _check_that_an_old_stamp_is_refused(storage: BucketStorage, key: str, stamp:
     except StoredFileChangedError:
         return
     raise StorageUnusableError(
-        f"expected {storage.url} to refuse a write to what has changed since it was read (If-Match), as several front doors need, but it "
-        "took it; use a newer version of that storage, or one front door without PANOLOC_SHARED"
+        f"expected {storage.url} to refuse a write over what has changed since it was read (If-Match), "
+        "as several API replicas need, but it accepted the write; "
+        "use a newer version of that storage, or one API replica without PANOLOC_SHARED"
     )

@@ -7,8 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import KNOWN_FORMATS
-from service.batches.archive import UnpackedImage, UnpackLimits, unpack_images
-from service.batches.names import unique_names
+from service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
 from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
 from service.http.access import caller_of, note_change, require
@@ -26,7 +25,7 @@ from service.maps.selection import MapChoice
 from service.problems import error_responses
 from service.services import Services, services_of
 from service.settings import Settings
-from service.storage_lacks import lacks_said
+from service.storage.disk import disk_errors
 
 router = APIRouter(tags=["batches"])
 
@@ -188,7 +187,7 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
         settings.max_batch_images, settings.max_image_bytes, settings.max_image_bytes * _MAX_FULL_IMAGES
     )
     folder = await asyncio.to_thread(services.storage.spool_folder)
-    with lacks_said():
+    with disk_errors():
         images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
     if not images:
         raise ArchiveError("archive: expected images, got a zip without any; their names end in .jpg, .png or .webp")

@@ -10,6 +10,7 @@ from starlette.responses import JSONResponse, Response
 from core import options
 from core.scan.format_detection import KNOWN_FORMATS, extension_of
 from core.scan.ply.header import check_ply_file
+from core.zip_opening import unpacked_bytes
 from service.errors import InvalidOptionsError
 from service.http.access import caller_of, note_change, own_map, require
 from service.http.openapi import accepted_headers, binary_part, json_part, multipart
@@ -21,6 +22,7 @@ from service.http.upload_place import hold_upload_place
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
+from service.limits.registration_limits import MAX_COUNTED_BYTES
 from service.maps.record import MapRecord, Revision, map_document
 from service.problems import error_responses
 from service.services import Services, services_of
@@ -151,9 +153,12 @@ async def _checked_scan(form: Form, services: Services) -> SpooledFile:
 
 
 async def _store(services: Services, ref: MapRef, scan: SpooledFile, options: RegisterOptions) -> Revision:
-    key = await services.registry.adopt_scan(ref, f"scan{extension_of(scan.name)}", scan.path, scan.sha256)
+    name, unpacked = f"scan{extension_of(scan.name)}", None
+    if name.lower().endswith(".zip"):
+        unpacked = await asyncio.to_thread(unpacked_bytes, scan.path, MAX_COUNTED_BYTES)
+    key = await services.registry.adopt_scan(ref, name, scan.path, scan.sha256)
     services.metrics.note_upload(scan.num_bytes)
-    return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options)
+    return Revision(ref.revision, key, scan.name, scan.num_bytes, scan.sha256, options, unpacked)
 
 
 def _accepted(request: Request, record: MapRecord) -> Response:

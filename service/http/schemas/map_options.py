@@ -1,6 +1,7 @@
 """What a caller may say about a map."""
 
 import re
+from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, StringConstraints
@@ -11,7 +12,6 @@ from core.georeference import LONGEST_DEFINITION, coordinate_system
 from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
 from service.http.schemas.geometry import Box, Model
 from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
-from service.maps.record import options_from_json, options_to_json
 
 # No control characters: names and tags end up in logs, terminals and URLs.
 # Those of Latin-1 begin sequences too, and those of Unicode turn lines around.
@@ -66,8 +66,10 @@ class ScanOptions(Model):
 
     def over(self, former: RegisterOptions) -> RegisterOptions:
         """Return what the worker has to know when fields that are left out are as they were."""
-        given = self.model_dump(mode="json", include=self.model_fields_set)
-        return options_from_json({**options_to_json(former), **given})
+        given, names = self.to_options(), self.model_fields_set
+        scan = replace(former.scan, **{name: getattr(given.scan, name) for name in names - {"starts"}})
+        index = given.index if "starts" in names else former.index
+        return RegisterOptions(scan, replace(index, color_kind=scan.color_kind))
 
 
 class Georeference(Model):

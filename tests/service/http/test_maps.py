@@ -1,7 +1,9 @@
 """Maps over HTTP: from the upload to the deletion."""
 
 import asyncio
+import io
 import json
+import zipfile
 from collections.abc import AsyncIterator
 
 import httpx
@@ -12,6 +14,7 @@ from core.errors import ScanContentError, ScanDamagedError
 from core.options import IndexOptions, ScanOptions
 from service.errors import CacheDownError
 from service.http.schemas import Map, MapPage
+from service.limits.registration_limits import RegistrationLimits
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService
 
@@ -268,3 +271,12 @@ async def test_the_limit_of_maps_is_said_before_the_upload_is_read(running: Runn
     reply = await running.upload()
     assert reply.status_code == 409
     assert "PANOLOC_MAX_MAPS" in reply.json()["detail"]
+
+
+async def test_the_time_of_a_registration_follows_what_an_archive_unpacks_to(running: RunningService) -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("table.xyz", bytes(50_000_000))
+    map_id = (await running.upload(packed.getvalue(), "scan.zip")).json()["id"]
+    await running.settled(map_id)
+    assert [job.time_limit_s for job in running.pool.registrations] == [RegistrationLimits().seconds(50_000_000)]

@@ -35,7 +35,7 @@ def packed(*cells: tuple[int, int, int]) -> str:
 
 
 def seen(*cells: tuple[int, int, int], changed: tuple[tuple[int, int, int], ...] = ()) -> dict[str, Any]:
-    """Return what a worker says of an answer."""
+    """Return cells as a worker reports them."""
     return {"cell_m": 0.5, "seen": packed(*cells), "changed": packed(*changed)}
 
 
@@ -83,15 +83,16 @@ async def test_answers_to_a_former_scan_do_not_count(log: ChangeLog) -> None:
 async def test_an_answer_counts_for_its_lifetime(tmp_path: Path, log: ChangeLog) -> None:
     await log.note(answer(), seen((0, 0, 0)), PHOTO)
     (kept,) = (tmp_path / "changes" / "map_a").iterdir()
-    kept.rename(kept.with_name("20200101T000000000000-loc_1"))
+    kept.rename(kept.with_name("20200101T000000000000-loc_1-00.json"))
     assert (await log.document(REF, NO_OFFSET))["answers"] == []
     await log.note(answer(2), seen((0, 0, 0)), OTHER_PHOTO)
     assert len(list((tmp_path / "changes" / "map_a").iterdir())) == 1
 
 
 async def test_the_oldest_answers_make_room(log: ChangeLog, tmp_path: Path) -> None:
+    (folder := tmp_path / "changes" / "map_a").mkdir(parents=True)
     for number in range(MOST_ANSWERS + 2):
-        (tmp_path / "changes" / "map_a" / f"29990101T{number:012}-loc_{number}").mkdir(parents=True)
+        (folder / f"29990101T{number:012}-loc_{number}-{number}.json").touch()
     await log.note(answer(), seen((0, 0, 0)), PHOTO)
     assert len(list((tmp_path / "changes" / "map_a").iterdir())) == MOST_ANSWERS
 
@@ -100,7 +101,7 @@ async def test_what_cannot_be_read_leaves_the_others(log: ChangeLog, tmp_path: P
     await log.note(answer(1), seen((0, 0, 0)), PHOTO)
     await log.note(answer(2), seen((0, 0, 0)), OTHER_PHOTO)
     first, _ = sorted((tmp_path / "changes" / "map_a").iterdir())
-    (first / "changes.json").write_text("{")
+    first.write_text("{")
     assert [each["id"] for each in (await log.document(REF, NO_OFFSET))["answers"]] == ["loc_2"]
 
 

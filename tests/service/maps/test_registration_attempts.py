@@ -1,8 +1,6 @@
 """A scan that ends the service each time it is registered is given up; one that waits its turn is not."""
 
 import asyncio
-import io
-import zipfile
 from collections.abc import Coroutine
 from dataclasses import replace
 from pathlib import Path
@@ -139,27 +137,15 @@ def test_a_registration_whose_process_keeps_dying_is_tried_so_often_and_no_more(
     run(scenario())
 
 
-def test_the_time_that_a_registration_has_grows_with_its_scan(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        pool = Pool()
-        await killed(Service(tmp_path, pool))
-        limits = RegistrationLimits()
-        assert [job.time_limit_s for job in pool.jobs] == [limits.time_s + 5 * limits.time_s_per_mb]
-
-    run(scenario())
-
-
-def test_the_time_of_an_archive_follows_what_it_unpacks_to(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("unpacked_bytes", "counted_mb"), [(None, 5), (50_000_000, 50)])
+def test_the_time_of_a_registration_grows_with_its_scan_and_with_what_an_archive_unpacks_to(
+    tmp_path: Path, unpacked_bytes: int | None, counted_mb: int
+) -> None:
     async def scenario() -> None:
         service = Service(tmp_path, pool := Pool())
-        out = io.BytesIO()
-        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("table.xyz", bytes(50_000_000))
-        service.storage.put("maps/m/1/scan.zip", out.getvalue())
-        packed = replace(RECORD, newest=replace(REVISION, scan_key="maps/m/1/scan.zip", scan_bytes=len(out.getvalue())))
-        await service.registry.add(packed)
+        await service.registry.add(replace(RECORD, newest=replace(REVISION, unpacked_bytes=unpacked_bytes)))
         await killed(service)
-        (job,) = pool.jobs
-        assert job.time_limit_s == RegistrationLimits().seconds(50_000_000)
+        limits = RegistrationLimits()
+        assert [job.time_limit_s for job in pool.jobs] == [limits.time_s + counted_mb * limits.time_s_per_mb]
 
     run(scenario())

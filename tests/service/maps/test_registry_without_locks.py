@@ -12,15 +12,15 @@ from service.errors import CacheDownError, MapNotFoundError, VersionConflictErro
 from service.jobs import MapRef, RegisterOptions
 from service.maps.record import MapRecord, Revision
 from service.maps.registry import MapRegistry
-from service.sharing.folder_locks import OwnFolderLocks
+from service.sharing.locks import OwnLocks
 from service.storage.bucket import BucketStorage
 from tests.service.storage.bucket_server import BucketServer
 
 REF = MapRef("map_0123456789abcdef", 1)
 
 
-class NoLocks(OwnFolderLocks):
-    """Exclude nobody, as leases do that have run out."""
+class NoLocks(OwnLocks):
+    """Exclude nobody, like expired leases."""
 
     is_shared = True
     sure = True

@@ -26,14 +26,14 @@ class BucketServer:
 
     def __init__(self, port: int = 0) -> None:
         """port: 0 for a free one."""
-        with tempfile.TemporaryFile("w+b") as said:
+        with tempfile.TemporaryFile("w+b") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)],
                 stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
+                stdout=log,
+                stderr=log,
             )
-            self.port = self._port_in(said)
+            self.port = self._port_in(log)
         self.endpoint = f"http://127.0.0.1:{self.port}"
         self._ask(f"/{BUCKET}", "PUT")
 
@@ -53,16 +53,16 @@ class BucketServer:
         return BucketStorage(f"s3://{BUCKET}/{prefix}", access)
 
     def client(self, prefix: str = "panoloc") -> ObjectStore:
-        """Return what looks into the bucket, and changes what is in it, beside the storage."""
+        """Return a client of the bucket that bypasses the storage."""
         return open_client(f"s3://{BUCKET}/{prefix}", self.variables)
 
     def overwrite(self, prefix: str, key: str, data: bytes) -> None:
-        """Put other bytes into an object and leave what is said about them as it is, as a fault of a disk would."""
+        """Put other bytes into an object and keep its metadata, as a fault of a disk would."""
         attributes = obstore.get(self.client(prefix), key).attributes
         obstore.put(self.client(prefix), key, data, attributes=attributes)
 
     def refuse_strangers(self, refuse: bool = True) -> None:
-        """Let nobody in whose key is unknown, which is everybody; or everybody."""
+        """Refuse unknown keys, which all are; or accept all again."""
         self._ask("/moto-api/reset-auth", "POST", json.dumps(0 if refuse else 10**9).encode())
 
     def pause(self) -> None:
@@ -83,11 +83,11 @@ class BucketServer:
         request = urllib.request.Request(self.endpoint + path, data, headers, method=method)
         urllib.request.urlopen(request, timeout=30).close()
 
-    def _port_in(self, said: IO[bytes]) -> int:
+    def _port_in(self, log: IO[bytes]) -> int:
         """Wait for the line that names the port: another server may have one that was free a moment ago."""
         deadline = time.monotonic() + 200
         while True:
-            text = os.pread(said.fileno(), 65536, 0).decode(errors="replace")
+            text = os.pread(log.fileno(), 65536, 0).decode(errors="replace")
             if found := re.search(r"Running on http://127\.0\.0\.1:(\d+)", text):
                 return int(found[1])
             is_over = self._process.poll() is not None or time.monotonic() > deadline

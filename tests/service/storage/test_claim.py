@@ -12,7 +12,8 @@ from service.storage.claim import BucketClaim, BucketInUseError
 from tests.service.storage.bucket_server import BucketServer
 
 # Long enough for a busy machine to renew in.
-RENEW_S, WATCH_S = 0.1, 6.0
+RENEW_S, WATCH_S = 0.1, 3.0
+OF_ANOTHER = b'{"token": "of another", "is_shared": false, "machine": "m", "process": 7}'
 Claims = Callable[..., BucketClaim]
 
 
@@ -20,7 +21,7 @@ Claims = Callable[..., BucketClaim]
 def claim(
     bucket_server: BucketServer, prefix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Claims]:
-    """Return what makes the claim of a service on a machine of its own."""
+    """Return a function that makes the claim of a service on a machine of its own."""
     monkeypatch.setattr("service.storage.claim._RENEW_S", RENEW_S)
     monkeypatch.setattr("service.storage.claim._WATCH_S", WATCH_S)
     made = []
@@ -36,7 +37,7 @@ def claim(
         each.release()
 
 
-def ends_without_a_word(claim: BucketClaim) -> None:
+def kill(claim: BucketClaim) -> None:
     claim._stopping.set()
     claim._thread.join()
 
@@ -69,29 +70,30 @@ def test_one_that_was_killed_keeps_others_out_for_a_while_and_itself_not_at_all(
 ) -> None:
     one = claim("one")
     one.take()
-    ends_without_a_word(one)
+    kill(one)
     began = time.monotonic()
     again = claim("one")
     again.take()
     assert time.monotonic() - began < WATCH_S / 2
-    ends_without_a_word(again)
+    kill(again)
     monkeypatch.setattr("service.storage.claim._WATCH_S", 1.0)
     began = time.monotonic()
     claim("two").take()
     assert time.monotonic() - began >= 1.0
 
 
+@pytest.mark.parametrize("is_shared", [False, True])
 def test_one_that_stood_still_learns_that_another_has_the_bucket_and_leaves_it(
-    claim: Claims, bucket: BucketStorage
+    claim: Claims, bucket: BucketStorage, is_shared: bool
 ) -> None:
-    one, lost = claim("one"), threading.Event()
+    one, lost = claim("one", is_shared), threading.Event()
     one.call_when_lost(lost.set)
     one.take()
-    bucket.put("claims/sole.json", b'{"token": "of another", "machine": "m", "process": 7}')
+    bucket.put("claim.json", OF_ANOTHER)
     assert lost.wait(10)
     assert one.loss == "the service with process id 7 on m has taken the bucket"
     one.release()
-    assert b"of another" in bucket.read("claims/sole.json")
+    assert b"of another" in bucket.read("claim.json")
 
 
 def test_one_that_stops_before_it_learns_that_leaves_the_other_alone(
@@ -100,13 +102,13 @@ def test_one_that_stops_before_it_learns_that_leaves_the_other_alone(
     one = claim("one")
     monkeypatch.setattr("service.storage.claim._RENEW_S", 1000.0)
     one.take()
-    bucket.put("claims/sole.json", b'{"token": "of another", "machine": "m", "process": 7}')
+    bucket.put("claim.json", OF_ANOTHER)
     one.release()
     assert one.loss is None
-    assert b"of another" in bucket.read("claims/sole.json")
+    assert b"of another" in bucket.read("claim.json")
 
 
 @pytest.mark.parametrize("note", [b"", b"[]", b"{}"])
 def test_a_note_that_cannot_be_read_keeps_nobody_out(claim: Claims, bucket: BucketStorage, note: bytes) -> None:
-    bucket.put("claims/sole.json", note)
+    bucket.put("claim.json", note)
     claim("one").take()

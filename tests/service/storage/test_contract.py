@@ -12,7 +12,7 @@ from tests.service.storage.bucket_server import BucketServer
 
 
 class Place:
-    """A storage, and what lies under its keys as nobody of ours sees it."""
+    """A storage, and access to its files that bypasses it."""
 
     def __init__(self, kind: str, folder: Path, server: BucketServer, prefix: str) -> None:
         self._folder, self._server, self._prefix = folder, server, prefix
@@ -20,7 +20,7 @@ class Place:
         self.storage: Storage = FolderStorage(folder) if kind == "folder" else server.storage(folder, prefix)
 
     def damage(self, key: str, data: bytes) -> None:
-        """Change bytes behind the storage's back."""
+        """Change stored bytes without the storage."""
         if self._kind == "folder":
             (self._folder / key).write_bytes(data)
         else:
@@ -74,7 +74,7 @@ def test_an_upload_is_moved_in_with_its_digest(storage: Storage) -> None:
 
 @pytest.mark.parametrize("way", ["read", "local_copy"])
 @pytest.mark.parametrize("written", ["put", "adopt"])
-def test_a_file_that_was_changed_behind_our_back_is_not_used(place: Place, way: str, written: str) -> None:
+def test_a_file_that_was_changed_by_hand_is_not_used(place: Place, way: str, written: str) -> None:
     if written == "put":
         place.storage.put("maps/m/1/scan.ply", b"a scan")
     else:
@@ -87,7 +87,7 @@ def test_a_file_that_was_changed_behind_our_back_is_not_used(place: Place, way: 
 
 
 @pytest.mark.parametrize("way", ["read", "local_copy", "read_stamped"])
-def test_a_file_that_is_not_there_is_said_to_be_missing(storage: Storage, way: str) -> None:
+def test_a_file_that_is_not_there_is_missing(storage: Storage, way: str) -> None:
     with pytest.raises(StoredFileMissingError, match="maps/none"):
         copied(storage, "maps/none") if way == "local_copy" else getattr(storage, way)("maps/none")
 
@@ -166,7 +166,7 @@ def test_a_key_never_leads_elsewhere(storage: Storage, key: str) -> None:
         copied(storage, key)
 
 
-def test_what_can_be_written_is_said_to_be(storage: Storage) -> None:
+def test_a_storage_that_can_be_written_passes_the_check(storage: Storage) -> None:
     storage.check_writable()
     storage.check_writable()
     assert list(storage.spool_folder().iterdir()) == []

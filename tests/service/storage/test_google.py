@@ -1,4 +1,4 @@
-"""What is said to Google's storage where that differs from S3: a write over a version names the generation."""
+"""Requests to Google's storage where they differ from S3: a write over a version names the generation."""
 
 import json
 import threading
@@ -45,7 +45,7 @@ class _Google(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *arguments: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What a bucket says that does not serve, told as what a caller can do about it."""
+"""Errors of a bucket translated into what a caller can do about them."""
 
 import re
 from collections.abc import Iterator
@@ -29,24 +29,16 @@ _NO_BUCKET = re.compile(r"NoSuchBucket|ContainerNotFound|The specified bucket do
 
 
 @contextmanager
-def bucket_lacks_said(url: str, key: str, *, writes: bool) -> Iterator[None]:
+def bucket_errors(url: str, key: str, *, writes: bool) -> Iterator[None]:
     """Raise what `Storage` promises in place of what obstore raises."""
     try:
         yield
     except (FileNotFoundError, BaseError) as error:
-        raise _told(url, key, error, writes) from error
+        raise _translated(url, key, error, writes) from error
 
 
-def reason_of(error: Exception) -> str:
-    """Return in one line what a bucket said."""
-    text = str(error)
-    code = _CODE.search(text)
-    first = text.splitlines()[0][:_LONGEST_REASON] if text else type(error).__name__
-    return f"{code[1] or code[2]} ({first})" if code else first
-
-
-def _told(url: str, key: str, error: Exception, writes: bool) -> ServiceError:
-    text, reason = str(error), reason_of(error)
+def _translated(url: str, key: str, error: Exception, writes: bool) -> ServiceError:
+    text, reason = str(error), _reason_of(error)
     if _NO_BUCKET.search(text):
         return StorageAwayError(
             f"expected a bucket at {url}, got {reason}; let the operator create it or correct PANOLOC_STORAGE",
@@ -61,13 +53,21 @@ def _told(url: str, key: str, error: Exception, writes: bool) -> ServiceError:
             f"expected room in the bucket {url}, got {reason}; ask the operator for space", _RETRY_AFTER_S
         )
     if isinstance(error, PermissionDeniedError | UnauthenticatedError):
-        kind = StorageReadOnlyError if writes else StorageAwayError
-        verb = "written" if writes else "read"
+        kind, verb = (StorageReadOnlyError, "written") if writes else (StorageAwayError, "read")
         return kind(
             f"expected a bucket {url} that can be {verb}, got {reason}; let the operator check the key and its rights",
             _RETRY_AFTER_S,
         )
     return StorageAwayError(
-        f"expected an answer from the bucket {url}, got {reason}; try again, or let the operator check the endpoint and the network",
+        f"expected an answer from the bucket {url}, got {reason}; "
+        "try again, or let the operator check the endpoint and the network",
         _RETRY_AFTER_S,
     )
+
+
+def _reason_of(error: Exception) -> str:
+    """Return in one line what a bucket answered."""
+    text = str(error)
+    code = _CODE.search(text)
+    first = text.splitlines()[0][:_LONGEST_REASON] if text else type(error).__name__
+    return f"{code[1] or code[2]} ({first})" if code else first

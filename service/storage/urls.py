@@ -1,11 +1,8 @@
-"""From a URL to the storage behind it, and what a bucket needs besides its URL."""
+"""URLs of storages, and what a bucket needs besides its URL."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-
-from service.storage.folder import FolderStorage
-from service.storage.protocol import Storage
 
 # What the variables of each kind of bucket begin with; obstore knows them by these names.
 _VARIABLES = {"s3": "AWS_", "gs": "GOOGLE_", "az": "AZURE_"}
@@ -14,10 +11,10 @@ BUCKET_SCHEMES = tuple(_VARIABLES)
 
 @dataclass(frozen=True)
 class BucketAccess:
-    """What travels to every process that uses a bucket, also to other machines.
+    """What every process that uses a bucket gets, also on other machines.
 
-    local_folder: for uploads under way and local copies, made where there is none. copies_bytes: of local copies that are kept.
-    variables: those of the environment that say where the bucket is and who we are; secrets are among them.
+    local_folder: for uploads under way and local copies, created on demand. copies_bytes: limit of the local copies.
+    variables: those of the environment that name the endpoint and the credentials; they contain secrets.
     """
 
     local_folder: str
@@ -25,21 +22,8 @@ class BucketAccess:
     variables: Mapping[str, str] = field(default_factory=dict, repr=False)
 
 
-def open_storage(url: str, access: BucketAccess | None = None) -> Storage:
-    """Return the storage behind a path or a URL. access: of a bucket. Raises ValueError for what is neither."""
-    scheme, _ = split_url(url)
-    if scheme not in BUCKET_SCHEMES:
-        return FolderStorage(folder_of(url))
-    if access is None:
-        raise ValueError(f"storage {url}: expected a folder for uploads and local copies with a bucket, got none")
-    # Only here: workers and commands with a folder load nothing of it.
-    from service.storage.bucket import BucketStorage
-
-    return BucketStorage(url, access)
-
-
 def split_url(url: str) -> tuple[str, str]:
-    """Return the scheme, "" for a path, and the rest. Raises ValueError for a scheme that is not known, and for a bucket without name."""
+    """Return the scheme, "" for a path, and the rest. Raises ValueError for an unknown scheme or a missing bucket."""
     scheme, separator, rest = url.partition("://")
     if not separator:
         return "", url
@@ -67,5 +51,5 @@ def variables_of(url: str, environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def variables_of_buckets(environment: Mapping[str, str]) -> list[str]:
-    """Return the names of the variables that could open a bucket, of whatever kind."""
+    """Return the names of the variables that could open a bucket of any kind."""
     return [name for name in environment if name.startswith(tuple(_VARIABLES.values()))]
