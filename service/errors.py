@@ -6,7 +6,7 @@
     │   ├── SlowBodyError             the body comes too slowly
     │   ├── KeyMissingError           no key, or an unknown one
     │   ├── ScopeMissingError         the key may not do this
-    │   ├── ForeignPageError          a page of somebody else made a browser ask
+    │   ├── HostCheckError            the page of another site made a browser ask
     │   ├── MapNotFoundError          no map under this id or tag
     │   ├── LocalizationNotFoundError no localization under this id, or its time is over
     │   ├── NoPoseError               the image fits no place of which its protocol has a pose
@@ -74,8 +74,8 @@ class ScopeMissingError(RequestError):
     """The API key may not do this."""
 
 
-class ForeignPageError(RequestError):
-    """A page of somebody else made a browser ask."""
+class HostCheckError(RequestError):
+    """The page of another site made a browser ask, or the request names a host that is not ours."""
 
 
 class MapNotFoundError(RequestError):

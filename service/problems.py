@@ -69,8 +69,8 @@ PROBLEMS: dict[type[Exception], Problem] = {
     service.ScopeMissingError: Problem(
         "scope-missing", "The API key or token may not do this", 403, "Use one with the scope named."
     ),
-    service.ForeignPageError: Problem(
-        "foreign-page", "The request comes by way of somebody else's page", 403, "Use an address or an allowed name."
+    service.HostCheckError: Problem(
+        "foreign-page", "The request comes from the page of another site", 403, "Use an address or an allowed name."
     ),
     service.MapNotFoundError: Problem("map-not-found", "There is no such map", 404, "List the maps with GET /maps."),
     service.LocalizationNotFoundError: Problem(
@@ -200,12 +200,8 @@ HTTP_PROBLEMS: dict[int, Problem] = {
     400: _MALFORMED,
     404: Problem("no-such-path", "There is nothing at this path", 404, "See /docs for the paths."),
     405: Problem("method-not-allowed", "The path does not know this method", 405, "See Allow, or /docs."),
-    408: Problem("slow-request", "The request comes too slowly", 408, "Send it at once."),
     431: Problem("head-too-large", "The path and headers are too large", 431, "Send what is large in the body."),
     500: _INTERNAL,
-    503: Problem(
-        "too-many-connections", "There are as many connections as may be", 503, "Use fewer, or try again later."
-    ),
 }
 
 

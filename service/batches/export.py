@@ -152,7 +152,7 @@ async def _run(module: str, *arguments: str, time_s: float) -> None:
         process.kill()
         await process.wait()
         raise ExportFailedError(
-            f"expected an export within {time_s:g} s (PANOLOC_EXPORT_TIME_S), got none; export fewer photos, or let the operator allow more"
+            f"expected an export within {time_s:g} s, got none; export fewer photos"
         ) from error
     except BaseException:
         with contextlib.suppress(ProcessLookupError):

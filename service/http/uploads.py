@@ -17,7 +17,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
 from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile, too_large, too_large_together
-from service.limits.bytes_in_flight import HeldBytes
+from service.limits.capacity import Held
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -79,7 +79,7 @@ async def read_form(
     headers: Mapping[str, str],
     rules: Mapping[str, PartRule],
     spool_folder: Path | None = None,
-    held: HeldBytes | None = None,
+    held: Held | None = None,
     max_parts: int = MAX_PARTS,
 ) -> Form:
     """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in memory. max_parts:
@@ -116,7 +116,7 @@ class _FormReader:
         boundary: bytes,
         rules: Mapping[str, PartRule],
         spool_folder: Path | None,
-        held: HeldBytes | None,
+        held: Held | None,
         max_parts: int,
     ) -> None:
         self._rules = rules

@@ -14,7 +14,7 @@ from redis.asyncio import ConnectionPool
 from redis.exceptions import RedisError
 
 from service.errors import RateError
-from service.limits.connection_limits import Refusal
+from service.limits.capacity import Refusal
 
 _T = TypeVar("_T")
 

@@ -11,13 +11,12 @@ from service.batches.archive import UnpackedImage, UnpackLimits, unpack_images
 from service.batches.names import unique_names
 from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
-from service.http.access import caller_of, note_change, require
+from service.http.access import caller_of, hold_upload_place, note_change, require
 from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
 from service.http.routes.batches import batch_document, batch_overview
 from service.http.routes.localize import checked_options
 from service.http.schemas.batches import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE, Batch, BatchOptions, BatchPage
 from service.http.spool import PartRule
-from service.http.upload_place import hold_upload_place
 from service.http.uploads import MAX_PARTS, Form, read_form
 from service.http.validation import parse_json
 from service.jobs import new_id, now

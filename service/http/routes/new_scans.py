@@ -11,13 +11,12 @@ from core import options
 from core.scan.format_detection import KNOWN_FORMATS, extension_of
 from core.scan.ply.header import check_ply_file
 from service.errors import InvalidOptionsError
-from service.http.access import caller_of, note_change, own_map, require
+from service.http.access import caller_of, hold_upload_place, note_change, own_map, require
 from service.http.openapi import accepted_headers, binary_part, json_part, multipart
 from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledFile
-from service.http.upload_place import hold_upload_place
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
