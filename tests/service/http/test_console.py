@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.http.routes import console
+from service.http.routes import pages
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
@@ -19,7 +19,7 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "index.html").write_text("<!doctype html><script src=./console/index-1a2b.js></script>")
     (folder / "console" / "index-1a2b.js").write_text("void 0")
     (folder / ".sources").write_text("0123")
-    monkeypatch.setattr(console, "BUILT", folder)
+    monkeypatch.setattr(pages, "BUILT", folder)
     return folder
 
 
@@ -49,7 +49,7 @@ async def test_browsers_that_look_for_an_icon_by_themselves_find_the_mark(
     (built / "console" / "mark-3c4d.svg").write_text("<svg/>")
     found = await running.client.get("/favicon.ico")
     assert (found.status_code, found.text, found.headers["content-type"]) == (200, "<svg/>", "image/svg+xml")
-    monkeypatch.setattr(console, "BUILT", built / "none")
+    monkeypatch.setattr(pages, "BUILT", built / "none")
     assert (await running.client.get("/favicon.ico")).status_code == 204
 
 
@@ -62,7 +62,7 @@ async def test_nothing_else_of_the_folder_is_served(running: RunningService, bui
 async def test_without_a_console_the_page_says_how_to_build_it(
     running: RunningService, built: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(console, "BUILT", built / "none")
+    monkeypatch.setattr(pages, "BUILT", built / "none")
     page = await running.client.get("/")
     assert page.status_code == 200
     assert "scripts/install" in page.text

@@ -139,8 +139,6 @@ async def test_with_keys_set_what_tells_of_the_service_asks_for_one(
     async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
         assert (await running.client.get(path)).status_code == 401
         assert (await running.client.get(path, headers=key)).status_code == 200
-    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read", open_pages=True) as running:
-        assert (await running.client.get(path)).status_code == 200
 
 
 async def test_a_probe_without_a_key_learns_one_word(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
