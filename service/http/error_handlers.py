@@ -11,7 +11,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Match
 
 from service.errors import EXPECTED_ERRORS, KeyMissingError, MapNotReadyError, TryAgainError, WorkerError
-from service.http.validation import mistakes_error
+from service.http.validation import validation_error
 from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with, problem_document, problem_of
 
 _METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
@@ -62,7 +62,7 @@ async def _expected_error(request: Request, error: Exception) -> Response:
 
 
 async def _validation_error(request: Request, error: RequestValidationError) -> Response:
-    return problem_response(mistakes_error(error.errors(), skip=1), request.state.request_id)
+    return problem_response(validation_error(error.errors(), skip=1), request.state.request_id)
 
 
 async def _http_exception(request: Request, error: HTTPException) -> Response:

@@ -225,7 +225,7 @@ def _first_of(cursor: str | None) -> int:
     if cursor.isascii() and cursor.isdigit():
         return int(cursor)
     message = f"expected the next_cursor of an earlier page, got {cursor!r}; begin again without a cursor"
-    raise InvalidOptionsError(f"cursor: {message}", [{"field": "cursor", "message": message}])
+    raise InvalidOptionsError.of("cursor", message)
 
 
 async def _blocks(file: BinaryIO) -> AsyncIterator[bytes]:

@@ -139,7 +139,7 @@ def _wanted_version(if_match: str | None) -> int | None:
     if version.isascii() and version.isdigit():
         return int(version)
     message = f"expected the ETag of a map, or *, got {if_match!r}; GET /maps/{{id}} has it"
-    raise InvalidOptionsError(f"If-Match: {message}", [{"field": "If-Match", "message": message}])
+    raise InvalidOptionsError.of("If-Match", message)
 
 
 async def documents(services: Services, records: Sequence[MapRecord]) -> list[dict[str, Any]]:

@@ -176,10 +176,8 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
     images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files_of("image")]
     if bool(images) == bool(archives):
         got = "both" if images else "neither"
-        message = (
-            f"expected either images in parts of this name or a zip as archive, got {got}; send -F image=@photo.jpg"
-        )
-        raise InvalidOptionsError(f"image: {message}", [{"field": "image", "message": message}])
+        message = f"expected either images in parts of this name or a zip as archive, got {got}"
+        raise InvalidOptionsError.of("image", f"{message}; send -F image=@photo.jpg")
     if not archives:
         return images, []
     settings = services.settings

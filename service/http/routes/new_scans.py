@@ -140,8 +140,9 @@ async def _read(request: Request, services: Services) -> Form:
 
 async def _checked_scan(form: Form, services: Services) -> SpooledFile:
     if form.scan is None:
-        message = "expected the scan in a part of this name, got none; send -F file=@scan.ply"
-        raise InvalidOptionsError(f"file: {message}", [{"field": "file", "message": message}])
+        raise InvalidOptionsError.of(
+            "file", "expected the scan in a part of this name, got none; send -F file=@scan.ply"
+        )
     with limited_by("PANOLOC_MAX_POINTS"):
         await asyncio.to_thread(
             check_ply_file, form.scan.path, options.ScanOptions(max_points=services.settings.max_points)

@@ -84,7 +84,9 @@ def test_the_refusal_of_a_large_head_says_what_to_do_and_counts_each_request_alo
 
 
 @pytest.mark.parametrize(
-    "sent", [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", b"GET /he alth HTTP/1.1\r\n\r\n"], ids=["tls", "path"]
+    "sent",
+    [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", b"GET /he alth HTTP/1.1\r\n\r\n"],
+    ids=["tls", "path"],
 )
 def test_what_is_no_http_is_refused_and_others_are_served(
     tmp_path: Path, redis_server: EmbeddedRedis, sent: bytes

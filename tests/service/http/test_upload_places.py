@@ -29,9 +29,7 @@ async def upload(running: RunningService, may_go_on: asyncio.Event, has_begun: a
     return await running.client.post("/maps", content=held_body(may_go_on, has_begun), headers=headers)
 
 
-@pytest.mark.parametrize(
-    ("limit", "whose"), [("_UPLOADS", "of all callers"), ("_UPLOADS_OF_CALLER", "of one caller")]
-)
+@pytest.mark.parametrize(("limit", "whose"), [("_UPLOADS", "of all callers"), ("_UPLOADS_OF_CALLER", "of one caller")])
 async def test_one_upload_too_many_is_refused_until_another_is_done(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, limit: str, whose: str
 ) -> None:
