@@ -10,9 +10,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Match
 
-from service.errors import EXPECTED_ERRORS, KeyMissingError, MapNotReadyError, TryAgainError, WorkerError
+from service.errors import EXPECTED_ERRORS, KeyMissingError, MapNotReadyError, Problem, TryAgainError, WorkerError
 from service.http.validation import validation_error
-from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with, problem_document, problem_of
+from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, document_with, problem_document, problem_of
 
 _METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _log = structlog.get_logger(__name__)

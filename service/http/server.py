@@ -30,7 +30,7 @@ _ONE_SIGNAL_S = 0.1
 
 def server_config(app: Any, **settings: Any) -> uvicorn.Config:
     """Return uvicorn's configuration with our limits; settings: others of uvicorn."""
-    limits = {
+    limits: dict[str, Any] = {
         # httptools would collect headers without limit.
         "http": "h11",
         "h11_max_incomplete_event_size": _MOST_UNPARSED_BYTES,

@@ -80,28 +80,29 @@ class Tokens:
         )
 
     def _decoded(self, token: str, key: jwt.PyJWK) -> dict[str, Any]:
-        rules = self.rules
         try:
             return jwt.decode(
                 token,
                 key,
                 algorithms=[key.algorithm_name],
-                issuer=rules.issuer,
-                audience=rules.audience,
+                issuer=self.rules.issuer,
+                audience=self.rules.audience,
                 leeway=_LEEWAY_S,
                 options={"require": _CLAIMS},
             )
         except jwt.InvalidSignatureError:
             raise
-        except jwt.ExpiredSignatureError as error:
-            reason, cause = "that is still valid, got one that has expired; ask for a new one", error
-        except jwt.InvalidAudienceError as error:
-            reason, cause = f"for the audience {rules.audience!r}, got one for others", error
-        except jwt.InvalidIssuerError as error:
-            reason, cause = f"of the issuer {rules.issuer!r}, got one of another", error
         except jwt.PyJWTError as error:
-            reason, cause = f"that is valid now and has the claims {_CLAIMS}, but {error}", error
-        raise TokenRefusedError(f"expected a token {reason}", is_genuine=True) from cause
+            raise TokenRefusedError(f"expected a token {self._reason(error)}", is_genuine=True) from error
+
+    def _reason(self, error: jwt.PyJWTError) -> str:
+        if isinstance(error, jwt.ExpiredSignatureError):
+            return "that is still valid, got one that has expired; ask for a new one"
+        if isinstance(error, jwt.InvalidAudienceError):
+            return f"for the audience {self.rules.audience!r}, got one for others"
+        if isinstance(error, jwt.InvalidIssuerError):
+            return f"of the issuer {self.rules.issuer!r}, got one of another"
+        return f"that is valid now and has the claims {_CLAIMS}, but {error}"
 
 
 def _claim(claims: Mapping[str, Any], name: str) -> Any:

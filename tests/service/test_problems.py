@@ -6,7 +6,7 @@ import pytest
 
 import core.errors
 import service.errors
-from core.errors import PanoramaShapeError, PanoramaUnusableError
+from core.errors import CoreError, PanoramaShapeError, PanoramaUnusableError
 from service.errors import InvalidOptionsError, QueueFullError, WorkerError
 from service.problems import CORE_PROBLEMS, error_responses, known_problems, problem_document, problem_of
 
@@ -55,7 +55,7 @@ def test_an_exception_of_core_is_a_problem_of_the_caller_and_a_fault_of_a_worker
 
 
 @pytest.mark.parametrize("kind", OF_UPLOADS, ids=lambda kind: kind.__name__)
-def test_a_problem_of_an_upload_names_the_upload(kind: type[Exception]) -> None:
+def test_a_problem_of_an_upload_names_the_upload(kind: type[CoreError]) -> None:
     part = "mask" if "Mask" in kind.__name__ else "image"
     problem = CORE_PROBLEMS[kind]
     assert part in problem.title
@@ -68,7 +68,7 @@ def test_a_mask_gets_the_status_that_a_panorama_would_get() -> None:
     masks = [kind for kind in OF_UPLOADS if "Mask" in kind.__name__]
     assert len(masks) == 4
     for kind in masks:
-        assert CORE_PROBLEMS[kind].status == CORE_PROBLEMS[kind.__bases__[0]].status
+        assert problem_of(kind_of(kind)).status == problem_of(kind_of(kind.__bases__[0])).status
 
 
 def test_a_document_bears_message_and_request_id() -> None:

@@ -142,20 +142,24 @@ def test_the_rest_of_a_refused_body_may_not_drip_for_ever(
                 connection.send(b"a")
 
 
+def query(url: str) -> httpx.Response:
+    image = {"image": ("a.png", b"a" * 2_000_000)}
+    return httpx.post(f"{url}/localize", files=image, data={"map_id": "m"}, timeout=60)
+
+
 def test_half_open_uploads_hold_no_more_memory_than_allowed(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(capacity, "_LARGEST_IMAGES_OF_CALLER", 1)
     with listening(tmp_path, redis_server.url, max_image_bytes=3_000_000) as url:
         with connected(url, half_a_query(2_000_000)):
-            query = {"files": {"image": ("a.png", b"a" * 2_000_000)}, "data": {"map_id": "m"}, "timeout": 60}
-            assert eventually(lambda: httpx.post(f"{url}/localize", **query).status_code == 503)
-            refused = httpx.post(f"{url}/localize", **query)
+            assert eventually(lambda: query(url).status_code == 503)
+            refused = query(url)
             assert refused.json()["type"] == "/problems/bytes-in-flight"
             assert "PANOLOC_MAX_IMAGE_BYTES" in refused.json()["detail"]
         assert refusals(url, "bytes-in-flight") >= 2
         # What was held is free as soon as the service has seen that the first client has gone.
-        assert eventually(lambda: httpx.post(f"{url}/localize", **query).status_code == 415)
+        assert eventually(lambda: query(url).status_code == 415)
 
 
 def test_a_caller_who_does_not_read_is_cut_off(
