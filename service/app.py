@@ -64,8 +64,8 @@ def create_app(
     app.add_middleware(
         HostCheck, allowed=host_names(settings.allowed_hosts), is_needed=lambda: not settings.keys.required
     )
-    app.add_middleware(SlowClients, note_refusal=services.metrics.note_refusal)
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)
+    app.add_middleware(SlowClients, note_refusal=services.metrics.note_refusal)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)

@@ -34,10 +34,12 @@ class SlowClients:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request; reading a body that comes too slowly raises SlowBodyError."""
-        if scope["type"] == "http":
-            exchange = _Exchange(Headers(scope=scope), receive, send, self._note_refusal)
-            receive, send = exchange.receive, exchange.send
-        await self._app(scope, receive, send)
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        exchange = _Exchange(Headers(scope=scope), receive, send, self._note_refusal)
+        await self._app(scope, exchange.receive, exchange.send)
+        await exchange.finish()
 
 
 class _Pace:
@@ -64,7 +66,7 @@ class _Exchange:
         declared = "" if "transfer-encoding" in headers else headers.get("content-length", "0")
         self._is_read = declared == "0"
         self._closes = not declared.isdigit() or int(declared) > _MOST_UNREAD_BYTES
-        self._is_gone = False
+        self._is_complete = self._is_gone = False
 
     async def receive(self) -> Message:
         try:
@@ -84,13 +86,10 @@ class _Exchange:
                 MutableHeaders(scope=message)["Connection"] = "close"
             await self._write(message)
             return
-        body, is_last = message.get("body", b""), not message.get("more_body", False)
+        body = message.get("body", b"")
         for at in range(0, len(body), _PIECE_BYTES):
             await self._write({**message, "body": body[at : at + _PIECE_BYTES], "more_body": True})
-        if is_last and not self._is_read:
-            await self._discard_rest()
-        if is_last:
-            await self._write({"type": "http.response.body", "body": b"", "more_body": False})
+        self._is_complete = not message.get("more_body", False)
 
     async def _next(self) -> Message:
         message = await self._receive()
@@ -109,7 +108,9 @@ class _Exchange:
             self._note_refusal("slow-reader")
         self._sent.num_bytes += len(message.get("body", b""))
 
-    async def _discard_rest(self) -> None:
+    async def finish(self) -> None:
+        if not self._is_complete:
+            return
         most = self._received.num_bytes + _MOST_LINGER_BYTES
         try:
             async with asyncio.timeout(_LINGER_S if self._closes else TIMEOUT_S):
@@ -117,3 +118,4 @@ class _Exchange:
                     await self._next()
         except TimeoutError:
             self._is_gone = not self._closes
+        await self._write({"type": "http.response.body", "body": b"", "more_body": False})

@@ -75,7 +75,7 @@ def test_no_more_than_so_many_bytes_are_discarded(monkeypatch: pytest.MonkeyPatc
 def test_a_caller_is_not_waited_for_longer_than_a_moment(caller: Caller, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(slow_clients, "_LINGER_S", 0.05)
     answer(caller)
-    assert 1 <= caller.num_taken < 20
+    assert caller.num_taken < 20
     assert (caller.body, caller.is_answered) == (b"too large", True)
 
 
