@@ -20,6 +20,8 @@ _KEEP_ALIVE_S = 75
 _MOST_CONNECTIONS = 1024
 # Of a request line and headers that have not ended yet. uvicorn answers 400 beyond it.
 _MOST_UNPARSED_BYTES = 64 * 1024
+# From the start of a connection or request to the end of its headers; uvicorn has no such limit.
+_HEAD_TIMEOUT_S = 10.0
 # The kernel resets a connection whose client reads nothing, and acknowledges nothing, for so long.
 _SEND_TIMEOUT_S = 30
 # Finished answers leave within this time; a client that does not read does not delay the end.
@@ -62,6 +64,7 @@ class DrainingServer(uvicorn.Server):
         self._drain_s = drain_s
         self._deadline: float | None = None
         self._is_draining = False
+        self._waiting_for_head: dict[Any, float] = {}
         self._signalled_at = -math.inf
 
     def end(self) -> None:
@@ -76,7 +79,7 @@ class DrainingServer(uvicorn.Server):
                 listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _SEND_TIMEOUT_S * 1000)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Note a signal; uvicorn asks `on_tick` every tenth of a second what follows from it."""
+        """Note a signal; `on_tick` acts on it."""
         since, self._signalled_at = time.monotonic() - self._signalled_at, time.monotonic()
         if since < _ONE_SIGNAL_S:
             return
@@ -89,7 +92,8 @@ class DrainingServer(uvicorn.Server):
         self.should_exit = self.force_exit = True
 
     async def on_tick(self, counter: int) -> bool:
-        """Tell whether the main loop ends: once nothing is under way any more, or the time to drain is over."""
+        """Tell whether the main loop ends: once nothing is under way any more, or the time to drain is over. Called every 0.1 s."""
+        self._close_slow_heads(time.monotonic())
         if self._deadline is not None and not self.should_exit:
             if not self._is_draining:
                 self._is_draining = True
@@ -97,6 +101,19 @@ class DrainingServer(uvicorn.Server):
                 self._pool.begin_drain()
             self.should_exit = not self._pool.num_under_way or time.monotonic() >= self._deadline
         return await super().on_tick(counter)
+
+    def _close_slow_heads(self, now: float) -> None:
+        connections: set[Any] = set(self.server_state.connections)
+        # An idle connection has a timer, and one with a request under way an answer that is not complete.
+        waiting = [
+            each
+            for each in connections
+            if each.timeout_keep_alive_task is None and (each.cycle is None or each.cycle.response_complete)
+        ]
+        self._waiting_for_head = {each: self._waiting_for_head.get(each, now) for each in waiting}
+        for each, since in self._waiting_for_head.items():
+            if now - since > _HEAD_TIMEOUT_S:
+                each.transport.close()
 
 
 def _is_no_cancellation(record: logging.LogRecord) -> bool:

@@ -19,8 +19,7 @@ TIMEOUT_S = 30.0  # that a transfer may lag behind the pace
 BYTES_PER_S = 1024.0
 # The connection is kept when no more than this is unread: discarding it costs less than a new connection.
 _MOST_UNREAD_BYTES = 2**20
-_LINGER_S = 2.0
-_MOST_LINGER_BYTES = 64 * 2**20
+_LINGER_S, _MOST_LINGER_BYTES = 2.0, 64 * 2**20
 _PIECE_BYTES = 64 * 1024  # as many as uvicorn buffers: a client that is cut off leaves no more than two of them
 
 _T = TypeVar("_T")

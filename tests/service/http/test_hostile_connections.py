@@ -83,6 +83,20 @@ def test_the_refusal_of_a_large_head_says_what_to_do_and_counts_each_request_alo
         assert refusals(url, "header-bytes") == 1
 
 
+@pytest.mark.parametrize("sent", [b"", b"GET /health HTTP/1.1\r\nA: b"], ids=["nothing", "half"])
+def test_a_head_that_does_not_come_ends_its_connection_and_no_idle_one(
+    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, sent: bytes
+) -> None:
+    monkeypatch.setattr(server, "_HEAD_TIMEOUT_S", 0.2)
+    asked = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with listening(tmp_path, redis_server.url) as url, connected(url, asked) as idle:
+        assert b" 200 " in idle.recv(4096).partition(b"\r\n")[0]
+        with connected(url, sent) as slow:
+            assert slow.recv(1) == b""
+        idle.sendall(asked)
+        assert b" 200 " in idle.recv(4096).partition(b"\r\n")[0]
+
+
 @pytest.mark.parametrize(
     "sent",
     [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", b"GET /he alth HTTP/1.1\r\n\r\n"],

@@ -1,23 +1,14 @@
 """From the JSON of a caller, or of a stored record, to the values that the algorithm takes."""
 
-import hashlib
-import json
 from typing import Any
 
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from core.options import Hints, IndexOptions, ScanOptions
-from service.errors import StoredFileDamagedError
 from service.http.schemas import LocalizeOptions, MapOptions
 from service.http.schemas import ScanOptions as ScanSchema
 from service.jobs import RegisterOptions
-from service.maps.record import MapRecord, options_from_json, options_to_json
+from service.maps.record import options_from_json, options_to_json
 
 BOX = {"min": [0, 0, 0], "max": [4, 5, 2.5]}
-UNITS, AXES, KINDS, METHODS = ("m", "cm", "mm", "ft"), ("z", "y"), ("rgb", "labels"), ("octree", "grid")
-REGIONS = st.none() | st.tuples(*[st.floats(-1e6, 1e6)] * 3).map(lambda low: (low, tuple(value + 1.5 for value in low)))
 
 
 def hints_of(options: dict[str, Any]) -> Hints | None:
@@ -67,58 +58,11 @@ def test_a_newer_scan_keeps_the_options_that_are_left_out() -> None:
     assert given.over(former).index == IndexOptions("octree", 2)
 
 
-@given(
-    st.builds(ScanOptions, st.sampled_from(UNITS), st.sampled_from(AXES)),
-    st.builds(IndexOptions, st.sampled_from(METHODS), st.none() | st.floats(0.05, 50), REGIONS),
-    st.sampled_from(KINDS),
-)
-def test_options_survive_being_stored(scan: ScanOptions, index: IndexOptions, kind: Any) -> None:
-    options = RegisterOptions(
-        ScanOptions(scan.unit, scan.up_axis, kind),
-        IndexOptions(index.starts_method, index.spacing_m, index.region, kind),
-    )
-    assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
-
-
 def test_the_form_in_storage_is_that_of_the_http_contract() -> None:
     given = {
         "unit": "mm", "up_axis": "y", "color_kind": "labels",
         "starts": {"method": "grid", "spacing_m": 1.0, "region": {"min": [0.0, 0.0, 0.0], "max": [4.0, 5.0, 2.5]}},
     }  # fmt: skip
-    assert options_to_json(MapOptions.model_validate(given).to_options()) == given
-
-
-# As the service wrote it before options had a type of their own.
-OLD_REVISION = {
-    "number": 2, "scan_key": "maps/map_1/2/scan.ply", "scan_name": "a.ply", "scan_bytes": 10, "scan_sha256": "00",
-    "options": {"unit": "ft", "up_axis": "y", "color_kind": "rgb",
-                "starts": {"method": "grid", "spacing_m": None, "region": BOX}},
-    "status": "ready", "stats": {"num_points": 5}, "diagnostics": [], "error": None,
-}  # fmt: skip
-
-
-def stored(record: dict[str, Any]) -> bytes:
-    digest = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
-    return json.dumps({"format": 1, "sha256": digest, "record": record}, indent=1).encode()
-
-
-def old_record(**changes: Any) -> dict[str, Any]:
-    revision = {**OLD_REVISION, **changes}
-    return {
-        "id": "map_1", "name": "floor", "created_at": "2026-01-01T00:00:00Z", "updated_at": "2026-01-01T00:00:00Z",
-        "newest": revision, "serving": revision, "tags": ["a"], "georeference": None,
-    }  # fmt: skip
-
-
-def test_a_record_of_before_versions_is_read_and_written_as_it_was() -> None:
-    record = MapRecord.from_json(stored(old_record()), "key")
-    assert record.newest.options.scan == ScanOptions(unit="ft", up_axis="y")
-    assert record.newest.options.index == IndexOptions("grid", region=((0, 0, 0), (4, 5, 2.5)))
-    assert record.serving == record.newest
-    assert json.loads(record.to_json()) == {**json.loads(stored(old_record())), "version": 0}
-
-
-@pytest.mark.parametrize("options", [{"unit": "inch"}, {"starts": {"spacing_m": -1}}, {"starts": {"other": 1}}])
-def test_a_record_with_options_that_no_service_wrote_is_damaged(options: dict[str, Any]) -> None:
-    with pytest.raises(StoredFileDamagedError, match="restore the file"):
-        MapRecord.from_json(stored(old_record(options=options)), "key")
+    options = MapOptions.model_validate(given).to_options()
+    assert options_to_json(options) == given
+    assert options_from_json(given) == options
