@@ -61,7 +61,7 @@ def _poses(options: LocalizeOptions, cameras: Sequence[Camera | None]) -> list[T
         for camera in cameras
     ]
     if len(poses) > 1 and None in poses:
-        # Which entry lacks it can be said only where there is one per image.
+        # The entry without a pose is known only where there is one entry per image.
         at = f"cameras.{poses.index(None)}.{_POSE}" if len(options.cameras or ()) == len(poses) else "cameras"
         raise InvalidOptionsError.of(
             at,

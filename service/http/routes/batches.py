@@ -200,7 +200,7 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
 
 
 async def _map_seen(request: Request, map_id: str) -> MapRecord | None:
-    """Return a map, None where it was deleted, or is none of those that the caller sees, whoever named it."""
+    """Return a map, None where it was deleted or the caller does not see it."""
     await services_of(request).registry.find([map_id])
     maps = maps_seen(request)
     return maps.get(map_id) if maps.has(map_id) else None

@@ -130,8 +130,9 @@ async def post_batch(request: Request) -> Response:
 
 
 def _with_all_the_time(options: BatchOptions, settings: Settings) -> BatchOptions:
-    """Return the options with as much time as a query may have, where none is named: nobody waits for an image of a batch, and a service
-    that is busy with other work must not fail it for good."""
+    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a batch, and a busy
+    service must not fail it for good.
+    """
     if options.timeout_s is not None:
         return options
     return options.model_copy(update={"timeout_s": settings.max_timeout_s})
@@ -162,7 +163,7 @@ def _rules(settings: Settings) -> dict[str, PartRule]:
 
 
 def _any_head(head: bytes, name: str) -> None:
-    """Take everything: what is no image is told of that image alone."""
+    """Take every file: one that is no image fails alone."""
 
 
 def _check_zip(head: bytes, name: str) -> None:
