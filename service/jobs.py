@@ -5,13 +5,16 @@ calls `start` when the application starts and `stop` when it ends.
 """
 
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
-from core.camera.camera import CameraDescription, CameraModel
-from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, Status, TrackedPose
+from core.camera.camera import CameraDescription
+from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, TrackedPose
+
+if TYPE_CHECKING:
+    from service.answer import Localization
 
 Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
 ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
@@ -77,8 +80,9 @@ class QueryImage:
 class LocalizeJob:
     """One query.
 
-    images: at least one; of several each has its pose. maps: at least one, all ready. deadline_unix_s: after it nobody waits for the
-    answer any more. with_change_cells: what changed is wanted for `GET /maps/{id}/changes`.
+    images: at least one; of several each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits for the answer
+    after it. georeferences: by map id, of the maps that have one, as `core.geopose.geopose_of` takes it. with_change_cells: whether
+    `GET /maps/{id}/changes` needs to know what changed.
     """
 
     localization_id: str
@@ -87,79 +91,25 @@ class LocalizeJob:
     maps: tuple[MapRef, ...]
     options: QueryOptions
     deadline_unix_s: float
+    georeferences: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     with_change_cells: bool = False
 
     @property
     def kind(self) -> str:
-        """Return what queries that take about as long as this one have in common: the method, and whether a field of view is searched."""
+        """Return the key under which query durations are averaged: the method, and whether a field of view is searched."""
         is_searching = any(image.camera is not None and image.camera.hfov_range_deg for image in self.images)
         return f"{self.options.method}, searching field of view" if is_searching else self.options.method
 
 
 @dataclass(frozen=True)
-class FoundPose:
-    """One pose that was found, in plain values.
-
-    map: that it lies in. confidence: 0..1. position_m: [x, y, z]; quaternion_xyzw: [x, y, z, w]; matrix: 4 x 4, row by row;
-    all three `map_from_camera` in the axes that the query asked for. yaw_deg, pitch_deg, roll_deg: in the map's own frame (z up).
-    """
-
-    map: MapRef
-    confidence: float
-    position_m: list[float]
-    quaternion_xyzw: list[float]
-    matrix: list[list[float]]
-    yaw_deg: float
-    pitch_deg: float
-    roll_deg: float
-
-
-@dataclass(frozen=True)
-class RigidMotion:
-    """x_to = R x_from + t in plain values: position_m [x, y, z]; quaternion_xyzw [x, y, z, w]; matrix 4 x 4, row by row."""
-
-    position_m: list[float]
-    quaternion_xyzw: list[float]
-    matrix: list[list[float]]
-
-
-@dataclass(frozen=True)
-class FoundImage:
-    """One image at the best pose.
-
-    pose: its own, None without a best pose. agreement: correlation of what it shows with the scan seen from there, −1..1; None where that
-    is unknown. model, hfov_deg: the camera that it was taken for, and the degrees that it is wide; 360 of a full panorama.
-    """
-
-    pose: FoundPose | None
-    agreement: float | None
-    model: CameraModel
-    hfov_deg: float
-
-
-@dataclass(frozen=True)
 class LocalizeOutcome:
-    """What was found for one query, in values that survive JSON; `service.answer` makes the answer of it.
+    """What a worker made of one query.
 
-    best: the most probable pose, of the first image, also when the status is `not_localized`; None only when nothing could be searched.
-    alternatives: others, best first. map_from_session: at the best pose, both sides in the axes that the query asked for. images: one
-    per image of the query, in its order. accuracy: 68 % radii. timings_s: seconds of the worker by stage. search: figures for the
-    caller's log. pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: see `service.worker.change_cells`.
+    pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: see `service.worker.change_cells`.
     """
 
-    status: Status
-    best: FoundPose | None
-    alternatives: tuple[FoundPose, ...] = ()
-    accuracy_position_m: float | None = None
-    accuracy_orientation_deg: float | None = None
-    panorama_changed_fraction: float | None = None
-    map_changed_fraction: float | None = None
-    timings_s: dict[str, float] = field(default_factory=dict)
-    search: dict[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    answer: "Localization"
     pictures: dict[str, bytes] = field(default_factory=dict)
-    map_from_session: RigidMotion | None = None
-    images: tuple[FoundImage, ...] = ()
     change_cells: dict[str, Any] | None = None
 
 

@@ -10,7 +10,7 @@ import structlog
 
 from core.errors import DeadlineExceededError
 from core.panorama.image_header import read_image_header
-from service.answer import Document, answer_document, without_copies
+from service.answer import Document, Localization
 from service.cache import Cache
 from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, QueueFullError, ServiceError
 from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
@@ -60,9 +60,9 @@ class Localizations:
         self._storage = storage
         self._metrics = metrics
         self._changes = changes
-        self._under_way: set[asyncio.Task[Document]] = set()
+        self._under_way: set[asyncio.Task[Localization]] = set()
 
-    async def answer(self, query: LocalizeRequest) -> Document:
+    async def answer(self, query: LocalizeRequest) -> Localization:
         """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and what the pool raises."""
         await self._registry.find(query.maps.map_ids)
         chosen = query.maps.resolve(self._registry)
@@ -125,7 +125,7 @@ class Localizations:
 
     async def _answer(
         self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str, is_waited_for: bool
-    ) -> Document:
+    ) -> Localization:
         began = time.monotonic()
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
@@ -134,37 +134,21 @@ class Localizations:
                 self._metrics.note_refusal(error.limit)
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
-        total_s = time.monotonic() - began
-        body = answer_document(
-            localization_id,
-            outcome,
-            query.options.frame,
-            total_s=total_s,
-            warnings=chosen.warnings,
-            georeferences=self._registry.georeferences(chosen.refs),
-        )
-        if is_waited_for:
-            body = await self._kept_if_possible(body, outcome, chosen)
-        else:
-            await self._keep_answer(body, outcome, chosen)
-        await self._note_changes(body, outcome, query.images)
+        answer = outcome.answer.as_waited_for(time.monotonic() - began, chosen.warnings)
+        document = answer.model_dump(mode="json")
+        try:
+            await self._cache.put_answer(localization_id, document, outcome.pictures, [ref.id for ref in chosen.refs])
+            await self._forget_deleted(chosen)
+        except CacheDownError as error:
+            if not is_waited_for:
+                raise
+            _log.warning("an answer cannot be kept", error=str(error))
+            answer = answer.without_copies()
+        await self._note_changes(document, outcome, query.images)
         if self._settings.keep_images:
             await self._keep(localization_id, query.images)
-        self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
-        return body
-
-    async def _kept_if_possible(self, body: Document, outcome: LocalizeOutcome, chosen: ChosenMaps) -> Document:
-        """Keep an answer whose caller waits for it; return it with a warning where Redis does not take it."""
-        try:
-            await self._keep_answer(body, outcome, chosen)
-        except CacheDownError as error:
-            _log.warning("an answer cannot be kept", error=str(error))
-            return without_copies(body)
-        return body
-
-    async def _keep_answer(self, body: Document, outcome: LocalizeOutcome, chosen: ChosenMaps) -> None:
-        await self._cache.put_answer(body["id"], body, outcome.pictures, [ref.id for ref in chosen.refs])
-        await self._forget_deleted(chosen)
+        self._metrics.note_localization(query.options.method, answer.status, answer.timings_s)
+        return answer
 
     async def _outcome(
         self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str
@@ -179,6 +163,7 @@ class Localizations:
                 chosen.refs,
                 query.options,
                 deadline_unix_s,
+                self._registry.georeferences(chosen.refs),
                 with_change_cells=self._changes.is_kept,
             )
             try:
@@ -194,11 +179,11 @@ class Localizations:
                 if chosen.refs == former.refs:
                     raise
 
-    async def _note_changes(self, body: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
+    async def _note_changes(self, answer: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
         """Keep what an answer saw changed; one that cannot be kept is an answer all the same."""
         try:
-            await self._changes.note(body, outcome.change_cells, [image.data for image in images])
-            map_id = body["map_id"]
+            await self._changes.note(answer, outcome.change_cells, [image.data for image in images])
+            map_id = answer["map_id"]
             if map_id is not None and not self._registry.has(map_id):  # deleted meanwhile
                 await self._changes.forget(map_id)
         except (ServiceError, OSError) as error:
@@ -210,7 +195,7 @@ class Localizations:
             if not self._registry.has(ref.id):
                 await self._cache.forget_map(ref.id)
 
-    async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
+    async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Localization:
         try:
             return await self._answer(query, chosen, pending["id"], is_waited_for=False)
         except Exception as error:

@@ -22,11 +22,11 @@ from service.cache import WorkerCache
 from service.errors import CacheDownError
 from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
+from service.worker.answers import answer_of
 from service.worker.change_cells import change_cells
 from service.worker.map_catalog import MapCatalog
-from service.worker.outcomes import localize_outcome
 from service.worker.plan import WorkerSettings
-from service.worker.query_images import Query, as_found, read_query, shown_on_sphere
+from service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
 from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
 
@@ -134,7 +134,8 @@ class _RunningQuery:
         query = as_found(query, localization)
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
         cells = self._timed("pictures", lambda: self._change_cells(maps, localization))
-        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures, query, cells)
+        answer = answer_of(localization, self._job, photos_of(query), self._timings_s, pictures)
+        return LocalizeOutcome(answer, pictures, cells)
 
     def _change_cells(self, maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
         if localization.best is None or not self._job.with_change_cells:

@@ -7,8 +7,9 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import PurePosixPath
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 import torch
 
 from core.errors import ScanContentError
@@ -19,16 +20,16 @@ from core.index.map_index import MapIndex
 from core.options import MIN_POINTS
 from core.pictures import draw_map_preview, encode_png
 from core.scan.archive.unpacking import remove_remains
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from core.zip_opening import unpacked_bytes
 from service.cache import WorkerCache
 from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError
 from service.host.process_resources import limit_process, num_usable_cpus
-from service.jobs import MapRef, RegisterJob, RegisterOutcome
+from service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
 from service.limits.registration_limits import MAX_COUNTED_BYTES
 from service.worker.map_catalog import MapCatalog
-from service.worker.outcomes import sample_ply, starts_of, stats_of
 from service.worker.plan import WorkerSettings
 from service.worker.registration_progress import RegistrationProgress
 from service.worker.reply import WorkerReply, guarded
@@ -75,11 +76,11 @@ class Registrar:
         self._store_patiently(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
-            stats=stats_of(cloud, index, len(encoded), progress.finish()),
+            stats=_stats(cloud, index, len(encoded), progress.finish()),
             diagnostics=[dataclasses.asdict(found) for found in diagnostics],
             preview_png=encode_png(draw_map_preview(index)),
-            points_ply=sample_ply(cloud),
-            starts=starts_of(index),
+            points_ply=_sample_ply(cloud),
+            starts=_starts(index),
         )
 
     def _rebuild(self, map_ref: MapRef) -> None:
@@ -141,6 +142,36 @@ class Registrar:
                 if time.monotonic() > deadline:
                     return None
                 time.sleep(0.5)
+
+
+def _stats(cloud: PointCloud, index: MapIndex, index_bytes: int, seconds: dict[str, float]) -> dict[str, Any]:
+    """Return `stats` of a map as the HTTP contract promises them, positions in the scan's own frame, metres."""
+    lower, upper = index.bounds
+    return {
+        "num_points": cloud.num_points_read or len(cloud),
+        "num_points_used": index.num_points,
+        "bounds": {"min": lower.tolist(), "max": upper.tolist()},
+        "origin_offset": index.origin_offset.tolist(),
+        "num_starts": index.num_starts,
+        "index_bytes": index_bytes,
+        "seconds": seconds,
+        "coordinate_system": cloud.coordinate_system,
+    }
+
+
+def _starts(index: MapIndex) -> list[dict[str, Any]]:
+    """Return position and leaf size of every start, metres, in the scan's own frame."""
+    return [
+        {"position_m": position, "leaf_size_m": size}
+        for position, size in zip(index.start_positions.tolist(), index.start_leaf_sizes.tolist(), strict=True)
+    ]
+
+
+def _sample_ply(cloud: PointCloud) -> bytes:
+    """Return at most MAX_SAMPLE_POINTS coloured points as a binary PLY, shuffled so that every prefix is fair."""
+    chosen = np.random.default_rng(0).permutation(len(cloud))[:MAX_SAMPLE_POINTS]
+    sample = dataclasses.replace(cloud, positions=cloud.positions[chosen], colors=cloud.colors[chosen])
+    return encode_ply(sample)
 
 
 def _within_memory(work: Callable[[], Result]) -> Result:

@@ -30,7 +30,7 @@ def test_a_running_cluster_is_joined_used_and_left_running(cluster_address: str)
         running = PoolInThread(Path(folder), ray_address=cluster_address)
         try:
             running.wait_until_ready()
-            pid = running.localize(query("joined")).search["pid"]
+            pid = running.localize(query("joined")).answer.search["pid"]
             assert running.run(running.pool.register(registration("map_joined"))).stats["nice"] >= 10
         finally:
             running.stop()

@@ -32,25 +32,25 @@ def running() -> Iterator[PoolInThread]:
 
 
 def test_a_query_is_answered_by_another_process(running: PoolInThread) -> None:
-    figures = running.localize(query("first")).search
+    figures = running.localize(query("first")).answer.search
     assert figures["request_id"] == "first"
     assert figures["pid"] in descendants(os.getpid())
     assert running.pool.state().resident_bytes == 1234
 
 
 def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: PoolInThread) -> None:
-    pid = running.localize(query("before-kill")).search["pid"]
+    pid = running.localize(query("before-kill")).answer.search["pid"]
     jobs = [query(f"kill-{number}", seconds=0.2) for number in range(8)]
     begun = [running.begin(running.pool.localize(each)) for each in jobs]
     time.sleep(0.3)
     os.kill(pid, signal.SIGKILL)
-    found = [each.result(240).search for each in begun]
+    found = [each.result(240).answer.search for each in begun]
     assert [figures["request_id"] for figures in found] == [each.request_id for each in jobs]
     assert any(figures["pid"] != pid for figures in found)
 
 
 def test_a_query_that_kills_its_worker_is_tried_again(running: PoolInThread) -> None:
-    assert running.localize(query("crash", crash_once=True)).search["request_id"] == "crash"
+    assert running.localize(query("crash", crash_once=True)).answer.search["request_id"] == "crash"
 
 
 def test_what_the_worker_raises_on_purpose_is_raised_here_as_well(running: PoolInThread) -> None:

@@ -4,13 +4,13 @@ import base64
 import binascii
 import time
 from contextlib import ExitStack
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import IMAGE, check_images
-from service.answer import Document
+from service.answer import Localization
 from service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
 from service.http.access import caller_of, maps_seen, require
 from service.http.openapi import json_body, json_part
@@ -20,6 +20,7 @@ from service.http.schemas.geopose import (
     GEOPOSE_REQUEST_EXAMPLE,
     CameraReading,
     GeolocationReading,
+    GeoPoseAccuracy,
     GeoPoseReply,
     GeoPoseRequest,
 )
@@ -82,7 +83,7 @@ async def post_geopose(
             maps = maps_around(maps_seen(request), _place(asked.sensorReadings.geolocationReadings))
         query = LocalizeRequest((image,), maps, checked_options(options, services.settings), request.state.request_id)
         answer = await while_connected(request, services.localizations.answer(query))
-    return JSONResponse(_reply(asked, answer), media_type=_MEDIA_TYPE)
+    return JSONResponse(_reply(asked, answer).model_dump(mode="json"), media_type=_MEDIA_TYPE)
 
 
 async def _body(request: Request, settings: Settings, held: HeldBytes) -> bytes:
@@ -127,24 +128,21 @@ def _place(readings: list[GeolocationReading] | None) -> Place | None:
     return None
 
 
-def _reply(asked: GeoPoseRequest, answer: Document) -> dict[str, Any]:
-    if answer["status"] != "localized":
-        words = "fits several places" if answer["status"] == "ambiguous" else "fits no place well enough"
+def _reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
+    if answer.status != "localized" or answer.accuracy is None:
+        words = "fits several places" if answer.status == "ambiguous" else "fits no place well enough"
         raise NoPoseError(
             f"expected an image of a place that is mapped, got one that {words}; turn to where more is seen"
         )
-    if answer["geopose"] is None:
+    if answer.geopose is None:
         raise NoPoseError(
-            f"expected a map with a place on Earth and heights above the ellipsoid, but {answer['map_id']} has none; set its georeference "
+            f"expected a map with a place on Earth and heights above the ellipsoid, but {answer.map_id} has none; set its georeference "
             "with PATCH /maps/{id}, or POST /localize for a pose in the map"
         )
-    return {
-        "id": asked.id or answer["id"],
-        "timestamp": time.time_ns() // 1_000_000,
-        "type": "geopose",
-        "accuracy": {
-            "position": answer["accuracy"]["position_m"],
-            "orientation": answer["accuracy"]["orientation_deg"],
-        },
-        "geopose": answer["geopose"],
-    }
+    return GeoPoseReply(
+        id=asked.id or answer.id,
+        timestamp=time.time_ns() // 1_000_000,
+        type="geopose",
+        accuracy=GeoPoseAccuracy(position=answer.accuracy.position_m, orientation=answer.accuracy.orientation_deg),
+        geopose=answer.geopose,
+    )

@@ -11,11 +11,12 @@ from starlette.responses import JSONResponse, Response
 from core.options import MAX_IMAGES
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
 from core.panorama.known_camera import check_known_cameras
+from service.answer import Localization
 from service.errors import InvalidOptionsError
 from service.http.access import caller_of, require
 from service.http.openapi import accepted_headers, files_part, json_part, multipart
 from service.http.query_images import query_images
-from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
+from service.http.schemas import LocalizeOptions, PendingLocalization
 from service.http.schemas.localization_examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,
@@ -54,7 +55,7 @@ _PARTS = {
     "options": json_part(LocalizeOptions),
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"model": Localization, "content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
+    200: {"content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
     202: {
         "model": PendingLocalization,
         "description": "With `Prefer: respond-async`: the answer is fetched later.",
@@ -68,7 +69,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     "/localize",
     summary="Find where a panorama, a photo or a session was taken",
     dependencies=[Depends(require("localize"))],
-    response_model=None,
+    response_model=Localization,
     responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)},
     openapi_extra=multipart(
         _PARTS,
@@ -91,7 +92,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
-) -> Response:
+) -> Localization | Response:
     """Return the pose of a panorama, a photo or a session, or say that it fits nowhere (`not_localized`), which is an answer too."""
     services = services_of(request)
     held = services.bytes_in_flight.hold(caller_of(request).id)
@@ -102,7 +103,7 @@ async def localize(
         raise
 
 
-async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Response:
+async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Localization | Response:
     services = services_of(request)
     query = await _query(request, services.settings, held)
     if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
@@ -111,7 +112,7 @@ async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Resp
         return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
     answer = await while_connected(request, services.localizations.answer(query))
     held.release()
-    return JSONResponse(answer)
+    return answer
 
 
 async def _query(request: Request, settings: Settings, held: HeldBytes) -> LocalizeRequest:

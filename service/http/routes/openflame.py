@@ -5,10 +5,9 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, Request
 from starlette.convertors import Convertor, register_url_convertor
-from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, check_images
-from service.answer import Document
+from service.answer import Localization
 from service.http.access import caller_of, maps_seen, require
 from service.http.openapi import files_part, multipart
 from service.http.query_images import query_images
@@ -70,9 +69,8 @@ register_url_convertor("map_id", _MapIdConvertor())
     "/{map_id:map_id}/localize/image",
     summary="Find where an image was taken (OpenFLAME)",
     dependencies=[Depends(require("localize"))],
-    response_model=None,
     responses={
-        200: {"model": OpenFlameAnswer, "content": {"application/json": {"example": _FOUND_EXAMPLE}}},
+        200: {"content": {"application/json": {"example": _FOUND_EXAMPLE}}},
         **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504),
     },
     openapi_extra=multipart(
@@ -84,7 +82,7 @@ register_url_convertor("map_id", _MapIdConvertor())
         {"a photo": {"value": {"image": ["(the bytes)"]}}},
     ),
 )
-async def localize_image(request: Request, map_id: str) -> Response:
+async def localize_image(request: Request, map_id: str) -> OpenFlameAnswer:
     """Return the pose of an image, if it is `localized`, else `success: false`."""
     services = services_of(request)
     settings = services.settings
@@ -105,37 +103,36 @@ async def localize_image(request: Request, map_id: str) -> Response:
             request.state.request_id,
         )
         answer = await while_connected(request, services.localizations.answer(asked))
-    return JSONResponse(_reply(answer))
+    return _reply(answer)
 
 
 @router.get(
     "/{map_id:map_id}/capabilities",
     summary="What an OpenFLAME map server can do",
     dependencies=[Depends(require("read"))],
-    response_model=None,
     responses={
-        200: {"model": OpenFlameCapabilities, "content": {"application/json": {"example": _CAPABILITIES_EXAMPLE}}},
+        200: {"content": {"application/json": {"example": _CAPABILITIES_EXAMPLE}}},
         **error_responses(401, 403, 404),
     },
 )
 @router.get(
     "/{map_id:map_id}/capabilities/",
     dependencies=[Depends(require("read"))],
-    response_model=None,
     include_in_schema=False,
 )
-async def get_capabilities(request: Request, map_id: str) -> Response:
+async def get_capabilities(request: Request, map_id: str) -> OpenFlameCapabilities:
     """Return the name of the map, its picture, and where images are localized in it."""
     record = maps_seen(request).get(map_id)
     service = {"name": "localization", "url": str(request.url_for("localize_image", map_id=map_id)), "types": ["image"]}
     icon = str(request.url_for("get_preview", map_id=map_id))
-    return JSONResponse({"commonName": record.name, "iconURL": icon, "services": [service]})
+    return OpenFlameCapabilities(commonName=record.name, iconURL=icon, services=[service])
 
 
-def _reply(answer: Document) -> dict[str, Any]:
-    if answer["status"] != "localized":
-        return {"success": False, "pose": None, "confidence": 0}
+def _reply(answer: Localization) -> OpenFlameAnswer:
+    if answer.status != "localized" or answer.pose is None:
+        return OpenFlameAnswer(success=False, pose=None, confidence=0)
     # From the world of WebXR (x, z, −y of the map) to that of A-Frame (y, z, x); the camera's axes are the same.
-    east, up, south, last = answer["pose"]["map_from_camera"]["matrix"]
-    pose = [[0.0 - value for value in south], up, east, last]
-    return {"success": True, "pose": pose, "confidence": answer["confidence"]}
+    east, up, south, last = answer.pose.map_from_camera.matrix
+    return OpenFlameAnswer(
+        success=True, pose=[[0.0 - value for value in south], up, east, last], confidence=answer.confidence
+    )

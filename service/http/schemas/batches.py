@@ -5,9 +5,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from service.answer import Localization, ResponseModel
 from service.http.schemas.cameras import Camera
-from service.http.schemas.geometry import Answer
-from service.http.schemas.localization import Localization, LocalizeOptions
+from service.http.schemas.localization import LocalizeOptions
 from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
 from service.http.schemas.problem import ProblemDocument
 
@@ -29,7 +29,7 @@ class BatchOptions(LocalizeOptions):
     )
 
 
-class BatchCounts(Answer):
+class BatchCounts(ResponseModel):
     """How many images ended with each status."""
 
     waiting: int
@@ -39,7 +39,7 @@ class BatchCounts(Answer):
     failed: int
 
 
-class BatchItem(Answer):
+class BatchItem(ResponseModel):
     """One image."""
 
     number: int = Field(ge=0, description="Its place in the upload.")
@@ -49,7 +49,7 @@ class BatchItem(Answer):
     error: ProblemDocument | None
 
 
-class BatchOverview(Answer):
+class BatchOverview(ResponseModel):
     """A batch as lists have it."""
 
     id: str
@@ -61,7 +61,7 @@ class BatchOverview(Answer):
     progress: float = Field(ge=0, le=1)
 
 
-class BatchPage(Answer):
+class BatchPage(ResponseModel):
     """A page of the caller's batches."""
 
     items: list[BatchOverview]

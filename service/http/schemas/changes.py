@@ -5,10 +5,11 @@ from typing import Any
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer, Vector
+from service.answer import ResponseModel
+from service.http.schemas.geometry import Vector
 
 
-class AnswerWithChange(Answer):
+class AnswerWithChange(ResponseModel):
     """One answer that counts."""
 
     id: str | None = Field(
@@ -21,7 +22,7 @@ class AnswerWithChange(Answer):
     map_changed_fraction: float | None
 
 
-class ChangedCell(Answer):
+class ChangedCell(ResponseModel):
     """A cube of space in which something changed."""
 
     center_m: Vector
@@ -30,7 +31,7 @@ class ChangedCell(Answer):
     last_changed_at: datetime
 
 
-class MapChanges(Answer):
+class MapChanges(ResponseModel):
     """What changed since the scan, as the answers of the last `lifetime_s` seconds saw it."""
 
     map_id: str

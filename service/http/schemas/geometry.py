@@ -17,12 +17,6 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
-class Answer(BaseModel):
-    """A model of what the service sends; fields may be added to it."""
-
-    model_config = ConfigDict(extra="allow")
-
-
 class Box(Model):
     """A box along the axes of the map's own frame, metres."""
 

@@ -5,9 +5,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from core.errors import OptionsError
+from service.answer import GeoPose, ResponseModel
 from service.errors import InvalidOptionsError
 from service.http.schemas.cameras import Camera
-from service.http.schemas.geometry import Answer
 
 _DEPTH = "DEPTH"
 # Names of the protocol, which are COLMAP's: how many numbers are focal lengths, and where the distortion is in OpenCV's order.
@@ -18,38 +18,14 @@ _NO_CAMERA = ("", "UNKNOWN", "UNKNOWN_CAMERA")
 _SPHERES = ("EQUIRECTANGULAR", "SPHERICAL")
 
 
-class GeoPosition(Answer):
-    """WGS 84."""
-
-    lat: float = Field(description="Degrees.")
-    lon: float
-    h: float = Field(description="Metres above the ellipsoid.")
-
-
-class Rotation(Answer):
-    """A unit quaternion."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class GeoPose(Answer):
-    """OGC GeoPose 1.0, Basic-Quaternion: from the camera (x forward, y left, z up) to east, north, up where it is."""
-
-    position: GeoPosition
-    quaternion: Rotation
-
-
-class GeoPoseAccuracy(Answer):
+class GeoPoseAccuracy(ResponseModel):
     """Radii that hold 68 %."""
 
     position: float = Field(description="Metres.")
     orientation: float = Field(description="Degrees.")
 
 
-class GeoPoseReply(Answer):
+class GeoPoseReply(ResponseModel):
     """The answer of the GeoPoseProtocol."""
 
     id: str
@@ -141,7 +117,7 @@ class GeoPoseRequest(_Lenient):
     sensorReadings: SensorReadings  # noqa: N815
 
 
-class OpenFlameAnswer(Answer):
+class OpenFlameAnswer(ResponseModel):
     """The answer of an OpenFLAME map server."""
 
     success: bool
@@ -151,7 +127,7 @@ class OpenFlameAnswer(Answer):
     confidence: float = Field(ge=0, le=1)
 
 
-class OpenFlameCapabilities(Answer):
+class OpenFlameCapabilities(ResponseModel):
     """What an OpenFLAME map server can do."""
 
     commonName: str  # noqa: N815

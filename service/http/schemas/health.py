@@ -5,16 +5,16 @@ from typing import Literal
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer
+from service.answer import ResponseModel
 
 
-class Liveness(Answer):
+class Liveness(ResponseModel):
     """The process runs."""
 
     status: Literal["live"] = "live"
 
 
-class PoolHealth(Answer):
+class PoolHealth(ResponseModel):
     """The workers."""
 
     ready: bool
@@ -24,7 +24,7 @@ class PoolHealth(Answer):
     resident_bytes: int = Field(description="Map indexes in the workers' memory.")
 
 
-class RecentError(Answer):
+class RecentError(ResponseModel):
     """A request or a registration that ended in a problem."""
 
     at: datetime
@@ -37,13 +37,13 @@ class RecentError(Answer):
     request_id: str | None = Field(description="As the log has it.")
 
 
-class Readiness(Answer):
+class Readiness(ResponseModel):
     """What a probe without a key is told."""
 
     status: Literal["ready", "not_ready"]
 
 
-class Health(Answer):
+class Health(ResponseModel):
     """The whole service."""
 
     status: Literal["ready", "not_ready"]

@@ -5,13 +5,14 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer, Box, Vector
+from service.answer import ResponseModel
+from service.http.schemas.geometry import Box, Vector
 from service.http.schemas.problem import ProblemDocument
 
 MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]
 
 
-class MapStats(Answer):
+class MapStats(ResponseModel):
     """Figures of a finished registration."""
 
     num_points: int = Field(description="Points in the scan.")
@@ -24,7 +25,7 @@ class MapStats(Answer):
     coordinate_system: str | None = Field(None, description="Of the scan's coordinates, where its file says so.")
 
 
-class Diagnostic(Answer):
+class Diagnostic(ResponseModel):
     """Something worth knowing about a scan."""
 
     code: str
@@ -32,7 +33,7 @@ class Diagnostic(Answer):
     message: str
 
 
-class Map(Answer):
+class Map(ResponseModel):
     """A registered scan.
 
     With a new scan on its way (`PUT /maps/{id}/scan`), `revision`, `status`, `stage`, `progress` and `error` speak of
@@ -66,21 +67,21 @@ class Map(Answer):
     version: int = Field(0, ge=0, description="Grows with each change; as `If-Match` of a change: only while it is so.")
 
 
-class MapPage(Answer):
+class MapPage(ResponseModel):
     """A page of maps, oldest first."""
 
     items: list[Map]
     next_cursor: str | None = Field(description="Send it as `cursor` for the next page; null on the last one.")
 
 
-class Start(Answer):
+class Start(ResponseModel):
     """A camera position that the search tries."""
 
     position_m: Vector
     leaf_size_m: float = Field(description="Edge length of the octree leaf, or of the grid cell, around it.")
 
 
-class MapStarts(Answer):
+class MapStarts(ResponseModel):
     """All starts of a map, in its own frame."""
 
     map_id: str

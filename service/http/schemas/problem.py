@@ -2,17 +2,17 @@
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer
+from service.answer import ResponseModel
 
 
-class FieldMistake(Answer):
+class FieldMistake(ResponseModel):
     """One field of the options, or one part of the form, that is wrong."""
 
     field: str = Field(examples=["hints.radius_m"])
     message: str = Field(examples=["Input should be greater than 0, got -1"])
 
 
-class ProblemDocument(Answer):
+class ProblemDocument(ResponseModel):
     """A problem document (RFC 9457)."""
 
     type: str = Field(description="Stable URI of the kind of problem, relative to the service.")

@@ -13,9 +13,9 @@ import pytest
 from core.options import Frame, Status
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.schemas.geopose import CameraReading
-from service.jobs import FoundPose, LocalizeOutcome, MapRef
 from tests.core.exports.tours import GOLDEN
-from tests.service.http import fake_pool, geopose_schemas
+from tests.service.http import geopose_schemas
+from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of, running_service
 
 pytestmark = pytest.mark.anyio
@@ -25,16 +25,9 @@ PLACE = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5}
 GEOPOSE = [47.699977515, -122.299983346, 13.100000612]
 
 
-def golden(frame: Frame, status: Status = "localized") -> Any:
-    """Return what a worker finds that sees the golden pose."""
-    turned = GOLDEN.in_frame(frame)
-
-    def found(ref: MapRef, pictures: dict[str, bytes]) -> LocalizeOutcome:
-        position, quaternion = turned.position.tolist(), turned.quaternion_xyzw.tolist()
-        best = FoundPose(ref, 0.93, position, quaternion, turned.matrix.tolist(), 52.5, 12.25, 4.75)
-        return LocalizeOutcome(status, best, (), 0.02, 0.3)
-
-    return found
+def sees_golden(running: RunningService, status: Status = "localized") -> None:
+    """Let workers find the golden pose."""
+    running.pool.outcome_of = lambda job: outcome_of(job, GOLDEN, status)
 
 
 def question(image: bytes = PNG, place: tuple[float, float] | None = None, **reading: Any) -> dict[str, Any]:
@@ -54,10 +47,8 @@ async def placed_map(running: RunningService, place: dict[str, Any] = PLACE) -> 
     return await running.ready_map(json.dumps({"georeference": place}))
 
 
-async def test_an_image_is_answered_with_where_it_was_taken_on_earth(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden("ros"))
+async def test_an_image_is_answered_with_where_it_was_taken_on_earth(running: RunningService) -> None:
+    sees_golden(running)
     map_id = await placed_map(running)
     reply = await ask(running, question(imageFormat="RGBA32", size=[8, 4], sensorId="x", privacy={"dataRetention": []}))
     assert reply.status_code == 200, reply.text
@@ -75,10 +66,8 @@ async def test_an_image_is_answered_with_where_it_was_taken_on_earth(
 
 
 @pytest.mark.parametrize("frame", ["ros", "opencv", "webxr", "unity"])
-async def test_answers_have_the_geopose_whatever_their_frame_is(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch, frame: Frame
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden(frame))
+async def test_answers_have_the_geopose_whatever_their_frame_is(running: RunningService, frame: Frame) -> None:
+    sees_golden(running)
     map_id = await placed_map(running)
     data = {"map_id": map_id, "options": json.dumps({"frame": frame})}
     reply = await running.client.post("/localize", files={"image": PNG}, data=data)
@@ -139,10 +128,8 @@ async def test_what_the_published_client_sends_is_understood(running: RunningSer
 
 
 @pytest.mark.parametrize("status", ["ambiguous", "not_localized"])
-async def test_what_is_not_sure_is_not_told_as_a_place(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch, status: Status
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden("webxr", status))
+async def test_what_is_not_sure_is_not_told_as_a_place(running: RunningService, status: Status) -> None:
+    sees_golden(running, status)
     map_id = await placed_map(running)
     reply = await ask(running, question())
     assert (reply.status_code, reply.json()["type"]) == (404, "/problems/no-pose")
@@ -214,10 +201,8 @@ def test_cameras_of_the_protocol_are_ours(
     assert (camera.model, camera.fx_px, camera.fy_px, camera.cx_px, camera.distortion) == expected
 
 
-async def test_openflame_gets_the_pose_in_its_own_axes(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden("webxr"))
+async def test_openflame_gets_the_pose_in_its_own_axes(running: RunningService) -> None:
+    sees_golden(running)
     map_id = await running.ready_map('{"name": "3rd floor"}')
     reply = await running.client.post(
         f"/{map_id}/localize/image", files={"image": PNG}, data={"aframe_camera_matrix_world": "1,0,0"}

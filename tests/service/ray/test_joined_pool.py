@@ -18,12 +18,13 @@ from service.ray.patience import GivenUpError
 from service.ray.pool import RayPool
 from service.ray.queue.admission import Admission
 from service.worker.reply import WorkerReply
+from tests.service.made_up_answers import empty_answer
 from tests.service.ray.scripted_ray import ScriptedCluster, ScriptedServing
 
 # Ray Serve's own models, not ours.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")
 
-OUTCOME = LocalizeOutcome("not_localized", None)
+OUTCOME = LocalizeOutcome(empty_answer())
 SILENCE = "Ray's head does not answer at head:6379"
 
 

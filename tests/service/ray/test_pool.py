@@ -31,12 +31,13 @@ from service.ray.own_node import RayStartError
 from service.ray.pool import RayPool
 from service.ray.queue.admission import Admission
 from service.worker.reply import WorkerFailure, WorkerReply
+from tests.service.made_up_answers import empty_answer
 from tests.service.ray.scripted_ray import ScriptedCluster, ScriptedServing
 
 # Ray Serve's own models, not ours.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")
 
-OUTCOME = LocalizeOutcome("not_localized", None)
+OUTCOME = LocalizeOutcome(empty_answer())
 MAP, OTHER = MapRef("map_a", 1), MapRef("map_b", 3)
 
 
