@@ -1,6 +1,6 @@
-"""The answer to a query: one model from the worker that builds it to Redis, the API's description and the console's types.
+"""The answer to a query: one model for workers, Redis, the routes, the OpenAPI document and the console's types.
 
-A worker fills in everything (`service.worker.answers`); the HTTP process adds what only it knows (`Localization.as_waited_for`).
+A worker builds it (`service.worker.answers`); the HTTP process adds waiting time and warnings (`Localization.as_waited_for`).
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ Document = dict[str, Any]
 
 
 class ResponseModel(BaseModel):
-    """A model of what the service sends; fields may be added to it."""
+    """A model of a response. Later versions may add fields."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -154,9 +154,9 @@ class Localization(ResponseModel):
     artifacts: dict[str, str] = Field(description="Paths of the pictures that were asked for.")
 
     def as_waited_for(self, total_s: float, warnings: Iterable[str]) -> "Localization":
-        """Return the answer of a worker as its caller gets it.
+        """Return the answer with the waiting time and the warnings of the HTTP process.
 
-        total_s: seconds that the caller waited; `queue` is what the worker did not need of them. warnings: of the HTTP side.
+        total_s: seconds that the caller waited; `queue` is the part that the worker did not use.
         """
         stages = {name: seconds for name, seconds in self.timings_s.items() if name != "total"}
         waited_s = max(0.0, total_s - self.timings_s.get("total", sum(stages.values())))
@@ -164,7 +164,7 @@ class Localization(ResponseModel):
         return self.model_copy(update={"timings_s": timings_s, "warnings": [*self.warnings, *warnings]})
 
     def without_copies(self) -> "Localization":
-        """Return an answer of which Redis has no copy: neither it nor its pictures can be fetched."""
+        """Return the answer without links to pictures, for a Redis that cannot keep them."""
         lost = "Redis cannot keep this answer: it cannot be fetched again, and its pictures are lost; localize again for them"
         return self.model_copy(update={"artifacts": {}, "warnings": [*self.warnings, lost]})
 

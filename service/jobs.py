@@ -1,7 +1,6 @@
-"""The seam between the HTTP process and the workers: jobs with their ids, outcomes, and what a pool can do.
+"""Between the HTTP process and the workers: jobs, outcomes, and the protocol of a pool.
 
-Imports neither Ray nor torch, so that routes and tests can use it. A pool is given to `service.app.create_app`, which
-calls `start` when the application starts and `stop` when it ends.
+Imports neither Ray nor torch. `service.app.create_app` gets a pool, starts it with the application and stops it at the end.
 """
 
 import secrets
@@ -28,12 +27,12 @@ PAPER_TIMEOUT_S = 600.0
 
 
 def new_id(prefix: str) -> str:
-    """Return `prefix_` and 16 hexadecimal digits that nobody can guess."""
+    """Return `prefix_` and 16 random hexadecimal digits."""
     return f"{prefix}_{secrets.token_hex(8)}"
 
 
 def now() -> str:
-    """Return the time in UTC as RFC 3339, with microseconds so that text sorts like time."""
+    """Return the time in UTC as RFC 3339, always with microseconds: text sorts like time."""
     return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
@@ -47,10 +46,10 @@ class MapRef:
 
 @dataclass(frozen=True)
 class QueryOptions:
-    """What a caller asks of one query.
+    """Options of one query.
 
-    timeout_s: seconds for the answer. frame: axes of all poses that are sent and returned. session: what is known of the poses of the
-    images. top_k: poses in the answer. artifacts: each once.
+    timeout_s: seconds for the answer. frame: axes of all poses, sent and returned. session: accuracy of the tracked poses.
+    top_k: most poses in the answer. artifacts: without duplicates.
     """
 
     timeout_s: float
@@ -66,8 +65,8 @@ class QueryOptions:
 class QueryImage:
     """One image of a query.
 
-    data, mask: the files as they were uploaded (JPEG, PNG or WebP), not decoded. camera: what took it; None: the file says so itself.
-    session_from_camera: where it was taken, as the device tracked it; None for the one image of a query without a session.
+    data, mask: the uploaded files (JPEG, PNG or WebP), not decoded. camera: None to take it from the file's metadata.
+    session_from_camera: the pose that the device tracked; None for a single image without one.
     """
 
     data: bytes
@@ -80,9 +79,9 @@ class QueryImage:
 class LocalizeJob:
     """One query.
 
-    images: at least one; of several each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits for the answer
+    images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits for the answer
     after it. georeferences: by map id, of the maps that have one, as `core.geopose.geopose_of` takes it. with_change_cells: whether
-    `GET /maps/{id}/changes` needs to know what changed.
+    the outcome needs change cells, for `GET /maps/{id}/changes`.
     """
 
     localization_id: str
@@ -103,9 +102,9 @@ class LocalizeJob:
 
 @dataclass(frozen=True)
 class LocalizeOutcome:
-    """What a worker made of one query.
+    """The result of one query.
 
-    pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: see `service.worker.change_cells`.
+    pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by `service.worker.change_cells`.
     """
 
     answer: "Localization"
@@ -115,7 +114,7 @@ class LocalizeOutcome:
 
 @dataclass(frozen=True)
 class RegisterOptions:
-    """What the uploader of a scan says of it. scan: format and limits are added by the worker that reads the scan."""
+    """Options of a registration. scan: the worker adds format and limits."""
 
     scan: ScanOptions = field(default_factory=ScanOptions)
     index: IndexOptions = field(default_factory=IndexOptions)
@@ -125,9 +124,8 @@ class RegisterOptions:
 class RegisterJob:
     """One revision of a scan that becomes a map.
 
-    scan_key: of the scan in storage (`service.storage`), a suffix of which is the file's extension when it had one.
-    scan_name: the file's name at the client. The worker reports what it is at through
-    `service.cache.WorkerCache.report_progress`. time_limit_s: seconds once it runs, None for no limit.
+    scan_key: of the scan in storage, with the file's extension when it has one. scan_name: the file's name at the client.
+    time_limit_s: seconds once it runs, None for no limit. The worker reports progress by `WorkerCache.report_progress`.
     """
 
     map: MapRef
@@ -140,12 +138,12 @@ class RegisterJob:
 
 @dataclass(frozen=True)
 class RegisterOutcome:
-    """What a registration made besides the index, which the worker itself puts into Redis.
+    """The result of a registration, besides the index, which the worker itself puts into Redis.
 
     stats and diagnostics: as in the map of the HTTP contract. preview_png: the scan from above with the starts.
-    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame, in an
-    order in which every prefix is a fair sample (shuffled), so that fewer points are a shorter file; empty when there
-    is none. starts: one `{"position_m": [x, y, z], "leaf_size_m": s}` per start, metres, in the map's own frame.
+    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame, shuffled, so that
+    every prefix is a fair sample; empty when there is none. starts: one `{"position_m": [x, y, z], "leaf_size_m": s}` per start,
+    metres, in the map's own frame.
     """
 
     stats: dict[str, Any]
@@ -156,7 +154,7 @@ class RegisterOutcome:
 
 
 MAX_SAMPLE_POINTS = 10_000_000
-"""Of `RegisterOutcome.points_ply`: 150 MB. Of a scan thinned to fewer, the default, all."""
+"""In `RegisterOutcome.points_ply`, which then takes 150 MB. By default a scan is thinned to fewer, and all are in it."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From what `core` found to the answer of the HTTP contract."""
+"""Builds the answer of the HTTP contract from the result of `core`."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ def answer_of(
     timings_s: Mapping[str, float],
     pictures: Mapping[str, bytes],
 ) -> answer.Localization:
-    """Return the answer to a query; one that fits no pose has none, and its best guess leads the alternatives.
+    """Return the answer to a query. Of one that is `not_localized`, the best guess is the first alternative.
 
     photos: the images of the query, see `service.worker.query_images.photos_of`. timings_s: seconds measured around the search, added
     to its own. pictures: PNGs by name.
@@ -66,12 +66,12 @@ def answer_of(
 
 
 def finite(value: float | None) -> float | None:
-    """Return a number, None for NaN and infinity, which JSON has not."""
+    """Return a number, None for NaN and infinity, which JSON cannot express."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
 def json_safe(value: Any) -> Any:
-    """Return `value` with numpy scalars and arrays as plain ones, and None for NaN and infinity."""
+    """Return `value` with plain numbers and lists for those of numpy, and None for NaN and infinity."""
     if isinstance(value, Mapping):
         return {str(key): json_safe(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -82,7 +82,7 @@ def json_safe(value: Any) -> Any:
 
 
 def _pose(candidate: Candidate, job: LocalizeJob) -> PoseAnswer:
-    """Return a pose with its angles twice: as rotations about its axes, and as photographers mean them."""
+    """Return a pose with rotations about its axes, and the same angles in photographers' terms."""
     yaw_deg, pitch_deg, roll_deg = (math.degrees(angle) for angle in candidate.pose.yaw_pitch_roll)
     north_deg = _north_deg(candidate, job)
     return PoseAnswer(
@@ -108,7 +108,7 @@ def _motion(pose: Pose) -> RigidMotion:
 
 
 def _north_deg(candidate: Candidate, job: LocalizeJob) -> float | None:
-    """Return the compass heading of the map's y axis at a pose, clockwise from true north; None where that is not known."""
+    """Return the heading of the map's y axis at a pose, clockwise from true north; None where it is unknown."""
     georeference = job.georeferences.get(job.maps[candidate.map_position].id)
     if georeference is None:
         return None
@@ -120,7 +120,7 @@ def _north_deg(candidate: Candidate, job: LocalizeJob) -> float | None:
 
 
 def _geopose(candidate: Candidate, job: LocalizeJob) -> GeoPose | None:
-    """Return where a pose is on Earth; None where the map, or its height above the ellipsoid, is not known to be anywhere."""
+    """Return the GeoPose of a pose; None where the map's place, or its height above the ellipsoid, is unknown."""
     georeference = job.georeferences.get(job.maps[candidate.map_position].id)
     if georeference is None:
         return None
@@ -131,14 +131,14 @@ def _geopose(candidate: Candidate, job: LocalizeJob) -> GeoPose | None:
 
 
 def _map_from_session(found: Localization, best: Candidate, job: LocalizeJob) -> RigidMotion:
-    """Return it with both sides in the axes of the query. The frame of one camera without a pose is its session, in every axes."""
+    """Return `map_from_session` in the axes of the query. A single camera without a pose is its own session."""
     if job.images[0].session_from_camera is not None and found.map_from_session is not None:
         return _motion(found.map_from_session.between_worlds(job.options.frame))
     return _motion(best.pose.in_frame(job.options.frame))
 
 
 def _images(found: Localization, photos: Sequence[Photo], job: LocalizeJob) -> list[ImageAnswer]:
-    """Return what the query's images are and, where it is localized, their poses."""
+    """Return camera, agreement and, unless `not_localized`, pose of each image."""
     best = found.best
     if best is None:
         return [ImageAnswer(pose=None, agreement=None, camera=_camera(photo)) for photo in photos]

@@ -1,4 +1,4 @@
-"""How far a registration has come, told through Redis so that `GET /maps/{id}` moves while it runs."""
+"""Progress of a registration, published in Redis for `GET /maps/{id}`."""
 
 import contextlib
 import time
@@ -22,7 +22,7 @@ _SECONDS = {"reading": "read", "finding starts": "starts", "rendering starts": "
 
 
 class RegistrationProgress:
-    """Reports stages at most five times a second, and measures them. A Redis that is away stops nobody."""
+    """Publishes stages at most five times a second, and measures them. Works on without Redis."""
 
     def __init__(self, cache: WorkerCache | None, map_ref: MapRef) -> None:
         """cache: None to measure only."""
@@ -34,7 +34,7 @@ class RegistrationProgress:
         self._seconds: dict[str, float] = {}
 
     def report(self, stage: str, share: float) -> None:
-        """Tell that `share` (0 to 1) of `stage` is done."""
+        """Publish that `share` (0 to 1) of `stage` is done."""
         if stage != self._stage:
             self._end_stage()
             self._stage, self._stage_began = stage, time.monotonic()

@@ -11,13 +11,13 @@ Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]
 
 
-class Model(BaseModel):
+class RequestModel(BaseModel):
     """A model that takes nothing it does not know, so that a misspelt field is an error and not ignored."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
-class Box(Model):
+class Box(RequestModel):
     """A box along the axes of the map's own frame, metres."""
 
     min: Vector

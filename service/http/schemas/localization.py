@@ -17,14 +17,13 @@ from core.options import (
     SessionOptions,
 )
 from service.answer import ResponseModel
-from service.http.schemas.cameras import Camera
-from service.http.schemas.geometry import Box, Model, Vector
+from service.http.schemas.cameras import Camera, TrackedSession
+from service.http.schemas.geometry import Box, RequestModel, Vector
 from service.http.schemas.problem import ProblemDocument
-from service.http.schemas.session import TrackedSession
 from service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
-class Hints(Model):
+class Hints(RequestModel):
     """What the caller knows beforehand. Every hint narrows the search and is never exceeded by the answer."""
 
     position_m: Vector | None = Field(None, description="Where the camera is, in the map's own frame.")
@@ -63,7 +62,7 @@ class Hints(Model):
         return options.Hints(**given) if given else None
 
 
-class LocalizeOptions(Model):
+class LocalizeOptions(RequestModel):
     """The part `options` of `POST /localize`."""
 
     frame: Frame = Field(QueryOptions.frame, description="Axes of the answer; see docs/api.md.")

@@ -9,7 +9,7 @@ from core import options
 from core.errors import OptionsError
 from core.georeference import LONGEST_DEFINITION, coordinate_system
 from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
-from service.http.schemas.geometry import Box, Model
+from service.http.schemas.geometry import Box, RequestModel
 from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 from service.maps.record import options_from_json, options_to_json
 
@@ -38,7 +38,7 @@ def name_of_file(file_name: str) -> str:
     return re.sub(rf"[{_CONTROL}]", "", file_name).strip()[:LONGEST_NAME].strip()
 
 
-class StartsOptions(Model):
+class StartsOptions(RequestModel):
     """Where the search starts."""
 
     method: StartsMethod = Field(IndexOptions.starts_method, description="`octree` for rooms, `grid` for open spaces.")
@@ -48,7 +48,7 @@ class StartsOptions(Model):
     region: Box | None = Field(None, description="Where cameras can be; null: everywhere inside the scanned space.")
 
 
-class ScanOptions(Model):
+class ScanOptions(RequestModel):
     """How to read a scan and what to build from it."""
 
     unit: Unit = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
@@ -70,7 +70,7 @@ class ScanOptions(Model):
         return options_from_json({**options_to_json(former), **given})
 
 
-class Georeference(Model):
+class Georeference(RequestModel):
     """Where the map's origin lies on Earth (WGS 84)."""
 
     latitude_deg: float = Field(ge=-90, le=90)
@@ -105,7 +105,7 @@ class MapOptions(ScanOptions):
     geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
 
 
-class MapPatch(Model):
+class MapPatch(RequestModel):
     """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes what is said of the place on Earth."""
 
     name: Name = ""
