@@ -1,4 +1,4 @@
-"""A client of the HTTP API, for programs: `PanolocClient`, what it answers with and what it raises."""
+"""A client of the HTTP API for programs: `PanolocClient` and its exceptions."""
 
 from service.client.client import JsonObject, PanolocClient
 from service.client.errors import (

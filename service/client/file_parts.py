@@ -9,7 +9,7 @@ FilePart = tuple[str, Any, str]
 
 
 def paths_of(given: Path | Sequence[Path] | None) -> list[Path]:
-    """Return one file, several or none as a list."""
+    """Return the given files as a list."""
     if given is None:
         return []
     return [given] if isinstance(given, Path) else list(given)
@@ -22,5 +22,5 @@ def image_part(path: Path, content: Any) -> FilePart:
 
 
 def sendable(name: str) -> str:
-    """Return a file name as UTF-8 can carry it; bytes that are none become question marks."""
+    """Return a file name as valid UTF-8; other bytes become question marks."""
     return name.encode("utf-8", "replace").decode()

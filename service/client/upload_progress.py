@@ -1,4 +1,4 @@
-"""A file that tells how much of it has been sent."""
+"""A file that reports how much of it has been sent."""
 
 import os
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The GeoPoseProtocol of OSCP, version 2: one image in, where it was taken on Earth out."""
+"""`POST /geopose`: the GeoPoseProtocol of OSCP, version 2."""
 
 import base64
 import binascii
@@ -63,12 +63,12 @@ async def post_geopose(
     map_id: Annotated[
         list[str] | None,
         Query(
-            description="Maps to search; left out: all with a place on Earth, around the geolocation where one is sent."
+            description="Maps to search; default: all with a place on Earth, near the geolocation if the request has one."
         ),
     ] = None,
-    tag: Annotated[str | None, Query(description="Instead: all maps that bear this tag.", max_length=64)] = None,
+    tag: Annotated[str | None, Query(description="Instead of `map_id`: all maps with this tag.", max_length=64)] = None,
 ) -> Response:
-    """Return the GeoPose of one image, if it is `localized`; 404 where it fits no place well enough, or several."""
+    """Return the GeoPose of one image; 404 unless it is `localized`."""
     services = services_of(request)
     with ExitStack() as stack:
         held = services.bytes_in_flight.hold(caller_of(request).id)
@@ -102,7 +102,7 @@ async def _body(request: Request, settings: Settings, held: HeldBytes) -> bytes:
 def _image(reading: CameraReading, settings: Settings) -> QueryImage:
     camera = reading.camera()
     try:
-        # Browsers put `data:image/jpeg;base64,` before it, encoders of mail line breaks into it.
+        # Browsers prepend `data:image/jpeg;base64,`; mail encoders insert line breaks.
         encoded = "".join(reading.imageBytes.rpartition(",")[2].split())
         data = base64.b64decode(encoded, validate=True)
     except (binascii.Error, ValueError) as error:
@@ -121,7 +121,7 @@ def _image(reading: CameraReading, settings: Settings) -> QueryImage:
 
 
 def _place(readings: list[GeolocationReading] | None) -> Place | None:
-    """Return the last place that the device took itself to be at."""
+    """Return the last position of the device."""
     for reading in reversed(readings or []):
         if reading.latitude is not None and reading.longitude is not None:
             return Place(reading.latitude, reading.longitude, reading.accuracy or 0.0)
@@ -132,11 +132,11 @@ def _reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
     if answer.status != "localized" or answer.accuracy is None:
         words = "fits several places" if answer.status == "ambiguous" else "fits no place well enough"
         raise NoPoseError(
-            f"expected an image of a place that is mapped, got one that {words}; turn to where more is seen"
+            f"expected an image of a mapped place, got one that {words}; send one that shows more of the place"
         )
     if answer.geopose is None:
         raise NoPoseError(
-            f"expected a map with a place on Earth and heights above the ellipsoid, but {answer.map_id} has none; set its georeference "
+            f"expected a map with a georeference and heights above the ellipsoid, but {answer.map_id} has none; set its georeference "
             "with PATCH /maps/{id}, or POST /localize for a pose in the map"
         )
     return GeoPoseReply(

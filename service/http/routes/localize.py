@@ -1,4 +1,4 @@
-"""Ask where a panorama, a photo or the images of a session were taken."""
+"""`POST /localize`."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -38,7 +38,7 @@ router = APIRouter(tags=["localization"])
 Result = TypeVar("Result")
 
 _RETRY_AFTER_S = 1
-# So many images of a query may be as large as one may be: 32 frames of a phone together are smaller than that.
+# Images of a query that may have the full size: 32 frames of a phone together are smaller.
 _MAX_FULL_IMAGES = 4
 _PARTS = {
     "image": files_part(
@@ -47,11 +47,11 @@ _PARTS = {
         MAX_IMAGES,
     ),
     "mask": files_part(
-        "An image of the same shape; pixels that are not zero are ignored. One for all images, or one per image in their order.",
+        "An image of the same shape; its non-zero pixels are ignored in the query. One for all images, or one per image in their order.",
         MAX_IMAGES,
     ),
     "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
-    "tag": {"type": "string", "description": "Instead of `map_id`: all maps that bear this tag."},
+    "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
     "options": json_part(LocalizeOptions),
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -93,7 +93,7 @@ async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
 ) -> Localization | Response:
-    """Return the pose of a panorama, a photo or a session, or say that it fits nowhere (`not_localized`), which is an answer too."""
+    """Return the pose of a panorama, a photo or a session. An image that fits nowhere is answered too: `not_localized`."""
     services = services_of(request)
     held = services.bytes_in_flight.hold(caller_of(request).id)
     try:
@@ -138,7 +138,7 @@ async def _query(request: Request, settings: Settings, held: HeldBytes) -> Local
 
 
 def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
-    """Return options as the pool takes them. Raises InvalidOptionsError for more time than the operator allows."""
+    """Return the options for the worker. Raises InvalidOptionsError for a longer timeout than the operator allows."""
     is_searching_field_of_view = any(camera.hfov_range_deg for camera in given.cameras or ())
     options = given.to_options(settings.timeout_s_of(given.method, is_searching_field_of_view))
     if options.timeout_s > settings.max_timeout_s:
@@ -151,7 +151,7 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
-    """Return what `work` returns; a caller who goes away ends it. Raises ClientDisconnect."""
+    """Return the result of `work`, or cancel it when the caller disconnects. Raises ClientDisconnect."""
     task = asyncio.create_task(work)
     watch = asyncio.create_task(_disconnected(request))
     try:

@@ -1,4 +1,4 @@
-"""The protocol of OpenFLAME map servers: each map is a server below its id."""
+"""The protocol of OpenFLAME: each map is a map server under the path of its id."""
 
 from contextlib import ExitStack
 from typing import Any
@@ -49,16 +49,16 @@ _CAPABILITIES_EXAMPLE: dict[str, Any] = {
 
 
 class _MapIdConvertor(Convertor[str]):
-    """Ids of maps, and nothing else: these paths begin with one, and no other path of the service may become theirs."""
+    """Matches ids of maps alone, so that these routes hide no other path of the service."""
 
     regex = "map_[0-9A-Za-z]+"
 
     def convert(self, value: str) -> str:
-        """Return the id as it stands in the path."""
+        """Return the id in a path."""
         return value
 
     def to_string(self, value: str) -> str:
-        """Return the id as it will stand in a path."""
+        """Return the id for a path."""
         return value
 
 
@@ -76,7 +76,7 @@ register_url_convertor("map_id", _MapIdConvertor())
     openapi_extra=multipart(
         {
             "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}.", 1),
-            _AFRAME_POSE: {"type": "string", "description": "Where the client takes itself to be; not read."},
+            _AFRAME_POSE: {"type": "string", "description": "The client's estimate of its pose; not used."},
         },
         ["image"],
         {"a photo": {"value": {"image": ["(the bytes)"]}}},
@@ -121,7 +121,7 @@ async def localize_image(request: Request, map_id: str) -> OpenFlameAnswer:
     include_in_schema=False,
 )
 async def get_capabilities(request: Request, map_id: str) -> OpenFlameCapabilities:
-    """Return the name of the map, its picture, and where images are localized in it."""
+    """Return the name of the map, its picture, and the URL that localizes images in it."""
     record = maps_seen(request).get(map_id)
     service = {"name": "localization", "url": str(request.url_for("localize_image", map_id=map_id)), "types": ["image"]}
     icon = str(request.url_for("get_preview", map_id=map_id))

@@ -1,4 +1,4 @@
-"""Batches and what became of their images."""
+"""Batches and the results of their images."""
 
 from datetime import datetime
 from typing import Annotated, Any, Literal
@@ -16,21 +16,21 @@ ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "fail
 
 
 class BatchOptions(LocalizeOptions):
-    """The part `options` of `POST /batches`: that of `POST /localize` for every image; without pictures and without poses of a session."""
+    """The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions."""
 
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
-        None, description="What took the images, one entry for all. Left out: each image says so itself."
+        None, description="Camera of all images, one entry. Without it, each image's metadata gives its camera."
     )
     session: None = Field(
-        None, description="Each image is a query of its own; frames with poses go to `POST /localize`."
+        None, description="Not in a batch: each image is a query of its own; sessions go to `POST /localize`."
     )
     artifacts: list[Any] = Field(
-        default_factory=list, max_length=0, description="None: pictures of a batch are not kept."
+        default_factory=list, max_length=0, description="Not in a batch: its pictures are not kept."
     )
 
 
 class BatchCounts(ResponseModel):
-    """How many images ended with each status."""
+    """Number of images by status."""
 
     waiting: int
     localized: int
@@ -45,12 +45,14 @@ class BatchItem(ResponseModel):
     number: int = Field(ge=0, description="Its place in the upload.")
     name: str
     status: ItemStatus
-    answer: Localization | None = Field(description="As `POST /localize` gives it; null while it waits, or failed.")
+    answer: Localization | None = Field(
+        description="As from `POST /localize`; null while the image waits, or when it failed."
+    )
     error: ProblemDocument | None
 
 
 class BatchOverview(ResponseModel):
-    """A batch as lists have it."""
+    """A batch in a list."""
 
     id: str
     status: BatchStatus
@@ -69,12 +71,10 @@ class BatchPage(ResponseModel):
 
 
 class Batch(BatchOverview):
-    """Images that are localized one by one; a restart of the service loses nothing of it."""
+    """Images that are localized one by one; a batch survives restarts of the service."""
 
     counts: BatchCounts
-    ignored: list[str] = Field(
-        description="Files of the archive that are no images by their names; at most 100 are listed."
-    )
+    ignored: list[str] = Field(description="Files of the archive that are not images by their names; at most 100.")
     items: list[BatchItem] = Field(
         description="A page of the images, in their order; empty in the answer to `POST /batches`."
     )

@@ -1,4 +1,4 @@
-"""Numbers and boxes that many models share. Metres unless a name says otherwise."""
+"""Numbers and boxes that several models share; metres."""
 
 from typing import Annotated, Self, cast
 
@@ -12,7 +12,7 @@ Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, descripti
 
 
 class RequestModel(BaseModel):
-    """A model that takes nothing it does not know, so that a misspelt field is an error and not ignored."""
+    """A model of a request. Unknown fields are errors, so that a misspelt one is not ignored."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -30,5 +30,5 @@ class Box(RequestModel):
         return self
 
     def to_options(self) -> options.Box:
-        """Return the box as the algorithm takes it."""
+        """Return the box for the worker."""
         return cast(options.Box, (tuple(self.min), tuple(self.max)))

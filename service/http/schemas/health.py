@@ -1,4 +1,4 @@
-"""What the service tells about itself."""
+"""State of the service."""
 
 from datetime import datetime
 from typing import Literal
@@ -34,11 +34,11 @@ class RecentError(ResponseModel):
     title: str | None
     status: int | None
     detail: str | None
-    request_id: str | None = Field(description="As the log has it.")
+    request_id: str | None = Field(description="As in the log.")
 
 
 class Readiness(ResponseModel):
-    """What a probe without a key is told."""
+    """Readiness, for probes without a key."""
 
     status: Literal["ready", "not_ready"]
 
@@ -55,6 +55,6 @@ class Health(ResponseModel):
     workers: PoolHealth
     recent_errors: list[RecentError] = Field(
         default_factory=list,
-        description="Of `/health` alone: the last 50, newest first: requests since the process started, and maps that failed.",
+        description="Only in `/health`: the last 50, newest first: requests since the process started, and maps that failed.",
     )
     maps: dict[str, int] = Field(description="Maps by status.", examples=[{"ready": 3, "queued": 1}])

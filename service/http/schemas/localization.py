@@ -1,4 +1,4 @@
-"""What a caller asks of a query, and the state of one whose answer is fetched later."""
+"""Options of a query, and the state of one whose answer is fetched later."""
 
 from datetime import datetime
 from typing import Annotated, Literal, Self
@@ -24,7 +24,7 @@ from service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
 class Hints(RequestModel):
-    """What the caller knows beforehand. Every hint narrows the search and is never exceeded by the answer."""
+    """What the caller knows beforehand. Every hint narrows the search; no answer lies outside of it."""
 
     position_m: Vector | None = Field(None, description="Where the camera is, in the map's own frame.")
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
@@ -70,25 +70,25 @@ class LocalizeOptions(RequestModel):
     hints: Hints | None = None
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=MAX_IMAGES)] | None = Field(
         None,
-        description="What took the images: one entry for all, or one per image in their order. Left out: 2:1 is a full sphere; GPano "
-        "fields or the EXIF focal length in 35 mm terms say what another image is. Several images need one entry each, with its "
-        "`session_from_camera`.",
+        description="Cameras of the images: one entry for all, or one per image in their order. Without it, an image of 2:1 is a full "
+        "sphere; of others, GPano fields or the EXIF focal length in 35 mm terms give the camera. Several images need one entry each, "
+        "with its `session_from_camera`.",
     )
-    session: TrackedSession | None = Field(None, description="What is known of `session_from_camera`.")
+    session: TrackedSession | None = Field(None, description="Accuracy and up axis of `session_from_camera`.")
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
         QueryOptions.top_k,
         strict=True,
         ge=1,
         le=MAX_TOP_K,
-        description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",
+        description="Most poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals in any case.",
     )
     timeout_s: Annotated[float, Field(gt=0)] | None = Field(
         None, description="Seconds for the answer, then 504; null: the service's setting, and more for `paper`."
     )
 
     def to_options(self, timeout_s: float) -> QueryOptions:
-        """Return what the worker has to know. timeout_s: where none is given."""
+        """Return the options for the worker. timeout_s: the default."""
         return QueryOptions(
             timeout_s=timeout_s if self.timeout_s is None else self.timeout_s,
             method=self.method,
@@ -101,7 +101,7 @@ class LocalizeOptions(RequestModel):
 
 
 class PendingLocalization(ResponseModel):
-    """A query with `Prefer: respond-async` whose answer is not there yet, or never will be."""
+    """A query with `Prefer: respond-async` that has no answer yet, or has failed."""
 
     id: str
     status: Literal["queued", "running", "failed"]
