@@ -59,9 +59,7 @@ class CameraReading(_Lenient):
     """One image."""
 
     imageBytes: str = Field(description="A JPEG, PNG or WebP as base64.")  # noqa: N815
-    imageFormat: str | None = Field(
-        None, max_length=40, description="Images of the format `DEPTH` are ignored; other values are not used."
-    )  # noqa: N815
+    imageFormat: str | None = Field(None, max_length=40, description="`DEPTH`: the image is ignored.")  # noqa: N815
     size: Annotated[list[int], Field(max_length=4)] | None = Field(None, description="Width and height of `params`.")
     imageOrientation: ImageOrientation | None = None  # noqa: N815
     params: CameraParameters | None = None
