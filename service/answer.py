@@ -1,6 +1,7 @@
 """The answer to a query: one model for workers, Redis, the routes, the OpenAPI document and the console's types.
 
-A worker builds it (`service.worker.answers`); the HTTP process adds waiting time and warnings (`Localization.as_waited_for`).
+A worker builds it (`service.worker.answers`); the HTTP process adds waiting time and warnings
+(`Localization.as_waited_for`).
 """
 
 from collections.abc import Iterable

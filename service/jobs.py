@@ -1,6 +1,7 @@
 """Between the HTTP process and the workers: jobs, outcomes, and the protocol of a pool.
 
-Imports neither Ray nor torch. `service.app.create_app` gets a pool, starts it with the application and stops it at the end.
+Imports neither Ray nor torch. `service.app.create_app` gets a pool, starts it with the application and stops it at the
+end.
 """
 
 import secrets
@@ -48,8 +49,8 @@ class MapRef:
 class QueryOptions:
     """Options of one query.
 
-    timeout_s: seconds for the answer. frame: axes of all poses, sent and returned. session: accuracy of the tracked poses.
-    top_k: most poses in the answer. artifacts: without duplicates.
+    timeout_s: seconds for the answer. frame: axes of all poses, sent and returned. session: accuracy of the tracked
+    poses. top_k: most poses in the answer. artifacts: without duplicates.
     """
 
     timeout_s: float
@@ -79,9 +80,9 @@ class QueryImage:
 class LocalizeJob:
     """One query.
 
-    images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits for the answer
-    after it. georeferences: by map id, of the maps that have one, as `core.geopose.geopose_of` takes it. with_change_cells: whether
-    the outcome needs change cells, for `GET /maps/{id}/changes`.
+    images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
+    for the answer after it. georeferences: by map id, of the maps that have one, as `core.geopose.geopose_of` takes it.
+    with_change_cells: whether the outcome needs change cells, for `GET /maps/{id}/changes`.
     """
 
     localization_id: str
@@ -95,7 +96,7 @@ class LocalizeJob:
 
     @property
     def kind(self) -> str:
-        """Return the key under which query durations are averaged: the method, and whether a field of view is searched."""
+        """Return the key under which query durations are averaged: method, and whether a field of view is searched."""
         is_searching = any(image.camera is not None and image.camera.hfov_range_deg for image in self.images)
         return f"{self.options.method}, searching field of view" if is_searching else self.options.method
 
@@ -104,7 +105,8 @@ class LocalizeJob:
 class LocalizeOutcome:
     """The result of one query.
 
-    pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by `service.worker.change_cells`.
+    pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by
+    `service.worker.change_cells`.
     """
 
     answer: "Localization"
@@ -124,8 +126,9 @@ class RegisterOptions:
 class RegisterJob:
     """One revision of a scan that becomes a map.
 
-    scan_key: of the scan in storage, with the file's extension when it has one. scan_name: the file's name at the client.
-    time_limit_s: seconds once it runs, None for no limit. The worker reports progress by `WorkerCache.report_progress`.
+    scan_key: of the scan in storage, with the file's extension when it has one. scan_name: the file's name at the
+    client. time_limit_s: seconds once it runs, None for no limit. The worker reports progress by
+    `WorkerCache.report_progress`.
     """
 
     map: MapRef
@@ -141,9 +144,9 @@ class RegisterOutcome:
     """The result of a registration, besides the index, which the worker itself puts into Redis.
 
     stats and diagnostics: as in the map of the HTTP contract. preview_png: the scan from above with the starts.
-    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame, shuffled, so that
-    every prefix is a fair sample; empty when there is none. starts: one `{"position_m": [x, y, z], "leaf_size_m": s}` per start,
-    metres, in the map's own frame.
+    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame,
+    shuffled, so that every prefix is a fair sample; empty when there is none. starts: one `{"position_m": [x, y, z],
+    "leaf_size_m": s}` per start, metres, in the map's own frame.
     """
 
     stats: dict[str, Any]
@@ -154,7 +157,7 @@ class RegisterOutcome:
 
 
 MAX_SAMPLE_POINTS = 10_000_000
-"""In `RegisterOutcome.points_ply`, which then takes 150 MB. By default a scan is thinned to fewer, and all are in it."""
+"""In `RegisterOutcome.points_ply`, which then takes 150 MB. By default a scan is thinned to fewer."""
 
 
 @dataclass(frozen=True)

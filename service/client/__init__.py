@@ -11,7 +11,7 @@ from service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
-from service.client.upload_progress import UploadProgress
+from service.client.uploads import UploadProgress
 
 __all__ = [
     "ApiProblemError",

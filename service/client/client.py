@@ -25,8 +25,7 @@ from service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
-from service.client.file_parts import image_part, paths_of, sendable
-from service.client.upload_progress import ProgressFile, UploadProgress
+from service.client.uploads import ProgressFile, UploadProgress, paths_of, sendable
 
 JsonObject = dict[str, Any]
 
@@ -153,20 +152,21 @@ class PanolocClient:
     ) -> JsonObject:
         """Send one query and return the answer; `status` says whether a pose was found.
 
-        images: a panorama, a photo, or the images of a session with their poses in `options["cameras"]`. mask: one for all, or one
-        per image. Either `map_ids` or `tag` names the maps. options: as for `POST /localize`; without `timeout_s` the service chooses
-        its timeout, and the client waits without a limit. progress: of each image in turn.
+        images: a panorama, a photo, or the images of a session with their poses in `options["cameras"]`. mask: one for
+        all, or one per image. Either `map_ids` or `tag` names the maps. options: as for `POST /localize`; without
+        `timeout_s` the service chooses its timeout, and the client waits without a limit. progress: of each image in
+        turn.
         """
         deadline_s = (options or {}).get("timeout_s")
         fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
         fields |= {"tag": tag} if tag else {}
         fields |= {"options": json.dumps(options)} if options else {}
         with ExitStack() as stack:
-            files: list[tuple[str, Any]] = [
-                ("image", image_part(path, ProgressFile(stack.enter_context(path.open("rb")), progress)))
-                for path in paths_of(images)
-            ]
-            files += [("mask", image_part(path, stack.enter_context(path.open("rb")))) for path in paths_of(mask)]
+            files: list[tuple[str, Any]] = []
+            for part, given, shown in (("image", images, progress), ("mask", mask, None)):
+                for path in paths_of(given):
+                    upload = ProgressFile(stack.enter_context(path.open("rb")), shown)
+                    files.append((part, (sendable(path.name), upload)))
             wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
             limits = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
             reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)

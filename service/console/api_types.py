@@ -46,7 +46,7 @@ def _interface(name: str, model: dict[str, Any]) -> str:
 
 
 def _type(schema: dict[str, Any]) -> str:
-    """Return the type of a JSON schema as pydantic writes it. Raises KeyError for a kind that no model has had so far."""
+    """Return the type of a JSON schema of pydantic. Raises KeyError for a kind that no model uses so far."""
     if "$ref" in schema:
         return str(schema["$ref"])
     if "const" in schema or "enum" in schema:

@@ -22,8 +22,8 @@ def change_cells(
 ) -> dict[str, Any] | None:
     """Return the cells in view, and those of them that changed; None for an answer that is not `localized`.
 
-    `cell_m`: edge in metres. `seen`, `changed`: cells as (n, 3) int16, in units of `cell_m` from the map's origin without its offset;
-    little-endian, deflated, base64. `changed` is a subset of `seen`.
+    `cell_m`: edge in metres. `seen`, `changed`: cells as (n, 3) int16, in units of `cell_m` from the map's origin
+    without its offset; little-endian, deflated, base64. `changed` is a subset of `seen`.
     """
     scores = localization.point_scores
     if scores is None or localization.status != "localized":

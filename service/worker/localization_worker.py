@@ -61,9 +61,9 @@ class LocalizationWorker:
         )
 
     def _index_of(self, map_ref: MapRef) -> tuple[str, MapIndex | None]:
-        """Return where the index came from, and the index: memory, Redis, or its copy in storage, which goes back into Redis.
+        """Return where the index came from, "resident", "redis" or "storage", and the index.
 
-        "missing" and None when it has to be built again.
+        A copy from storage goes back into Redis. "missing" and None when the index has to be built again.
         """
         index = self._resident.get(map_ref)
         if index is not None:

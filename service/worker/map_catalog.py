@@ -21,7 +21,8 @@ class MapCatalog:
     def registration_of(self, map_ref: MapRef) -> RegisterJob:
         """Return the job that registered a revision.
 
-        Raises MapNotFoundError when the revision was deleted meanwhile, StoredFileDamagedError when its record is damaged.
+        Raises MapNotFoundError when the revision was deleted meanwhile, StoredFileDamagedError when its record is
+        damaged.
         """
         try:
             revision = read_record(self._storage, map_ref.id).revision(map_ref.revision)
@@ -43,7 +44,7 @@ class MapCatalog:
         return self._storage.spool_folder()
 
     def stored_index(self, map_ref: MapRef, digest: str) -> bytes | None:
-        """Return the copy of an encoded index, None when it is missing or damaged. digest: of the configuration, hexadecimal."""
+        """Return the copy of an encoded index, None when it is missing or damaged. digest: of the configuration, hex."""
         try:
             return self._storage.read(_index_key(map_ref, digest))
         except (StorageError, TryAgainError):

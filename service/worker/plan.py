@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 class WorkerSettings:
     """The service's settings that workers need.
 
-    redis_url, storage_url: reachable from every machine that runs a worker. bucket: access to the one that storage_url names.
-    workers_per_machine: they share its processors. resident_bytes: of map indexes in memory.
-    index_lifetime_s: of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
+    redis_url, storage_url: reachable from every machine that runs a worker. bucket: access to the one that storage_url
+    names. workers_per_machine: they share its processors. resident_bytes: of map indexes in memory. index_lifetime_s:
+    of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
     registration_limits: the worker sets those of its own process.
     """
 

@@ -28,7 +28,8 @@ _DRAWN_PX_PER_RAD = 512 / math.pi  # pictures are 1024 pixels for a full turn
 def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Query:
     """Decode the images of a query.
 
-    frame: axes of their poses. max_pixels: of all images together. A single image without a pose is no session. Raises errors of `core`.
+    frame: axes of their poses. max_pixels: of all images together. A single image without a pose is no session. Raises
+    errors of `core`.
     """
     read = _read(images, max_pixels)
     if len(read) == 1 and images[0].session_from_camera is None:

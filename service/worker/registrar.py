@@ -50,7 +50,7 @@ class Registrar:
         cache: WorkerCache,
         limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None,
     ) -> None:
-        """limit_process: sets limits of this process, bytes of memory and seconds of CPU time; it ends with its work."""
+        """limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
         self._limit_process = limit_process
         self._settings = settings
         self._catalog = catalog

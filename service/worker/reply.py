@@ -1,6 +1,7 @@
 """The reply of a worker: an outcome or a failure.
 
-Failures travel as values: a process that has not imported a library cannot unpickle its exceptions, and Ray wraps all of them.
+Failures travel as values: a process that has not imported a library cannot unpickle its exceptions, and Ray wraps all
+of them.
 """
 
 import traceback

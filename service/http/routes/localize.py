@@ -93,7 +93,7 @@ async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
 ) -> Localization | Response:
-    """Return the pose of a panorama, a photo or a session. An image that fits nowhere is answered too: `not_localized`."""
+    """Return the pose of a panorama, a photo or a session. The answer `not_localized` means that it fits nowhere."""
     services = services_of(request)
     held = services.bytes_in_flight.hold(caller_of(request).id)
     try:

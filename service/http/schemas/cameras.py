@@ -63,7 +63,7 @@ class SessionFromCamera(RequestModel):
 
 
 class Camera(RequestModel):
-    """Intrinsics, or a field of view. The intrinsics are those of an image `width_px` x `height_px`; the upload may be a resized copy.
+    """Intrinsics of an image `width_px` x `height_px`, of which the upload may be a resized copy; or a field of view.
 
     Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
     """
@@ -107,7 +107,7 @@ class Camera(RequestModel):
         return self
 
     def to_options(self) -> CameraDescription | None:
-        """Return the camera for the worker; None: from the image's metadata. Raises OptionsError for a camera that cannot be."""
+        """Return the camera for the worker; None: from the image's metadata. Raises OptionsError if it is not valid."""
         given = self.model_dump(exclude={"session_from_camera"})
         if self.model is None:
             if any(value not in (None, []) for value in given.values()) or self.session_from_camera is None:

@@ -10,7 +10,7 @@ from service.errors import InvalidOptionsError
 from service.http.schemas.cameras import Camera
 
 _DEPTH = "DEPTH"
-# The protocol has COLMAP's names. How many of the numbers are focal lengths; two for centre follow, then the distortion.
+# COLMAP's names. The first numbers are so many focal lengths; the centre and the distortion follow.
 _FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
 _FISHEYE = "OPENCV_FISHEYE"
 # Sent by clients that do not know the camera, of version 2 and earlier.

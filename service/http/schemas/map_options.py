@@ -13,8 +13,8 @@ from service.http.schemas.geometry import Box, RequestModel
 from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 from service.maps.record import options_from_json, options_to_json
 
-# No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 begin escape sequences as well,
-# and those of Unicode reverse lines.
+# No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 also begin escape
+# sequences, and those of Unicode reverse lines.
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
 _PRINTABLE = rf"^[^{_CONTROL}]*$"
 

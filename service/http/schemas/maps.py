@@ -36,8 +36,8 @@ class Diagnostic(ResponseModel):
 class Map(ResponseModel):
     """A registered scan.
 
-    After `PUT /maps/{id}/scan`, `revision`, `status`, `stage`, `progress` and `error` describe the new revision. Until it is ready,
-    `serving_revision` answers queries; `stats` and `diagnostics` are of that one.
+    After `PUT /maps/{id}/scan`, `revision`, `status`, `stage`, `progress` and `error` describe the new revision. Until
+    it is ready, `serving_revision` answers queries; `stats` and `diagnostics` are of that one.
     """
 
     id: str
