@@ -1,70 +1,173 @@
-"""The answer to a query as the HTTP contract promises it. No other module knows its shape."""
+"""The answer to a query: one model for workers, Redis, the routes, the OpenAPI document and the console's types.
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import Any
+A worker builds it (`service.worker.answers`); the HTTP process adds waiting time and warnings
+(`Localization.as_waited_for`).
+"""
 
-from core.geopose import MapPose, geopose_of
-from core.georeference import coordinate_system
-from core.options import Frame
-from service.jobs import ARTIFACTS, FoundImage, FoundPose, LocalizeOutcome, RigidMotion
+from collections.abc import Iterable
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from core.camera.camera import CameraModel
+from core.options import Frame, Status
 
 Document = dict[str, Any]
+"""A JSON object, as it is stored or sent."""
 
-_ACCURACY_LEVEL = 0.68
+
+class ResponseModel(BaseModel):
+    """A model of a response. Later versions may add fields."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
 
 
-def answer_document(
-    localization_id: str,
-    outcome: LocalizeOutcome,
-    frame: Frame,
-    *,
-    total_s: float,
-    warnings: Iterable[str] = (),
-    georeferences: Mapping[str, Document] | None = None,
-) -> Document:
-    """Return the 200 body of `POST /localize`.
+class Position(ResponseModel):
+    """Metres, in the map's own frame."""
 
-    frame: that the query asked for. total_s: seconds that the caller waited; `queue` is what the worker did not need of them.
-    warnings: of the HTTP side, after those of the search. georeferences: by map id, of the maps that have one.
-    A query that fits no pose has `pose: null`, and so have its images; the best guess then leads the alternatives.
-    """
-    known = georeferences or {}
-    best, motion = outcome.best, outcome.map_from_session
-    answer = None if outcome.status == "not_localized" else best
-    others = outcome.alternatives if answer is best or best is None else (best, *outcome.alternatives)
-    return {
-        "id": localization_id,
-        "status": outcome.status,
-        "map_id": answer and answer.map.id,
-        "map_revision": answer and answer.map.revision,
-        "pose": answer and _pose(answer, frame, known.get(answer.map.id)),
-        "map_from_session": None if answer is None or motion is None else _motion(motion),
-        "images": [_image(each if answer else replace(each, pose=None), frame, known) for each in outcome.images],
-        "geopose": answer and _geopose(answer, frame, known.get(answer.map.id)),
-        "confidence": best.confidence if best else 0.0,
-        "accuracy": answer and {
-            "position_m": outcome.accuracy_position_m,
-            "orientation_deg": outcome.accuracy_orientation_deg,
-            "level": _ACCURACY_LEVEL,
-        },
-        "alternatives": [
-            {
-                "pose": _pose(each, frame, known.get(each.map.id)),
-                "confidence": each.confidence,
-                "map_id": each.map.id,
-            }
-            for each in others
-        ],
-        "change": {
-            "panorama_changed_fraction": outcome.panorama_changed_fraction,
-            "map_changed_fraction": outcome.map_changed_fraction,
-        },
-        "timings_s": _timings(outcome.timings_s, total_s),
-        "search": outcome.search,
-        "warnings": [*outcome.warnings, *warnings],
-        "artifacts": {name: picture_path(localization_id, name) for name in ARTIFACTS if name in outcome.pictures},
-    }  # fmt: skip
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(ResponseModel):
+    """A unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class RigidMotion(ResponseModel):
+    """x_to = rotation · x_from + position: `map_from_camera` or `map_from_session`."""
+
+    position_m: Position
+    quaternion: Quaternion
+    matrix: list[list[float]] = Field(description="4 x 4, row by row.", min_length=4, max_length=4)
+
+
+class PoseAnswer(ResponseModel):
+    """Where the camera is and how it is turned: as rotations about its axes, and as photographers mean it."""
+
+    frame: Frame
+    map_from_camera: RigidMotion
+    yaw_deg: float = Field(description="Counter-clockwise about z from the map's x axis, -180 to 180.")
+    pitch_deg: float = Field(description="Positive where the camera looks down.")
+    roll_deg: float
+    heading_deg: float = Field(description="Of the image centre, clockwise from `north`, 0 to 360.", ge=0, lt=360)
+    elevation_deg: float = Field(description="Of the image centre, positive above the horizon.", ge=-90, le=90)
+    camera_roll_deg: float = Field(description="Positive where the camera's right side is down.")
+    north: Literal["map", "true"] = Field(
+        description="What `heading_deg` counts from: the map's y axis, or true north where the map has a georeference."
+    )
+
+
+class GeoPosition(ResponseModel):
+    """WGS 84."""
+
+    lat: float = Field(description="Degrees.")
+    lon: float
+    h: float = Field(description="Metres above the ellipsoid.")
+
+
+class Rotation(ResponseModel):
+    """A unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class GeoPose(ResponseModel):
+    """OGC GeoPose 1.0, Basic-Quaternion: from the camera (x forward, y left, z up) to east, north, up where it is."""
+
+    position: GeoPosition
+    quaternion: Rotation
+
+
+class Accuracy(ResponseModel):
+    """Radius within which the pose lies with probability `level`."""
+
+    position_m: float | None
+    orientation_deg: float | None
+    level: float
+
+
+class Alternative(ResponseModel):
+    """Another pose that was found."""
+
+    pose: PoseAnswer
+    confidence: float
+    map_id: str = Field(description="The map that the pose lies in.")
+
+
+class Change(ResponseModel):
+    """How much differs between scan and panorama."""
+
+    panorama_changed_fraction: float | None
+    map_changed_fraction: float | None
+
+
+class ImageCamera(ResponseModel):
+    """What an image was taken for."""
+
+    model: CameraModel
+    hfov_deg: float = Field(description="How wide it is; 360: a full panorama, or a full turn.")
+
+
+class ImageAnswer(ResponseModel):
+    """One image of the query."""
+
+    pose: PoseAnswer | None = Field(description="Where it was taken; null where the query is `not_localized`.")
+    agreement: float | None = Field(
+        description="Correlation of what it shows with the scan seen from there, -1 to 1; of the best guess where the query is "
+        "`not_localized`; null where it is unknown."
+    )
+    camera: ImageCamera
+
+
+class Localization(ResponseModel):
+    """The answer to a query. A panorama that fits no pose is `not_localized` with `pose: null`, not an error."""
+
+    id: str
+    status: Status
+    map_id: str | None
+    map_revision: int | None
+    pose: PoseAnswer | None = Field(description="Of the first image.")
+    map_from_session: RigidMotion | None = Field(
+        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. Of one image without a pose the session "
+        "is its own camera. Null where the query is `not_localized`."
+    )
+    images: list[ImageAnswer] = Field(description="One per image, in their order.")
+    geopose: GeoPose | None = Field(
+        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null without a pose, for a map "
+        "without a georeference, and where its heights are not above the ellipsoid."
+    )
+    confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
+    accuracy: Accuracy | None
+    alternatives: list[Alternative]
+    change: Change
+    timings_s: dict[str, float] = Field(description="Seconds per stage; `queue` and `total` as the caller sees them.")
+    search: dict[str, Any]
+    warnings: list[str]
+    artifacts: dict[str, str] = Field(description="Paths of the pictures that were asked for.")
+
+    def as_waited_for(self, total_s: float, warnings: Iterable[str]) -> "Localization":
+        """Return the answer with the waiting time and the warnings of the HTTP process.
+
+        total_s: seconds that the caller waited; `queue` is the part that the worker did not use.
+        """
+        stages = {name: seconds for name, seconds in self.timings_s.items() if name != "total"}
+        waited_s = max(0.0, total_s - self.timings_s.get("total", sum(stages.values())))
+        timings_s = {"queue": round(waited_s, 6), **stages, "total": round(total_s, 6)}
+        return self.model_copy(update={"timings_s": timings_s, "warnings": [*self.warnings, *warnings]})
+
+    def without_copies(self) -> "Localization":
+        """Return the answer without links to pictures, for a Redis that cannot keep them."""
+        lost = "Redis cannot keep this answer: it cannot be fetched again, and its pictures are lost; localize again for them"
+        return self.model_copy(update={"artifacts": {}, "warnings": [*self.warnings, lost]})
 
 
 def picture_path(localization_id: str, name: str) -> str:
@@ -72,75 +175,7 @@ def picture_path(localization_id: str, name: str) -> str:
     return f"/localizations/{localization_id}/{name.replace('_', '-')}.png"
 
 
-def without_copies(answer: Document) -> Document:
-    """Return an answer of which Redis has no copy: it cannot be fetched again, and its pictures cannot be fetched at all."""
-    said = (
-        "Redis cannot keep this answer: it cannot be fetched again, and its pictures are lost; localize again for them"
-    )
-    return {**answer, "artifacts": {}, "warnings": [*answer["warnings"], said]}
-
-
-def _pose(found: FoundPose, frame: Frame, georeference: Document | None) -> Document:
-    """Return a pose with its angles twice: as rotations about its axes, and as photographers mean them.
-
-    georeference: of the map; it turns the heading from the map's y axis to true north.
-    """
-    north_deg = _north_deg(found, frame, georeference)
-    return {
-        "frame": frame,
-        "map_from_camera": _motion(found),
-        "yaw_deg": found.yaw_deg,
-        "pitch_deg": found.pitch_deg,
-        "roll_deg": found.roll_deg,
-        "heading_deg": round((90.0 - found.yaw_deg + (north_deg or 0.0)) % 360.0, 9) % 360.0,
-        "elevation_deg": 0.0 - found.pitch_deg,
-        "camera_roll_deg": found.roll_deg,
-        "north": "map" if north_deg is None else "true",
-    }
-
-
-def _geopose(found: FoundPose, frame: Frame, georeference: Document | None) -> Document | None:
-    """Return where a pose is on Earth; None where the map, or the height above the ellipsoid, is not known to be anywhere."""
-    if georeference is None:
-        return None
-    position_m = in_map_axes(found.position_m, frame)
-    return geopose_of(georeference, MapPose(position_m, found.yaw_deg, found.pitch_deg, found.roll_deg))
-
-
-def _north_deg(found: FoundPose, frame: Frame, georeference: Document | None) -> float | None:
-    """Return the compass heading of the map's y axis at a pose, clockwise from true north; None where that is not known."""
-    if georeference is None:
-        return None
-    if "coordinate_system" not in georeference:
-        return float(georeference["heading_deg"])
-    place = coordinate_system(georeference["coordinate_system"]).place(in_map_axes(found.position_m, frame))
-    return None if place is None else place.convergence_deg
-
-
 def in_map_axes(position_m: list[float], frame: Frame) -> tuple[float, float, float]:
     """Return a position with z up; webxr has (x, z, −y) of the map, unity (x, z, y)."""
     first, second, third = position_m
     return {"webxr": (first, -third, second), "unity": (first, third, second)}.get(frame, (first, second, third))
-
-
-def _motion(found: FoundPose | RigidMotion) -> Document:
-    return {
-        "position_m": dict(zip("xyz", found.position_m, strict=True)),
-        "quaternion": dict(zip("xyzw", found.quaternion_xyzw, strict=True)),
-        "matrix": found.matrix,
-    }
-
-
-def _image(found: FoundImage, frame: Frame, georeferences: Mapping[str, Document]) -> Document:
-    pose = found.pose
-    return {
-        "pose": pose and _pose(pose, frame, georeferences.get(pose.map.id)),
-        "agreement": found.agreement,
-        "camera": {"model": found.model, "hfov_deg": found.hfov_deg},
-    }
-
-
-def _timings(of_worker: dict[str, float], total_s: float) -> dict[str, float]:
-    stages = {name: seconds for name, seconds in of_worker.items() if name != "total"}
-    waited_s = max(0.0, total_s - of_worker.get("total", sum(stages.values())))
-    return {"queue": round(waited_s, 6), **stages, "total": round(total_s, 6)}

@@ -1,17 +1,20 @@
-"""The seam between the HTTP process and the workers: jobs with their ids, outcomes, and what a pool can do.
+"""Between the HTTP process and the workers: jobs, outcomes, and the protocol of a pool.
 
-Imports neither Ray nor torch, so that routes and tests can use it. A pool is given to `service.app.create_app`, which
-calls `start` when the application starts and `stop` when it ends.
+Imports neither Ray nor torch. `service.app.create_app` gets a pool, starts it with the application and stops it at the
+end.
 """
 
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
-from core.camera.camera import CameraDescription, CameraModel
-from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, Status, TrackedPose
+from core.camera.camera import CameraDescription
+from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, TrackedPose
+
+if TYPE_CHECKING:
+    from service.answer import Localization
 
 Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
 ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
@@ -25,12 +28,12 @@ PAPER_TIMEOUT_S = 600.0
 
 
 def new_id(prefix: str) -> str:
-    """Return `prefix_` and 16 hexadecimal digits that nobody can guess."""
+    """Return `prefix_` and 16 random hexadecimal digits."""
     return f"{prefix}_{secrets.token_hex(8)}"
 
 
 def now() -> str:
-    """Return the time in UTC as RFC 3339, with microseconds so that text sorts like time."""
+    """Return the time in UTC as RFC 3339, always with microseconds: text sorts like time."""
     return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
@@ -44,10 +47,10 @@ class MapRef:
 
 @dataclass(frozen=True)
 class QueryOptions:
-    """What a caller asks of one query.
+    """Options of one query.
 
-    timeout_s: seconds for the answer. frame: axes of all poses that are sent and returned. session: what is known of the poses of the
-    images. top_k: poses in the answer. artifacts: each once.
+    timeout_s: seconds for the answer. frame: axes of all poses, sent and returned. session: accuracy of the tracked
+    poses. top_k: most poses in the answer. artifacts: without duplicates.
     """
 
     timeout_s: float
@@ -63,8 +66,8 @@ class QueryOptions:
 class QueryImage:
     """One image of a query.
 
-    data, mask: the files as they were uploaded (JPEG, PNG or WebP), not decoded. camera: what took it; None: the file says so itself.
-    session_from_camera: where it was taken, as the device tracked it; None for the one image of a query without a session.
+    data, mask: the uploaded files (JPEG, PNG or WebP), not decoded. camera: None to take it from the file's metadata.
+    session_from_camera: the pose that the device tracked; None for a single image without one.
     """
 
     data: bytes
@@ -77,8 +80,9 @@ class QueryImage:
 class LocalizeJob:
     """One query.
 
-    images: at least one; of several each has its pose. maps: at least one, all ready. deadline_unix_s: after it nobody waits for the
-    answer any more. with_change_cells: what changed is wanted for `GET /maps/{id}/changes`.
+    images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
+    for the answer after it. georeferences: by map id, of the maps that have one, as `core.geopose.geopose_of` takes it.
+    with_change_cells: whether the outcome needs change cells, for `GET /maps/{id}/changes`.
     """
 
     localization_id: str
@@ -87,85 +91,32 @@ class LocalizeJob:
     maps: tuple[MapRef, ...]
     options: QueryOptions
     deadline_unix_s: float
+    georeferences: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     with_change_cells: bool = False
 
     @property
     def kind(self) -> str:
-        """Return what queries that take about as long as this one have in common: the method, and whether a field of view is searched."""
+        """Return the key under which query durations are averaged: method, and whether a field of view is searched."""
         is_searching = any(image.camera is not None and image.camera.hfov_range_deg for image in self.images)
         return f"{self.options.method}, searching field of view" if is_searching else self.options.method
 
 
 @dataclass(frozen=True)
-class FoundPose:
-    """One pose that was found, in plain values.
-
-    map: that it lies in. confidence: 0..1. position_m: [x, y, z]; quaternion_xyzw: [x, y, z, w]; matrix: 4 x 4, row by row;
-    all three `map_from_camera` in the axes that the query asked for. yaw_deg, pitch_deg, roll_deg: in the map's own frame (z up).
-    """
-
-    map: MapRef
-    confidence: float
-    position_m: list[float]
-    quaternion_xyzw: list[float]
-    matrix: list[list[float]]
-    yaw_deg: float
-    pitch_deg: float
-    roll_deg: float
-
-
-@dataclass(frozen=True)
-class RigidMotion:
-    """x_to = R x_from + t in plain values: position_m [x, y, z]; quaternion_xyzw [x, y, z, w]; matrix 4 x 4, row by row."""
-
-    position_m: list[float]
-    quaternion_xyzw: list[float]
-    matrix: list[list[float]]
-
-
-@dataclass(frozen=True)
-class FoundImage:
-    """One image at the best pose.
-
-    pose: its own, None without a best pose. agreement: correlation of what it shows with the scan seen from there, −1..1; None where that
-    is unknown. model, hfov_deg: the camera that it was taken for, and the degrees that it is wide; 360 of a full panorama.
-    """
-
-    pose: FoundPose | None
-    agreement: float | None
-    model: CameraModel
-    hfov_deg: float
-
-
-@dataclass(frozen=True)
 class LocalizeOutcome:
-    """What was found for one query, in values that survive JSON; `service.answer` makes the answer of it.
+    """The result of one query.
 
-    best: the most probable pose, of the first image, also when the status is `not_localized`; None only when nothing could be searched.
-    alternatives: others, best first. map_from_session: at the best pose, both sides in the axes that the query asked for. images: one
-    per image of the query, in its order. accuracy: 68 % radii. timings_s: seconds of the worker by stage. search: figures for the
-    caller's log. pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: see `service.worker.change_cells`.
+    pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by
+    `service.worker.change_cells`.
     """
 
-    status: Status
-    best: FoundPose | None
-    alternatives: tuple[FoundPose, ...] = ()
-    accuracy_position_m: float | None = None
-    accuracy_orientation_deg: float | None = None
-    panorama_changed_fraction: float | None = None
-    map_changed_fraction: float | None = None
-    timings_s: dict[str, float] = field(default_factory=dict)
-    search: dict[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    answer: "Localization"
     pictures: dict[str, bytes] = field(default_factory=dict)
-    map_from_session: RigidMotion | None = None
-    images: tuple[FoundImage, ...] = ()
     change_cells: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
 class RegisterOptions:
-    """What the uploader of a scan says of it. scan: format and limits are added by the worker that reads the scan."""
+    """Options of a registration. scan: the worker adds format and limits."""
 
     scan: ScanOptions = field(default_factory=ScanOptions)
     index: IndexOptions = field(default_factory=IndexOptions)
@@ -175,9 +126,9 @@ class RegisterOptions:
 class RegisterJob:
     """One revision of a scan that becomes a map.
 
-    scan_key: of the scan in storage (`service.storage`), a suffix of which is the file's extension when it had one.
-    scan_name: the file's name at the client. The worker reports what it is at through
-    `service.cache.WorkerCache.report_progress`. time_limit_s: seconds once it runs, None for no limit.
+    scan_key: of the scan in storage, with the file's extension when it has one. scan_name: the file's name at the
+    client. time_limit_s: seconds once it runs, None for no limit. The worker reports progress by
+    `WorkerCache.report_progress`.
     """
 
     map: MapRef
@@ -190,12 +141,12 @@ class RegisterJob:
 
 @dataclass(frozen=True)
 class RegisterOutcome:
-    """What a registration made besides the index, which the worker itself puts into Redis.
+    """The result of a registration, besides the index, which the worker itself puts into Redis.
 
     stats and diagnostics: as in the map of the HTTP contract. preview_png: the scan from above with the starts.
-    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame, in an
-    order in which every prefix is a fair sample (shuffled), so that fewer points are a shorter file; empty when there
-    is none. starts: one `{"position_m": [x, y, z], "leaf_size_m": s}` per start, metres, in the map's own frame.
+    points_ply: binary little-endian PLY of at most `MAX_SAMPLE_POINTS` coloured points in the map's own frame,
+    shuffled, so that every prefix is a fair sample; empty when there is none. starts: one `{"position_m": [x, y, z],
+    "leaf_size_m": s}` per start, metres, in the map's own frame.
     """
 
     stats: dict[str, Any]
@@ -206,7 +157,7 @@ class RegisterOutcome:
 
 
 MAX_SAMPLE_POINTS = 10_000_000
-"""Of `RegisterOutcome.points_ply`: 150 MB. Of a scan thinned to fewer, the default, all."""
+"""In `RegisterOutcome.points_ply`, which then takes 150 MB. By default a scan is thinned to fewer."""
 
 
 @dataclass(frozen=True)

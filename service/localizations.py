@@ -1,4 +1,4 @@
-"""Queries: from map ids to workers, and from outcomes to answers that can be fetched for a while."""
+"""Runs queries: chooses the maps, asks the pool, and keeps the answers for a while."""
 
 import asyncio
 import contextlib
@@ -10,7 +10,7 @@ import structlog
 
 from core.errors import DeadlineExceededError
 from core.panorama.image_header import read_image_header
-from service.answer import Document, answer_document, without_copies
+from service.answer import Document, Localization
 from service.cache import Cache
 from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, QueueFullError, ServiceError
 from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
@@ -24,15 +24,15 @@ from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 
-# A refusal comes at once; what is still under way after this has been accepted.
+# The pool refuses at once; a query that still runs after this is accepted.
 _ADMISSION_S = 0.05
-# The pool keeps the deadline; this much later nothing will come any more.
+# The pool keeps the deadline; this much later no answer will come.
 _OVERDUE_S = 10.0
 
 
 @dataclass(frozen=True)
 class LocalizeRequest:
-    """What a caller asks."""
+    """One query of a caller."""
 
     images: tuple[QueryImage, ...]
     maps: MapChoice
@@ -60,13 +60,13 @@ class Localizations:
         self._storage = storage
         self._metrics = metrics
         self._changes = changes
-        self._under_way: set[asyncio.Task[Document]] = set()
+        self._under_way: set[asyncio.Task[Localization]] = set()
 
-    async def answer(self, query: LocalizeRequest) -> Document:
-        """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and what the pool raises."""
+    async def answer(self, query: LocalizeRequest) -> Localization:
+        """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and the errors of the pool."""
         await self._registry.find(query.maps.map_ids)
         chosen = query.maps.resolve(self._registry)
-        # What a worker computes for a Redis that is away cannot be kept, and may take it minutes.
+        # Without Redis the answer could not be kept, and a worker may compute for minutes.
         await self._cache.check()
         return await self._answer(query, chosen, new_id("loc"), is_waited_for=True)
 
@@ -79,7 +79,7 @@ class Localizations:
         chosen = query.maps.resolve(self._registry)
         localization_id = new_id("loc")
         pending = {"id": localization_id, "status": "queued", "created_at": now(), "error": None}
-        # By the time that anybody can ask for it, its work has begun.
+        # By the time that anybody can ask for it, the query runs.
         running = {**pending, "status": "running", "due_unix_s": time.time() + query.options.timeout_s}
         await self._cache.put_state(localization_id, running, extra_s=query.options.timeout_s)
         task = asyncio.create_task(self._answer_later(query, chosen, pending))
@@ -104,18 +104,18 @@ class Localizations:
         return found
 
     async def picture(self, localization_id: str, name: str) -> bytes:
-        """Return a PNG of an answer. Raises LocalizationNotFoundError, also when it was not asked for."""
+        """Return a PNG of an answer. Raises LocalizationNotFoundError, also when the query did not ask for it."""
         data = await self._cache.get_picture(localization_id, name)
         if data is None:
             await self.get(localization_id)
             raise LocalizationNotFoundError(
-                f"expected a picture that was asked for, but {localization_id} has no {name}; name it under `artifacts`"
-                " of the query's options, or wait until the query is done"
+                f"expected a picture that the query asked for, but {localization_id} has no {name}; name it under `artifacts`"
+                " in the query's options, or wait until the query is done"
             )
         return data
 
     async def stop(self, drain_s: float) -> None:
-        """Wait for the queries whose answer is fetched later, at most `drain_s`, then end them."""
+        """Wait up to `drain_s` for the queries whose answer is fetched later, then cancel them."""
         under_way = set(self._under_way)
         if under_way:
             await asyncio.wait(under_way, timeout=drain_s)
@@ -125,7 +125,7 @@ class Localizations:
 
     async def _answer(
         self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str, is_waited_for: bool
-    ) -> Document:
+    ) -> Localization:
         began = time.monotonic()
         try:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
@@ -134,37 +134,21 @@ class Localizations:
                 self._metrics.note_refusal(error.limit)
             self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
-        total_s = time.monotonic() - began
-        body = answer_document(
-            localization_id,
-            outcome,
-            query.options.frame,
-            total_s=total_s,
-            warnings=chosen.warnings,
-            georeferences=self._registry.georeferences(chosen.refs),
-        )
-        if is_waited_for:
-            body = await self._kept_if_possible(body, outcome, chosen)
-        else:
-            await self._keep_answer(body, outcome, chosen)
-        await self._note_changes(body, outcome, query.images)
+        answer = outcome.answer.as_waited_for(time.monotonic() - began, chosen.warnings)
+        document = answer.model_dump(mode="json")
+        try:
+            await self._cache.put_answer(localization_id, document, outcome.pictures, [ref.id for ref in chosen.refs])
+            await self._forget_deleted(chosen)
+        except CacheDownError as error:
+            if not is_waited_for:
+                raise
+            _log.warning("an answer cannot be kept", error=str(error))
+            answer = answer.without_copies()
+        await self._note_changes(document, outcome, query.images)
         if self._settings.keep_images:
             await self._keep(localization_id, query.images)
-        self._metrics.note_localization(query.options.method, body["status"], body["timings_s"])
-        return body
-
-    async def _kept_if_possible(self, body: Document, outcome: LocalizeOutcome, chosen: ChosenMaps) -> Document:
-        """Keep an answer whose caller waits for it; return it with a warning where Redis does not take it."""
-        try:
-            await self._keep_answer(body, outcome, chosen)
-        except CacheDownError as error:
-            _log.warning("an answer cannot be kept", error=str(error))
-            return without_copies(body)
-        return body
-
-    async def _keep_answer(self, body: Document, outcome: LocalizeOutcome, chosen: ChosenMaps) -> None:
-        await self._cache.put_answer(body["id"], body, outcome.pictures, [ref.id for ref in chosen.refs])
-        await self._forget_deleted(chosen)
+        self._metrics.note_localization(query.options.method, answer.status, answer.timings_s)
+        return answer
 
     async def _outcome(
         self, query: LocalizeRequest, chosen: ChosenMaps, localization_id: str
@@ -179,6 +163,7 @@ class Localizations:
                 chosen.refs,
                 query.options,
                 deadline_unix_s,
+                self._registry.georeferences(chosen.refs),
                 with_change_cells=self._changes.is_kept,
             )
             try:
@@ -189,35 +174,35 @@ class Localizations:
                     f"expected an answer within {timeout_s:g} s, got none; allow more time"
                 ) from error
             except EXPECTED_ERRORS:
-                # A revision may have been replaced, with its index and its scan, since the query came.
+                # The revision may have been replaced since the query came.
                 former, chosen = chosen, query.maps.resolve(self._registry)
                 if chosen.refs == former.refs:
                     raise
 
-    async def _note_changes(self, body: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
-        """Keep what an answer saw changed; one that cannot be kept is an answer all the same."""
+    async def _note_changes(self, answer: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
+        """Store the change cells of an answer; a failure is logged and does not fail the answer."""
         try:
-            await self._changes.note(body, outcome.change_cells, [image.data for image in images])
-            map_id = body["map_id"]
+            await self._changes.note(answer, outcome.change_cells, [image.data for image in images])
+            map_id = answer["map_id"]
             if map_id is not None and not self._registry.has(map_id):  # deleted meanwhile
                 await self._changes.forget(map_id)
         except (ServiceError, OSError) as error:
-            _log.warning("what changed cannot be kept", error=str(error))
+            _log.warning("change cells cannot be stored", error=str(error))
 
     async def _forget_deleted(self, chosen: ChosenMaps) -> None:
-        """Keep no answer about a map that was deleted while it was computed; whoever waits for it still gets it."""
+        """Delete the stored answer when one of its maps was deleted meanwhile; its caller still gets it."""
         for ref in chosen.refs:
             if not self._registry.has(ref.id):
                 await self._cache.forget_map(ref.id)
 
-    async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Document:
+    async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Localization:
         try:
             return await self._answer(query, chosen, pending["id"], is_waited_for=False)
         except Exception as error:
             if not isinstance(error, EXPECTED_ERRORS):
-                _log.exception("a query met an unexpected fault")
+                _log.exception("a query failed unexpectedly")
             failed = {**pending, "status": "failed", "error": problem_document(error, query.request_id)}
-            # Without Redis nobody can ask for the state either.
+            # Without Redis nobody can read the state either.
             with contextlib.suppress(ServiceError):
                 await self._cache.put_state(pending["id"], failed)
             raise

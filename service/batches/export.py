@@ -153,9 +153,7 @@ async def _run(module: str, *arguments: str, time_s: float) -> None:
         async with asyncio.timeout(time_s):
             _, messages = await process.communicate()
     except TimeoutError as error:
-        raise ExportFailedError(
-            f"expected an export within {time_s:g} s, got none; export fewer photos"
-        ) from error
+        raise ExportFailedError(f"expected an export within {time_s:g} s, got none; export fewer photos") from error
     finally:
         if process.returncode is None:
             process.kill()

@@ -156,7 +156,7 @@ class BatchRuns:
         num_deadlines = 0
         while True:
             try:
-                return await self._localizations.answer(query)
+                return (await self._localizations.answer(query)).model_dump(mode="json")
             except DeadlineExceededError:
                 num_deadlines += 1
                 if num_deadlines == _MAX_DEADLINES:

@@ -1,4 +1,4 @@
-"""A client of the HTTP API, for programs: `PanolocClient`, what it answers with and what it raises."""
+"""A client of the HTTP API for programs: `PanolocClient` and its exceptions."""
 
 from service.client.client import JsonObject, PanolocClient
 from service.client.errors import (
@@ -11,7 +11,7 @@ from service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
-from service.client.upload_progress import UploadProgress
+from service.client.uploads import UploadProgress
 
 __all__ = [
     "ApiProblemError",

@@ -1,4 +1,4 @@
-"""What a client is given by people, looked at before anything is sent."""
+"""Checks of URL and key, before anything is sent."""
 
 import re
 from urllib.parse import urlsplit
@@ -9,13 +9,13 @@ _KEY = re.compile(r"[!-~]+")
 
 
 def check_url(url: str) -> None:
-    """Raise InvalidUrlError for what is no address of a service."""
+    """Raise InvalidUrlError unless the URL can be a service's."""
     if not _is_address(url):
         raise InvalidUrlError(f"Expected a URL such as http://127.0.0.1:8000, got {url!r}; set --url or PANOLOC_URL.")
 
 
 def _is_address(url: str) -> bool:
-    """Tell whether a URL has a host, and a port that is a number where it has one."""
+    """Return whether a URL has a scheme, a host and, if any, a valid port."""
     try:
         parts = urlsplit(url)
         return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
@@ -24,8 +24,9 @@ def _is_address(url: str) -> bool:
 
 
 def check_key(key: str | None) -> None:
-    """Raise InvalidKeyError, which does not repeat it, for a key that no header can carry."""
+    """Raise InvalidKeyError for a key that no header can carry; the message does not repeat it."""
     if key and not _KEY.fullmatch(key):
         raise InvalidKeyError(
-            "Expected a key without spaces, line ends or letters beyond ASCII, got some, perhaps at its end; correct PANOLOC_API_KEY."
+            "Expected a key of ASCII letters, digits and signs without spaces or line ends, got others, perhaps at its end; "
+            "correct PANOLOC_API_KEY."
         )

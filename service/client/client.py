@@ -25,16 +25,15 @@ from service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
-from service.client.file_parts import image_part, paths_of, sendable
-from service.client.upload_progress import ProgressFile, UploadProgress
+from service.client.uploads import ProgressFile, UploadProgress, paths_of, sendable
 
 JsonObject = dict[str, Any]
 
 CONNECT_TIMEOUT_S = 5.0
 READ_TIMEOUT_S = 60.0
-# Storing a large scan durably happens after its last byte was sent.
+# The service stores a large scan durably after its last byte has arrived.
 UPLOAD_READ_TIMEOUT_S = 600.0
-# The service answers 504 by itself at the deadline; the client waits a little longer to hear it.
+# The service answers 504 at the deadline; the client waits a little longer for that.
 DEADLINE_MARGIN_S = 30.0
 POLL_FIRST_S, POLL_LONGEST_S = 0.1, 2.0
 
@@ -51,7 +50,7 @@ class PanolocClient:
         check_url(url)
         check_key(api_key)
         headers = {"Accept": "application/json"} | ({"Authorization": f"Bearer {api_key}"} if api_key else {})
-        # A proxy from the environment must never see calls to this very machine.
+        # No proxy from the environment for calls to this machine.
         direct = {f"all://{host}": None for host in ("127.0.0.1", "localhost", "[::1]")}
         timeout = httpx.Timeout(READ_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
         self._http = httpx.Client(headers=headers, timeout=timeout, transport=transport, mounts=direct)
@@ -63,14 +62,14 @@ class PanolocClient:
         self._http.close()
 
     def is_live(self) -> bool:
-        """Tell whether the service's process answers; raises nothing when it does not."""
+        """Return whether the service's process answers; never raises."""
         try:
             return self._http.get(f"{self.url}/health/live", timeout=CONNECT_TIMEOUT_S).status_code == 200
         except httpx.HTTPError:
             return False
 
     def readiness(self) -> tuple[bool, JsonObject]:
-        """Return whether requests are served, and the service's own account of what is missing."""
+        """Return whether the service is ready, and the body that says what is missing."""
         reply = self._send("GET", "/health/ready")
         if reply.status_code not in (200, 503):
             _raise_problem(reply)
@@ -79,7 +78,7 @@ class PanolocClient:
     def register_map(
         self, scan: Path, options: JsonObject | None = None, progress: UploadProgress | None = None
     ) -> JsonObject:
-        """Upload a scan and return the new map; it becomes usable once its status is `ready`."""
+        """Upload a scan and return the new map, which answers queries once its status is `ready`."""
         with ExitStack() as stack:
             upload = ProgressFile(stack.enter_context(scan.open("rb")), progress)
             reply = self._send(
@@ -96,7 +95,7 @@ class PanolocClient:
         return _json_object(_checked(self._send("GET", f"/maps/{map_id}")))
 
     def list_maps(self, tag: str | None = None) -> Iterator[JsonObject]:
-        """Yield all maps, page after page; with `tag`, those that bear it."""
+        """Yield all maps, page by page; with `tag`, those that have it."""
         query: JsonObject = {"tag": tag} if tag else {}
         while True:
             page = _json_object(_checked(self._send("GET", "/maps", params=query)))
@@ -106,7 +105,7 @@ class PanolocClient:
             query = {**query, "cursor": page["next_cursor"]}
 
     def change_map(self, map_id: str, changes: JsonObject) -> JsonObject:
-        """Change what a map says of itself (`name`, `tags`, `shared_with`, …) and return it."""
+        """Change fields of a map (`name`, `tags`, `shared_with`, …) and return it."""
         return _json_object(_checked(self._send("PATCH", f"/maps/{map_id}", json=changes)))
 
     def delete_map(self, map_id: str) -> None:
@@ -118,8 +117,7 @@ class PanolocClient:
     ) -> JsonObject:
         """Poll until the map is ready and return it.
 
-        Raises MapFailedError when it fails and WaitTimeoutError after `timeout_s`. A service that is short of its
-        cache or workers for a while (503) is waited for.
+        Raises MapFailedError when it fails and WaitTimeoutError after `timeout_s`. Waits through 503.
         """
         give_up, pause = time.monotonic() + timeout_s, POLL_FIRST_S
         while True:
@@ -154,31 +152,32 @@ class PanolocClient:
     ) -> JsonObject:
         """Send one query and return the answer; `status` says whether a pose was found.
 
-        images: a panorama or a photo, or those of one session, whose poses stand in `options["cameras"]`. mask: one for all, or one per
-        image. Either `map_ids` or `tag` names the maps. options: the `options` of `POST /localize`; without a `timeout_s` the service's
-        own rule says how long it takes, which may be many minutes, and so the answer is waited for. progress: of each image in turn.
+        images: a panorama, a photo, or the images of a session with their poses in `options["cameras"]`. mask: one for
+        all, or one per image. Either `map_ids` or `tag` names the maps. options: as for `POST /localize`; without
+        `timeout_s` the service chooses its timeout, and the client waits without a limit. progress: of each image in
+        turn.
         """
         deadline_s = (options or {}).get("timeout_s")
         fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
         fields |= {"tag": tag} if tag else {}
         fields |= {"options": json.dumps(options)} if options else {}
         with ExitStack() as stack:
-            files: list[tuple[str, Any]] = [
-                ("image", image_part(path, ProgressFile(stack.enter_context(path.open("rb")), progress)))
-                for path in paths_of(images)
-            ]
-            files += [("mask", image_part(path, stack.enter_context(path.open("rb")))) for path in paths_of(mask)]
+            files: list[tuple[str, Any]] = []
+            for part, given, shown in (("image", images, progress), ("mask", mask, None)):
+                for path in paths_of(given):
+                    upload = ProgressFile(stack.enter_context(path.open("rb")), shown)
+                    files.append((part, (sendable(path.name), upload)))
             wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
             limits = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
             reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)
         return _json_object(_checked(reply))
 
     def fetch(self, path: str) -> bytes:
-        """Return the body behind a path of the service, such as the link of a score map."""
+        """Return the body at a path of the service, such as the link of a score map."""
         return _checked(self._send("GET", path)).content
 
     def download(self, path: str, query: Mapping[str, str], file: BinaryIO) -> None:
-        """Write the body behind a path into an open file, block by block."""
+        """Write the body at a path into an open file, block by block."""
         try:
             with self._http.stream("GET", self.link(path), params=query, timeout=UPLOAD_READ_TIMEOUT_S) as reply:
                 if not reply.is_success:
@@ -190,7 +189,7 @@ class PanolocClient:
             raise UnreachableError(self.url, _reason(error)) from error
 
     def link(self, path: str) -> str:
-        """Return the full address of a path that the service named."""
+        """Return the full URL of a path from the service."""
         return path if "://" in path else f"{self.url}{path}"
 
     def _send(self, method: str, path: str, **request: Any) -> httpx.Response:
@@ -200,7 +199,7 @@ class PanolocClient:
             raise UnreachableError(self.url, _reason(error)) from error
         except httpx.TimeoutException as error:
             raise WaitTimeoutError(
-                f"{self.url} took the connection but did not answer {method} {path} in time; see its log, or try again."
+                f"{self.url} accepted the connection but did not answer {method} {path} in time; see its log, or try again."
             ) from error
         except httpx.HTTPError as error:
             raise UnreachableError(self.url, f"the connection broke: {_reason(error)}") from error

@@ -1,8 +1,8 @@
-"""What can go wrong between a client and the service.
+"""The exceptions of the client.
 
     ClientError
-    ├── InvalidUrlError         the URL is none
-    ├── InvalidKeyError         the key cannot be one
+    ├── InvalidUrlError         the URL is not valid
+    ├── InvalidKeyError         the key is not valid
     ├── UnreachableError        nobody answers at the URL
     ├── UnexpectedReplyError    something answers, but not this service
     ├── ApiProblemError         the service answered with a problem document (RFC 9457)
@@ -16,7 +16,7 @@ from typing import Any
 
 
 class ClientError(Exception):
-    """Base of everything that the client raises on purpose."""
+    """Base of all exceptions of the client."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the error as a JSON-safe object with `type` and `detail`."""
@@ -32,21 +32,21 @@ class UnreachableError(ClientError):
 
 
 class InvalidUrlError(ClientError):
-    """The URL of the service cannot be one."""
+    """The URL of the service is not valid."""
 
 
 class InvalidKeyError(ClientError):
-    """The key cannot be sent: no service has given it."""
+    """The key cannot be sent in a header."""
 
 
 class UnexpectedReplyError(ClientError):
-    """Something answers at the URL, but not as this service would."""
+    """Something other than panoloc answers at the URL."""
 
 
 class MapFailedError(ClientError):
-    """The scan was stored, but no map could be made of it.
+    """The scan was stored, but the registration failed.
 
-    serving_revision: the older revision of the map that answers queries as before, None where there is none.
+    serving_revision: the older revision that still answers queries, None without one.
     """
 
     def __init__(self, map_id: str, reason: str, serving_revision: int | None = None) -> None:
@@ -57,14 +57,14 @@ class MapFailedError(ClientError):
 
 
 class WaitTimeoutError(ClientError):
-    """The client waited as long as it was told to; the work may still go on."""
+    """The client stopped waiting; the work may still go on."""
 
 
 class ApiProblemError(ClientError):
     """The service answered with an error.
 
     status: HTTP status. problem: the problem document (`type`, `title`, `detail`, `request_id`, perhaps more).
-    retry_after_s: seconds after which the service asks to be tried again, None when it does not say.
+    retry_after_s: seconds until a retry makes sense, None when the service does not say.
     """
 
     def __init__(self, status: int, problem: dict[str, Any], retry_after_s: float | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The OpenAPI document: what FastAPI derives, and the parts of uploads, which are read by hand."""
+"""The OpenAPI document: FastAPI's own, and the forms and bodies that routes read by themselves."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from service.http.schemas import BatchOptions, LocalizeOptions, MapOptions, MapP
 from service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
 
 _REF = "#/components/schemas/{model}"
-# Known to the document although no route of FastAPI's kind names them.
+# Models of forms and bodies that FastAPI does not know.
 _MODELS: tuple[type[BaseModel], ...] = (
     ProblemDocument,
     MapOptions,
@@ -30,7 +30,7 @@ def binary_part(description: str) -> dict[str, Any]:
 
 
 def files_part(description: str, most: int) -> dict[str, Any]:
-    """Return the schema of a part that may come again, up to `most` times."""
+    """Return the schema of a part that may be repeated up to `most` times."""
     return {
         "type": "array",
         "items": {"type": "string", "format": "binary"},
@@ -57,7 +57,7 @@ def multipart(
 
 
 def json_body(model: type[BaseModel], example: Any) -> dict[str, Any]:
-    """Return the `openapi_extra` of a route that reads JSON by hand."""
+    """Return the `openapi_extra` of a route that reads its JSON body itself."""
     content = {"application/json": {"schema": json_part(model), "example": example}}
     return {"requestBody": {"required": True, "content": content}}
 
@@ -68,11 +68,11 @@ def picture_response(description: str) -> dict[str, Any]:
 
 
 def accepted_headers(path_of: str) -> dict[str, Any]:
-    """Return the OpenAPI headers of a 202. path_of: what `Location` leads to."""
+    """Return the OpenAPI headers of a 202. path_of: the resource of `Location`."""
     return {
         "Location": {"description": f"Path of the {path_of}", "required": True, "schema": {"type": "string"}},
         "Retry-After": {
-            "description": "Seconds until a look is worth it",
+            "description": "Seconds to wait before the first look",
             "required": True,
             "schema": {"type": "integer"},
         },
@@ -80,7 +80,7 @@ def accepted_headers(path_of: str) -> dict[str, Any]:
 
 
 def install_openapi(app: FastAPI) -> None:
-    """Let the application describe itself completely; the document is made once, when it is first asked for."""
+    """Complete the application's OpenAPI document; it is made once, when first requested."""
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
@@ -107,7 +107,7 @@ def _add_models(document: dict[str, Any]) -> None:
 
 
 def _remove_default_errors(document: dict[str, Any]) -> None:
-    """Remove FastAPI's own form of 422, which this service never sends."""
+    """Remove FastAPI's own 422, which this service never sends."""
     for operations in document["paths"].values():
         for operation in operations.values():
             answer = operation.get("responses", {}).get("422", {})

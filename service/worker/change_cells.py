@@ -1,4 +1,4 @@
-"""What one answer saw changed, as cells of space: small enough to be kept for weeks, coarse enough that several answers agree."""
+"""Change cells of one answer: small enough to keep for weeks, coarse enough that several answers agree."""
 
 import base64
 import zlib
@@ -14,22 +14,22 @@ from core.results import Localization
 _CELL_M = 0.15
 _MOST_CELLS_ACROSS = 30_000  # int16
 _MOST_POINTS = 60_000
-_LEAST_POINTS = 3  # of a cell, for its mean to say anything
+_LEAST_POINTS = 3  # of a cell, for a meaningful mean
 
 
 def change_cells(
     index: MapIndex, localization: Localization, config: ChangeConfig | None = None
 ) -> dict[str, Any] | None:
-    """Return the cells that the answer saw, and which of them changed; None where it knows of none.
+    """Return the cells in view, and those of them that changed; None for an answer that is not `localized`.
 
-    `cell_m`: edge in metres. `seen`, `changed`: (n, 3) int16 of the cells' places, counted from the map's origin (its offset left out) in
-    units of `cell_m`, little-endian, deflated, base64; `changed` are some of `seen`.
+    `cell_m`: edge in metres. `seen`, `changed`: cells as (n, 3) int16, in units of `cell_m` from the map's origin
+    without its offset; little-endian, deflated, base64. `changed` is a subset of `seen`.
     """
     scores = localization.point_scores
     if scores is None or localization.status != "localized":
         return None
     known = np.flatnonzero(~np.isnan(scores))
-    # Every k-th point is an even sample of the scan: enough for cells, and a tenth of the time.
+    # Every k-th point is an even sample of the scan: enough for cells, in a tenth of the time.
     known = known[:: max(1, len(known) // _MOST_POINTS)]
     positions = index.positions.cpu().numpy()[known]
     cell_m = max(_CELL_M, float(np.abs(positions).max(initial=0.0)) / _MOST_CELLS_ACROSS)

@@ -1,4 +1,4 @@
-"""The worker that answers queries: finds the index of the map, decodes the images, localizes them, draws the pictures."""
+"""The worker that answers queries: loads the map's index, decodes the images, localizes them, draws the pictures."""
 
 import contextlib
 import logging
@@ -22,11 +22,11 @@ from service.cache import WorkerCache
 from service.errors import CacheDownError
 from service.host.process_resources import keep_freed_memory, num_usable_cpus
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
+from service.worker.answers import answer_of
 from service.worker.change_cells import change_cells
 from service.worker.map_catalog import MapCatalog
-from service.worker.outcomes import localize_outcome
 from service.worker.plan import WorkerSettings
-from service.worker.query_images import Query, as_found, read_query, shown_on_sphere
+from service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
 from service.worker.reply import WorkerReply, guarded
 from service.worker.residency import Residency
 
@@ -35,7 +35,7 @@ Result = TypeVar("Result")
 
 
 class LocalizationWorker:
-    """Holds a localizer and the indexes that were asked for last. Computes in one thread."""
+    """Holds a localizer and the indexes used last. Computes in one thread."""
 
     def __init__(self, settings: WorkerSettings, localizer: Localizer, catalog: MapCatalog, cache: WorkerCache) -> None:
         self._settings = settings
@@ -46,7 +46,7 @@ class LocalizationWorker:
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
-        """Answer one query, or say which indexes have to be built again first."""
+        """Answer one query, or name the indexes that have to be built again first."""
         began = time.monotonic()
         query = _RunningQuery(job, self._localizer, self._settings)
         outcome, failure = guarded(lambda: query.answer(self._index_of))
@@ -61,36 +61,28 @@ class LocalizationWorker:
         )
 
     def _index_of(self, map_ref: MapRef) -> tuple[str, MapIndex | None]:
-        """Return where the index came from, and the index; None when Redis has lost it, or has something else in its place."""
-        source = "resident"
+        """Return where the index came from, "resident", "redis" or "storage", and the index.
 
-        def load() -> MapIndex:
-            nonlocal source
-            source, index = self._loaded(map_ref)
-            return index
-
-        try:
-            index = self._resident.get_or_load(map_ref, load)
-            return source, index
-        except _IndexMissingError:
-            return "missing", None
-
-    def _loaded(self, map_ref: MapRef) -> tuple[str, MapIndex]:
-        """Return an index from Redis, else from its copy in storage, which then is in Redis again. Raises _IndexMissingError."""
-        digest = index_config_digest(self._catalog.registration_of(map_ref).options.index)
-        index = self._decoded(map_ref, self._cache.get_index(map_ref, digest))
+        A copy from storage goes back into Redis. "missing" and None when the index has to be built again.
+        """
+        index = self._resident.get(map_ref)
         if index is not None:
-            return "redis", index
-        copy = self._catalog.stored_index(map_ref, digest)
-        index = self._decoded(map_ref, copy)
-        if copy is None or index is None:
-            raise _IndexMissingError(map_ref.id)
-        with contextlib.suppress(CacheDownError):  # one that is full: the copy is as good
-            self._cache.put_index(map_ref, digest, copy)
-        return "storage", index
+            return "resident", index
+        digest = index_config_digest(self._catalog.registration_of(map_ref).options.index)
+        source, encoded = "redis", self._cache.get_index(map_ref, digest)
+        index = self._decoded(map_ref, encoded)
+        if index is None:
+            source, encoded = "storage", self._catalog.stored_index(map_ref, digest)
+            index = self._decoded(map_ref, encoded)
+            if encoded is None or index is None:
+                return "missing", None
+            with contextlib.suppress(CacheDownError):  # a full Redis: the copy is as good
+                self._cache.put_index(map_ref, digest, encoded)
+        self._resident.put(map_ref, index)
+        return source, index
 
     def _decoded(self, map_ref: MapRef, encoded: bytes | None) -> MapIndex | None:
-        """Return the index, None also where it cannot be read: that is as good as lost."""
+        """Return the index, None when it is missing or cannot be read."""
         if encoded is None:
             return None
         try:
@@ -100,12 +92,8 @@ class LocalizationWorker:
             return None
 
 
-class _IndexMissingError(Exception):
-    """Redis does not have the index; not an error to anybody outside."""
-
-
 class _RunningQuery:
-    """One query on its way through a worker: what it costs, and what it lacks."""
+    """One query in a worker, with its timings and the indexes that are missing."""
 
     def __init__(self, job: LocalizeJob, localizer: Localizer, settings: WorkerSettings) -> None:
         self._job = job
@@ -134,7 +122,8 @@ class _RunningQuery:
         query = as_found(query, localization)
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
         cells = self._timed("pictures", lambda: self._change_cells(maps, localization))
-        return localize_outcome(localization, self._job.maps, options.frame, self._timings_s, pictures, query, cells)
+        answer = answer_of(localization, self._job, photos_of(query), self._timings_s, pictures)
+        return LocalizeOutcome(answer, pictures, cells)
 
     def _change_cells(self, maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
         if localization.best is None or not self._job.with_change_cells:
@@ -172,10 +161,7 @@ class _RunningQuery:
 def _pictures(
     query: Query, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
 ) -> dict[str, bytes]:
-    """Return the PNGs that show a person whether a pose is right, by the names in `wanted`: "score_map_2d", "score_map_3d", "overlay".
-
-    Without any pose there is nothing to draw, so the result is empty; the outcome says why.
-    """
+    """Return the PNGs named in `wanted` ("score_map_2d", "score_map_3d", "overlay"); none without a pose."""
     names = tuple(wanted)
     if localization.best is None or not names:
         return {}
@@ -187,7 +173,7 @@ def _pictures(
     if "score_map_3d" in names or "overlay" in names:
         view = view_scan(index, localization, with_scores="score_map_3d" in names)
         drawn |= {"score_map_3d": draw_score_map_3d(view), "overlay": draw_overlay(panorama, view)}
-    # Compressing takes a third of the time, and needs no interpreter.
+    # Compression takes a third of the time and releases the GIL.
     with ThreadPoolExecutor(len(names)) as threads:
         return dict(zip(names, threads.map(encode_png, (drawn[name] for name in names)), strict=True))
 

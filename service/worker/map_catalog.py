@@ -1,4 +1,4 @@
-"""What a worker asks of storage: how a map was registered, its scan, and a copy of its index for when Redis has lost it."""
+"""A worker's view of storage: records of maps, scans, and copies of indexes for when Redis has lost them."""
 
 import logging
 from contextlib import AbstractContextManager
@@ -13,15 +13,16 @@ _log = logging.getLogger(__name__)
 
 
 class MapCatalog:
-    """Reads what the HTTP process wrote, and writes copies of indexes alone."""
+    """Reads records and scans; writes only copies of indexes."""
 
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
 
     def registration_of(self, map_ref: MapRef) -> RegisterJob:
-        """Return how a revision was registered.
+        """Return the job that registered a revision.
 
-        Raises MapNotFoundError when it was deleted meanwhile, StoredFileDamagedError when its record is damaged.
+        Raises MapNotFoundError when the revision was deleted meanwhile, StoredFileDamagedError when its record is
+        damaged.
         """
         try:
             revision = read_record(self._storage, map_ref.id).revision(map_ref.revision)
@@ -39,18 +40,18 @@ class MapCatalog:
         return self._storage.local_copy(job.scan_key)
 
     def temporary_folder(self) -> Path:
-        """Return a folder on the disk of the scans, where there is room for what they hold packed; the system's own may be memory."""
+        """Return a folder for unpacked archives, on the disk of the scans: the system's own may be in memory."""
         return self._storage.spool_folder()
 
     def stored_index(self, map_ref: MapRef, digest: str) -> bytes | None:
-        """Return the copy of an encoded index, None without one that is whole. digest: of the configuration, hexadecimal."""
+        """Return the copy of an encoded index, None when it is missing or damaged. digest: of the configuration, hex."""
         try:
             return self._storage.read(_index_key(map_ref, digest))
         except (StorageError, TryAgainError):
             return None
 
     def store_index(self, map_ref: MapRef, digest: str, encoded: bytes) -> None:
-        """Keep a copy of an index with its map, for as long as that is there; where there is no room, there is none."""
+        """Store a copy of an index beside its map; a full disk is logged, no error."""
         try:
             self._storage.put(_index_key(map_ref, digest), encoded)
             self._forget_other_indexes(map_ref, digest)
@@ -59,14 +60,14 @@ class MapCatalog:
         self._forget_index_of_deleted(map_ref)
 
     def _forget_other_indexes(self, map_ref: MapRef, digest: str) -> None:
-        """Remove copies of other configurations, which nobody asks for any more once this one was built."""
+        """Remove copies of other configurations, which are never read again."""
         folder, kept = f"{folder_of(map_ref.id)}/{map_ref.revision}", f"index-{digest}.plmi"
         for name in self._storage.names(folder):
             if name.startswith("index-") and name.endswith(".plmi") and name != kept:
                 self._storage.delete(f"{folder}/{name}")
 
     def _forget_index_of_deleted(self, map_ref: MapRef) -> None:
-        """Leave nothing of a revision that was replaced or deleted while its index was written."""
+        """Delete the copy again when its revision was replaced or deleted meanwhile."""
         try:
             self.registration_of(map_ref)
         except MapNotFoundError:

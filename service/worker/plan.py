@@ -1,12 +1,11 @@
-"""What a worker has to know, and what it runs, named but not imported: the HTTP process must not load the algorithm.
+"""Settings of a worker, and what it runs, by name: the HTTP process must not import the algorithm.
 
-Both travel with the worker, also to another machine.
+Both are pickled and may travel to another machine.
 """
 
-import importlib
-from collections.abc import Callable
+import pkgutil
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
 from service.limits.registration_limits import RegistrationLimits
@@ -19,12 +18,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class WorkerSettings:
-    """Values that a worker takes from the service's settings.
+    """The service's settings that workers need.
 
-    redis_url and storage_url: reachable from every machine that runs a worker. bucket: where storage_url names one.
-    workers_per_machine: that share its processors. resident_bytes: map indexes kept in memory, least recently used out.
-    index_lifetime_s: of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
-    registration_limits: of which the worker keeps those of its process.
+    redis_url, storage_url: reachable from every machine that runs a worker. bucket: access to the one that storage_url
+    names. workers_per_machine: they share its processors. resident_bytes: of map indexes in memory. index_lifetime_s:
+    of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
+    registration_limits: the worker sets those of its own process.
     """
 
     redis_url: str
@@ -40,7 +39,7 @@ class WorkerSettings:
 
     @classmethod
     def of(cls, settings: "Settings", redis_url: str) -> "WorkerSettings":
-        """Return what the settings of the service say. redis_url: the one that it uses, which may be its own."""
+        """Return a worker's part of the settings. redis_url: of the Redis in use, which may be embedded."""
         return cls(
             redis_url=redis_url,
             storage_url=settings.storage_url,
@@ -54,19 +53,19 @@ class WorkerSettings:
         )
 
     def open_storage(self) -> Storage:
-        """Return the storage, in the process that will use it."""
+        """Open the storage, in the process that will use it."""
         return open_storage(self.storage_url, self.bucket)
 
 
 class QueryWorker(Protocol):
-    """The body of a worker, without Ray."""
+    """What a pool runs in a worker."""
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         """Answer one query."""
 
 
 class MapRegistrar(Protocol):
-    """The body of a registration, without Ray."""
+    """What a pool runs for a registration."""
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Build and store the index of one map."""
@@ -77,7 +76,7 @@ class MapRegistrar(Protocol):
 
 @dataclass(frozen=True)
 class WorkerPlan:
-    """What workers run: two factories, each "module:function", called with the settings where the work is done."""
+    """What workers run: two factories, "module:function", called with the settings in the worker's process."""
 
     settings: WorkerSettings
     worker: str = "service.worker.localization_worker:build_worker"
@@ -85,16 +84,10 @@ class WorkerPlan:
 
     def build_worker(self) -> QueryWorker:
         """Import the factory of query workers and call it."""
-        worker: QueryWorker = _imported(self.worker)(self.settings)
+        worker: QueryWorker = pkgutil.resolve_name(self.worker)(self.settings)
         return worker
 
     def build_registrar(self) -> MapRegistrar:
         """Import the factory of registrars and call it."""
-        registrar: MapRegistrar = _imported(self.registrar)(self.settings)
+        registrar: MapRegistrar = pkgutil.resolve_name(self.registrar)(self.settings)
         return registrar
-
-
-def _imported(factory: str) -> Callable[[WorkerSettings], Any]:
-    module, _, name = factory.partition(":")
-    found: Callable[[WorkerSettings], Any] = getattr(importlib.import_module(module), name)
-    return found

@@ -1,4 +1,4 @@
-"""From the uploaded images of a query to what is localized: a panorama, a photo, or a session of several."""
+"""Decodes the images of a query into a panorama, a photo or a session."""
 
 import math
 from collections.abc import Sequence
@@ -28,7 +28,8 @@ _DRAWN_PX_PER_RAD = 512 / math.pi  # pictures are 1024 pixels for a full turn
 def read_query(images: Sequence[QueryImage], frame: Frame, session: SessionOptions, max_pixels: int) -> Query:
     """Decode the images of a query.
 
-    frame: axes of their poses. max_pixels: of all together. One image without a pose stays what it is. Raises errors of `core`.
+    frame: axes of their poses. max_pixels: of all images together. A single image without a pose is no session. Raises
+    errors of `core`.
     """
     read = _read(images, max_pixels)
     if len(read) == 1 and images[0].session_from_camera is None:
@@ -43,7 +44,7 @@ def photos_of(query: Query) -> list[Photo]:
 
 
 def as_found(query: Query, found: Localization) -> Query:
-    """Return the query with the cameras that were found, where the answer is for others than those given."""
+    """Return the query with the cameras that the search found, where they differ from those given."""
     if not found.found_cameras or isinstance(query, Panorama):
         return query
     session = query if isinstance(query, Session) else Session.of_photo(query)
@@ -55,7 +56,7 @@ def as_found(query: Query, found: Localization) -> Query:
 
 
 def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Localization]:
-    """Return all images on one sphere, and what was found with the pose of that sphere as its best, to draw pictures of."""
+    """Return all images on one sphere, and the result with the pose of that sphere as its best, for pictures."""
     if isinstance(query, Panorama):
         return query, found
     session = query if isinstance(query, Session) else Session.of_photo(query)
@@ -67,7 +68,7 @@ def shown_on_sphere(query: Query, found: Localization) -> tuple[Panorama, Locali
 
 
 def _as_drawn(photo: Photo) -> Photo:
-    """Return the photo no finer than pictures show it; drawing 32 frames as they are would take seconds."""
+    """Return the photo at the resolution of the pictures; drawing 32 frames at full size takes seconds."""
     factor = int(min(photo.camera.fx_px, photo.camera.fy_px) / _DRAWN_PX_PER_RAD)
     if factor < 2:
         return photo
@@ -78,7 +79,7 @@ def _as_drawn(photo: Photo) -> Photo:
 
 
 def _read(images: Sequence[QueryImage], max_pixels: int) -> list[Panorama | Photo]:
-    """Decode in as many threads as compute; decoding needs no interpreter. What waits for its turn is dropped with the first error."""
+    """Decode in as many threads as compute: decoding releases the GIL. The first error cancels those that wait."""
     found: list[Panorama | Photo] = []
     threads = ThreadPoolExecutor(min(len(images), torch.get_num_threads()))
     try:
@@ -108,10 +109,10 @@ def _pose(tracked: TrackedPose | None, frame: Frame) -> Pose:
 
 
 def _check_pixels(read: Sequence[Panorama | Photo], max_pixels: int) -> None:
-    """Refuse what passes the limit only once crops are placed in their spheres; the headers were checked on the way in."""
+    """Check the limit again: GPano crops have grown to their full spheres since their headers were checked."""
     found = sum(image.valid.size for image in read)
     if found > max_pixels:
         raise PanoramaTooLargeError(
-            f"image: expected at most {max_pixels:,} pixels over all images, got {found:,} with each GPano crop in its sphere; "
+            f"image: expected at most {max_pixels:,} pixels over all images, got {found:,} with GPano crops extended to full spheres; "
             "scale the images down"
         )

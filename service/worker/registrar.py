@@ -1,4 +1,4 @@
-"""The worker that registers maps: reads the scan, builds its index, puts it into Redis. Runs in a process of its own."""
+"""The worker that registers maps: reads the scan, builds the index, stores it in Redis. Runs in its own process."""
 
 import contextlib
 import dataclasses
@@ -7,8 +7,9 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import PurePosixPath
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 import torch
 
 from core.errors import ScanContentError
@@ -19,24 +20,24 @@ from core.index.map_index import MapIndex
 from core.options import MIN_POINTS
 from core.pictures import draw_map_preview, encode_png
 from core.scan.archive.unpacking import remove_remains
+from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
 from core.zip_opening import unpacked_bytes
 from service.cache import WorkerCache
 from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError
 from service.host.process_resources import limit_process, num_usable_cpus
-from service.jobs import MapRef, RegisterJob, RegisterOutcome
+from service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
 from service.limits.registration_limits import MAX_COUNTED_BYTES
 from service.worker.map_catalog import MapCatalog
-from service.worker.outcomes import sample_ply, starts_of, stats_of
 from service.worker.plan import WorkerSettings
 from service.worker.registration_progress import RegistrationProgress
 from service.worker.reply import WorkerReply, guarded
 
 Result = TypeVar("Result")
 
-# A Redis that is starting again is worth waiting for: without the index the first query builds it once more.
-_REDIS_PATIENCE_S = 10.0
+# Waiting for a Redis that restarts is cheaper than building the index again at the first query.
+_REDIS_WAIT_S = 10.0
 
 
 class Registrar:
@@ -49,7 +50,7 @@ class Registrar:
         cache: WorkerCache,
         limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None,
     ) -> None:
-        """limit_process: gives this process so many bytes and seconds of a processor; for one that ends with its work."""
+        """limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
         self._limit_process = limit_process
         self._settings = settings
         self._catalog = catalog
@@ -57,12 +58,12 @@ class Registrar:
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
-        """Build and store the index of a new map; report the progress; describe the map."""
+        """Build and store the index of a new map, and report the progress."""
         outcome, failure = guarded(lambda: _within_memory(lambda: self._register(job)))
         return WorkerReply(outcome=outcome, failure=failure, worker=self._name)
 
     def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
-        """Build and store an index that Redis has lost."""
+        """Build and store an index again that Redis has lost."""
         _, failure = guarded(lambda: _within_memory(lambda: self._rebuild(map_ref)))
         return WorkerReply(failure=failure, worker=self._name)
 
@@ -72,14 +73,14 @@ class Registrar:
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
         self._catalog.store_index(job.map, index_config_digest(job.options.index), encoded)
-        self._store_patiently(job, encoded)
+        self._store_with_retries(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
-            stats=stats_of(cloud, index, len(encoded), progress.finish()),
+            stats=_stats(cloud, index, len(encoded), progress.finish()),
             diagnostics=[dataclasses.asdict(found) for found in diagnostics],
             preview_png=encode_png(draw_map_preview(index)),
-            points_ply=sample_ply(cloud),
-            starts=starts_of(index),
+            points_ply=_sample_ply(cloud),
+            starts=_starts(index),
         )
 
     def _rebuild(self, map_ref: MapRef) -> None:
@@ -96,12 +97,12 @@ class Registrar:
             max_points=limits.max_points,
             max_points_used=limits.max_points_used,
             format=PurePosixPath(job.scan_name).suffix or None,
-            # This process has the token of Ray and the address of Redis.
+            # Parsed in a sandbox: this process holds the address of Redis.
             from_strangers=True,
         )
         with self._catalog.scan_file(job) as path:
             allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
-            # The pool looks after the time of a registration; this also ends a rebuild that computes for ever.
+            # The pool ends a registration that takes too long; this also ends an endless rebuild.
             self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
             self._remove_remains()
@@ -110,14 +111,14 @@ class Registrar:
             )
         if len(cloud) < MIN_POINTS:
             raise ScanContentError(
-                f"The scan has {len(cloud):,} points; expected at least {MIN_POINTS}, and thousands for a map that serves. "
+                f"The scan has {len(cloud):,} points; expected at least {MIN_POINTS}, and thousands for a useful map. "
                 "Export the whole scan."
             )
         return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
 
     def _remove_remains(self) -> None:
-        """Remove what registrations of archives that were killed have left behind."""
-        # Where nothing can be written now, maps whose index is lost are built all the same.
+        """Remove unpacked archives that killed registrations have left."""
+        # A read-only storage must not stop a rebuild.
         with contextlib.suppress(TryAgainError, OSError):
             remove_remains(self._catalog.temporary_folder())
 
@@ -126,14 +127,14 @@ class Registrar:
         digest = index_config_digest(job.options.index)
         self._cache.put_index(job.map, digest, encoded)
         try:
-            # Afterwards: whoever removes a revision changes its record first and forgets its index last.
+            # After the write: a deletion changes the record first and removes the index last.
             self._catalog.registration_of(job.map)
         except MapNotFoundError:
             self._cache.forget_index(job.map, digest)
             raise
 
-    def _store_patiently(self, job: RegisterJob, encoded: bytes) -> None:
-        deadline = time.monotonic() + _REDIS_PATIENCE_S
+    def _store_with_retries(self, job: RegisterJob, encoded: bytes) -> None:
+        deadline = time.monotonic() + _REDIS_WAIT_S
         while True:
             try:
                 return self._store(job, encoded)
@@ -143,17 +144,47 @@ class Registrar:
                 time.sleep(0.5)
 
 
+def _stats(cloud: PointCloud, index: MapIndex, index_bytes: int, seconds: dict[str, float]) -> dict[str, Any]:
+    """Return `stats` of a map as the HTTP contract promises them, positions in the scan's own frame, metres."""
+    lower, upper = index.bounds
+    return {
+        "num_points": cloud.num_points_read or len(cloud),
+        "num_points_used": index.num_points,
+        "bounds": {"min": lower.tolist(), "max": upper.tolist()},
+        "origin_offset": index.origin_offset.tolist(),
+        "num_starts": index.num_starts,
+        "index_bytes": index_bytes,
+        "seconds": seconds,
+        "coordinate_system": cloud.coordinate_system,
+    }
+
+
+def _starts(index: MapIndex) -> list[dict[str, Any]]:
+    """Return position and leaf size of every start, metres, in the scan's own frame."""
+    return [
+        {"position_m": position, "leaf_size_m": size}
+        for position, size in zip(index.start_positions.tolist(), index.start_leaf_sizes.tolist(), strict=True)
+    ]
+
+
+def _sample_ply(cloud: PointCloud) -> bytes:
+    """Return at most MAX_SAMPLE_POINTS coloured points as a binary PLY, shuffled: every prefix is a fair sample."""
+    chosen = np.random.default_rng(0).permutation(len(cloud))[:MAX_SAMPLE_POINTS]
+    sample = dataclasses.replace(cloud, positions=cloud.positions[chosen], colors=cloud.colors[chosen])
+    return encode_ply(sample)
+
+
 def _within_memory(work: Callable[[], Result]) -> Result:
-    """Do work. Raises RegistrationLimitError where it finds no memory."""
+    """Return the result of `work`. Raises RegistrationLimitError when memory runs out."""
     try:
         return work()
     except (MemoryError, RuntimeError) as error:
-        # torch has no class of its own for this.
+        # torch raises a plain RuntimeError.
         if not isinstance(error, MemoryError) and "can't allocate memory" not in str(error):
             raise
         raise RegistrationLimitError(
-            "expected a scan that takes less memory than allowed (PANOLOC_REGISTRATION_MEMORY_BYTES), but there "
-            "was none left; thin the scan, or let the operator allow more"
+            "expected a scan that fits in the memory allowed (PANOLOC_REGISTRATION_MEMORY_BYTES), but it ran "
+            "out; thin the scan, or let the operator allow more"
         ) from error
 
 

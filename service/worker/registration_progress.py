@@ -1,4 +1,4 @@
-"""How far a registration has come, told through Redis so that `GET /maps/{id}` moves while it runs."""
+"""Progress of a registration, published in Redis for `GET /maps/{id}`."""
 
 import contextlib
 import time
@@ -8,21 +8,18 @@ from service.errors import CacheDownError
 from service.jobs import MapRef
 
 _REPORT_PERIOD_S = 0.2
-# Where each stage of `core.index.map_builder` begins and ends on the way from 0 to 1 (measured on furnished rooms).
-_SHARES = {
-    "reading": (0.0, 0.2),
-    "finding starts": (0.2, 0.25),
-    "rendering starts": (0.25, 0.9),
-    "describing views": (0.9, 0.97),
-    "storing": (0.97, 1.0),
+# Stages of `core.index.map_builder`: name in `stats.seconds`, begin and end on the way from 0 to 1 (in furnished rooms).
+_STAGES = {
+    "reading": ("read", 0.0, 0.2),
+    "finding starts": ("starts", 0.2, 0.25),
+    "rendering starts": ("render", 0.25, 0.9),
+    "describing views": ("describe", 0.9, 0.97),
+    "storing": ("store", 0.97, 1.0),
 }
-# The stages as `stats.seconds` names them.
-_SECONDS = {"reading": "read", "finding starts": "starts", "rendering starts": "render", "describing views": "describe",
-            "storing": "store"}  # fmt: skip
 
 
 class RegistrationProgress:
-    """Reports stages at most five times a second, and measures them. A Redis that is away stops nobody."""
+    """Publishes stages at most five times a second, and measures them. Works on without Redis."""
 
     def __init__(self, cache: WorkerCache | None, map_ref: MapRef) -> None:
         """cache: None to measure only."""
@@ -34,7 +31,7 @@ class RegistrationProgress:
         self._seconds: dict[str, float] = {}
 
     def report(self, stage: str, share: float) -> None:
-        """Tell that `share` (0 to 1) of `stage` is done."""
+        """Publish that `share` (0 to 1) of `stage` is done."""
         if stage != self._stage:
             self._end_stage()
             self._stage, self._stage_began = stage, time.monotonic()
@@ -51,13 +48,13 @@ class RegistrationProgress:
 
     def _end_stage(self) -> None:
         if self._stage is not None:
-            name = _SECONDS.get(self._stage, self._stage)
+            name, _, _ = _STAGES[self._stage]
             self._seconds[name] = self._seconds.get(name, 0.0) + time.monotonic() - self._stage_began
 
     def _write(self, stage: str, share: float) -> None:
         if self._cache is None:
             return
-        begin, end = _SHARES.get(stage, (0.0, 1.0))
+        _, begin, end = _STAGES[stage]
         status = "reading" if stage == "reading" else "indexing"
         with contextlib.suppress(CacheDownError):
             self._cache.report_progress(self._map_ref, status, stage, begin + (end - begin) * share)

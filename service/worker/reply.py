@@ -1,7 +1,7 @@
-"""What comes back from a worker: an outcome, or a failure in its place.
+"""The reply of a worker: an outcome or a failure.
 
-Values, never exceptions, because Ray wraps exceptions in classes of its own, and the exceptions of libraries cannot be
-unpickled where those are not imported.
+Failures travel as values: a process that has not imported a library cannot unpickle its exceptions, and Ray wraps all
+of them.
 """
 
 import traceback
@@ -20,7 +20,7 @@ Outcome = TypeVar("Outcome")
 
 @dataclass(frozen=True)
 class WorkerFailure:
-    """An exception by the name of its class; traceback: only of one that nobody raised on purpose."""
+    """An exception by the name of its class. traceback: of unexpected ones only."""
 
     kind: str
     message: str
@@ -29,7 +29,7 @@ class WorkerFailure:
 
 @dataclass(frozen=True)
 class WorkerReply(Generic[Outcome]):
-    """An outcome, or a failure, or the maps whose index is in Redis no more; and figures about the worker.
+    """An outcome, a failure, or the maps whose index has to be built again; and figures about the worker.
 
     index_loads: how often an index was "resident", came from "redis" or "storage" or was "missing" for this job.
     """
@@ -44,7 +44,7 @@ class WorkerReply(Generic[Outcome]):
 
 
 def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure | None]:
-    """Return what `work` returns, or what it raised. Nothing passes through but what ends the process."""
+    """Return the result of `work`, or the exception that it raised. KeyboardInterrupt and SystemExit pass through."""
     try:
         return work(), None
     except Exception as error:
@@ -53,7 +53,7 @@ def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure 
 
 
 def error_of(failure: WorkerFailure) -> ServiceError | CoreError:
-    """Return the exception to raise in the HTTP process: the one that the worker raised on purpose, else a WorkerError."""
+    """Return the exception to raise in the HTTP process: the same expected one, else a WorkerError."""
     for module in (core.errors, service.errors):
         found = getattr(module, failure.kind, None)
         if isinstance(found, type) and issubclass(found, EXPECTED_ERRORS) and found is not WorkerError:

@@ -1,12 +1,11 @@
-"""What a worker keeps in memory: least recently used out, counted in bytes."""
+"""A cache in memory: least recently used out, bounded by bytes."""
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from typing import Generic, Protocol, TypeVar
 
 
 class Sized(Protocol):
-    """Anything that knows how much memory it holds."""
+    """A value that knows its size in memory."""
 
     @property
     def num_bytes(self) -> int:
@@ -18,37 +17,26 @@ Value = TypeVar("Value", bound=Sized)
 
 
 class Residency(Generic[Key, Value]):
-    """A cache bounded by bytes. Not safe for several threads: a worker computes in one."""
+    """Not thread-safe: a worker computes in one thread."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
-        self._held: OrderedDict[Key, Value] = OrderedDict()
-        self._num_bytes = 0
-
-    def __contains__(self, key: Key) -> bool:
-        return key in self._held
+        self._held: dict[Key, Value] = {}  # the least recently used first
 
     @property
     def num_bytes(self) -> int:
         """Return the bytes of everything held."""
-        return self._num_bytes
+        return sum(value.num_bytes for value in self._held.values())
 
-    def get_or_load(self, key: Key, load: Callable[[], Value]) -> Value:
-        """Return the value of `key`, loading it when it is not held.
-
-        A value larger than the whole cache is returned but not kept.
-        """
+    def get(self, key: Key) -> Value | None:
+        """Return a value, None when it is not held; it becomes the most recently used."""
         if key in self._held:
-            self._held.move_to_end(key)
-            return self._held[key]
-        value = load()
-        if value.num_bytes <= self._max_bytes:
-            self._make_room(value.num_bytes)
-            self._held[key] = value
-            self._num_bytes += value.num_bytes
-        return value
+            self._held[key] = self._held.pop(key)
+        return self._held.get(key)
 
-    def _make_room(self, num_bytes: int) -> None:
-        while self._held and self._num_bytes + num_bytes > self._max_bytes:
-            _, oldest = self._held.popitem(last=False)
-            self._num_bytes -= oldest.num_bytes
+    def put(self, key: Key, value: Value) -> None:
+        """Hold a value that is not held yet, unless it is larger than the whole cache."""
+        if value.num_bytes <= self._max_bytes:
+            while self.num_bytes + value.num_bytes > self._max_bytes:
+                del self._held[next(iter(self._held))]
+            self._held[key] = value

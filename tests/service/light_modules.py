@@ -1,4 +1,4 @@
-"""The modules of `core` that load without numpy: all that may be imported where a command or the HTTP process starts."""
+"""The modules of `core` that load without numpy: all that a command may import at its start."""
 
 FOR_COMMANDS = frozenset(
     {
@@ -14,16 +14,6 @@ FOR_COMMANDS = frozenset(
         "core.zip_opening",
     }
 )
-FOR_THE_APPLICATION = FOR_COMMANDS - {"core.shown_name"} | {
-    "core.geodesy",
-    "core.geopose",
-    "core.georeference",
-    "core.panorama.known_camera",
-    "core.scan",
-    "core.scan.format_detection",
-    "core.scan.ply",
-    "core.scan.ply.header",
-}
 
 
 def core_modules(loaded: set[str]) -> set[str]:

@@ -1,16 +1,16 @@
-"""The GeoPoseProtocol of OSCP, version 2: one image in, where it was taken on Earth out."""
+"""`POST /geopose`: the GeoPoseProtocol of OSCP, version 2."""
 
 import base64
 import binascii
 import time
 from contextlib import ExitStack
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import IMAGE, check_images
-from service.answer import Document
+from service.answer import Localization
 from service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
 from service.http.access import caller_of, maps_seen, require
 from service.http.openapi import json_body, json_part
@@ -20,6 +20,7 @@ from service.http.schemas.geopose import (
     GEOPOSE_REQUEST_EXAMPLE,
     CameraReading,
     GeolocationReading,
+    GeoPoseAccuracy,
     GeoPoseReply,
     GeoPoseRequest,
 )
@@ -62,12 +63,12 @@ async def post_geopose(
     map_id: Annotated[
         list[str] | None,
         Query(
-            description="Maps to search; left out: all with a place on Earth, around the geolocation where one is sent."
+            description="Maps to search; default: all with a place on Earth, near the geolocation if the request has one."
         ),
     ] = None,
-    tag: Annotated[str | None, Query(description="Instead: all maps that bear this tag.", max_length=64)] = None,
+    tag: Annotated[str | None, Query(description="Instead of `map_id`: all maps with this tag.", max_length=64)] = None,
 ) -> Response:
-    """Return the GeoPose of one image, if it is `localized`; 404 where it fits no place well enough, or several."""
+    """Return the GeoPose of one image; 404 unless it is `localized`."""
     services = services_of(request)
     with ExitStack() as stack:
         held = services.bytes_in_flight.hold(caller_of(request).id)
@@ -82,7 +83,7 @@ async def post_geopose(
             maps = maps_around(maps_seen(request), _place(asked.sensorReadings.geolocationReadings))
         query = LocalizeRequest((image,), maps, checked_options(options, services.settings), request.state.request_id)
         answer = await while_connected(request, services.localizations.answer(query))
-    return JSONResponse(_reply(asked, answer), media_type=_MEDIA_TYPE)
+    return JSONResponse(_reply(asked, answer).model_dump(mode="json"), media_type=_MEDIA_TYPE)
 
 
 async def _body(request: Request, settings: Settings, held: Held) -> bytes:
@@ -101,7 +102,7 @@ async def _body(request: Request, settings: Settings, held: Held) -> bytes:
 def _image(reading: CameraReading, settings: Settings) -> QueryImage:
     camera = reading.camera()
     try:
-        # Browsers put `data:image/jpeg;base64,` before it, encoders of mail line breaks into it.
+        # Browsers prepend `data:image/jpeg;base64,`; mail encoders insert line breaks.
         encoded = "".join(reading.imageBytes.rpartition(",")[2].split())
         data = base64.b64decode(encoded, validate=True)
     except (binascii.Error, ValueError) as error:
@@ -120,31 +121,28 @@ def _image(reading: CameraReading, settings: Settings) -> QueryImage:
 
 
 def _place(readings: list[GeolocationReading] | None) -> Place | None:
-    """Return the last place that the device took itself to be at."""
+    """Return the last position of the device."""
     for reading in reversed(readings or []):
         if reading.latitude is not None and reading.longitude is not None:
             return Place(reading.latitude, reading.longitude, reading.accuracy or 0.0)
     return None
 
 
-def _reply(asked: GeoPoseRequest, answer: Document) -> dict[str, Any]:
-    if answer["status"] != "localized":
-        words = "fits several places" if answer["status"] == "ambiguous" else "fits no place well enough"
+def _reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
+    if answer.status != "localized" or answer.accuracy is None:
+        words = "fits several places" if answer.status == "ambiguous" else "fits no place well enough"
         raise NoPoseError(
-            f"expected an image of a place that is mapped, got one that {words}; turn to where more is seen"
+            f"expected an image of a mapped place, got one that {words}; send one that shows more of the place"
         )
-    if answer["geopose"] is None:
+    if answer.geopose is None:
         raise NoPoseError(
-            f"expected a map with a place on Earth and heights above the ellipsoid, but {answer['map_id']} has none; set its georeference "
+            f"expected a map with a georeference and heights above the ellipsoid, but {answer.map_id} has none; set its georeference "
             "with PATCH /maps/{id}, or POST /localize for a pose in the map"
         )
-    return {
-        "id": asked.id or answer["id"],
-        "timestamp": time.time_ns() // 1_000_000,
-        "type": "geopose",
-        "accuracy": {
-            "position": answer["accuracy"]["position_m"],
-            "orientation": answer["accuracy"]["orientation_deg"],
-        },
-        "geopose": answer["geopose"],
-    }
+    return GeoPoseReply(
+        id=asked.id or answer.id,
+        timestamp=time.time_ns() // 1_000_000,
+        type="geopose",
+        accuracy=GeoPoseAccuracy(position=answer.accuracy.position_m, orientation=answer.accuracy.orientation_deg),
+        geopose=answer.geopose,
+    )

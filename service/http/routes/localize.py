@@ -1,4 +1,4 @@
-"""Ask where a panorama, a photo or the images of a session were taken."""
+"""`POST /localize`."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -11,11 +11,12 @@ from starlette.responses import JSONResponse, Response
 from core.options import MAX_IMAGES
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
 from core.panorama.known_camera import check_known_cameras
+from service.answer import Localization
 from service.errors import InvalidOptionsError
 from service.http.access import caller_of, require
 from service.http.openapi import accepted_headers, files_part, json_part, multipart
 from service.http.query_images import query_images
-from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
+from service.http.schemas import LocalizeOptions, PendingLocalization
 from service.http.schemas.localization_examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,
@@ -37,7 +38,7 @@ router = APIRouter(tags=["localization"])
 Result = TypeVar("Result")
 
 _RETRY_AFTER_S = 1
-# So many images of a query may be as large as one may be: 32 frames of a phone together are smaller than that.
+# Images of a query that may have the full size: 32 frames of a phone together are smaller.
 _MAX_FULL_IMAGES = 4
 _PARTS = {
     "image": files_part(
@@ -46,15 +47,15 @@ _PARTS = {
         MAX_IMAGES,
     ),
     "mask": files_part(
-        "An image of the same shape; pixels that are not zero are ignored. One for all images, or one per image in their order.",
+        "An image of the same shape; its non-zero pixels are ignored in the query. One for all images, or one per image in their order.",
         MAX_IMAGES,
     ),
     "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
-    "tag": {"type": "string", "description": "Instead of `map_id`: all maps that bear this tag."},
+    "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
     "options": json_part(LocalizeOptions),
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"model": Localization, "content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
+    200: {"content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
     202: {
         "model": PendingLocalization,
         "description": "With `Prefer: respond-async`: the answer is fetched later.",
@@ -68,7 +69,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     "/localize",
     summary="Find where a panorama, a photo or a session was taken",
     dependencies=[Depends(require("localize"))],
-    response_model=None,
+    response_model=Localization,
     responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)},
     openapi_extra=multipart(
         _PARTS,
@@ -91,8 +92,8 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
 async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
-) -> Response:
-    """Return the pose of a panorama, a photo or a session, or say that it fits nowhere (`not_localized`), which is an answer too."""
+) -> Localization | Response:
+    """Return the pose of a panorama, a photo or a session. The answer `not_localized` means that it fits nowhere."""
     services = services_of(request)
     held = services.bytes_in_flight.hold(caller_of(request).id)
     try:
@@ -102,7 +103,7 @@ async def localize(
         raise
 
 
-async def _answer(request: Request, prefer: str | None, held: Held) -> Response:
+async def _answer(request: Request, prefer: str | None, held: Held) -> Localization | Response:
     services = services_of(request)
     query = await _query(request, services.settings, held)
     if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
@@ -111,7 +112,7 @@ async def _answer(request: Request, prefer: str | None, held: Held) -> Response:
         return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
     answer = await while_connected(request, services.localizations.answer(query))
     held.release()
-    return JSONResponse(answer)
+    return answer
 
 
 async def _query(request: Request, settings: Settings, held: Held) -> LocalizeRequest:
@@ -137,7 +138,7 @@ async def _query(request: Request, settings: Settings, held: Held) -> LocalizeRe
 
 
 def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
-    """Return options as the pool takes them. Raises InvalidOptionsError for more time than the operator allows."""
+    """Return the options for the worker. Raises InvalidOptionsError for a longer timeout than the operator allows."""
     is_searching_field_of_view = any(camera.hfov_range_deg for camera in given.cameras or ())
     options = given.to_options(settings.timeout_s_of(given.method, is_searching_field_of_view))
     if options.timeout_s > settings.max_timeout_s:
@@ -150,7 +151,7 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
-    """Return what `work` returns; a caller who goes away ends it. Raises ClientDisconnect."""
+    """Return the result of `work`, or cancel it when the caller disconnects. Raises ClientDisconnect."""
     task = asyncio.create_task(work)
     watch = asyncio.create_task(_disconnected(request))
     try:

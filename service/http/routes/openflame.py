@@ -1,14 +1,13 @@
-"""The protocol of OpenFLAME map servers: each map is a server below its id."""
+"""The protocol of OpenFLAME: each map is a map server under the path of its id."""
 
 from contextlib import ExitStack
 from typing import Any
 
 from fastapi import APIRouter, Depends, Request
 from starlette.convertors import Convertor, register_url_convertor
-from starlette.responses import JSONResponse, Response
 
 from core.panorama.image_header import IMAGE, KNOWN_FORMATS, check_images
-from service.answer import Document
+from service.answer import Localization
 from service.http.access import caller_of, maps_seen, require
 from service.http.openapi import files_part, multipart
 from service.http.query_images import query_images
@@ -50,16 +49,16 @@ _CAPABILITIES_EXAMPLE: dict[str, Any] = {
 
 
 class _MapIdConvertor(Convertor[str]):
-    """Ids of maps, and nothing else: these paths begin with one, and no other path of the service may become theirs."""
+    """Matches ids of maps alone, so that these routes hide no other path of the service."""
 
     regex = "map_[0-9A-Za-z]+"
 
     def convert(self, value: str) -> str:
-        """Return the id as it stands in the path."""
+        """Return the id in a path."""
         return value
 
     def to_string(self, value: str) -> str:
-        """Return the id as it will stand in a path."""
+        """Return the id for a path."""
         return value
 
 
@@ -70,21 +69,20 @@ register_url_convertor("map_id", _MapIdConvertor())
     "/{map_id:map_id}/localize/image",
     summary="Find where an image was taken (OpenFLAME)",
     dependencies=[Depends(require("localize"))],
-    response_model=None,
     responses={
-        200: {"model": OpenFlameAnswer, "content": {"application/json": {"example": _FOUND_EXAMPLE}}},
+        200: {"content": {"application/json": {"example": _FOUND_EXAMPLE}}},
         **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504),
     },
     openapi_extra=multipart(
         {
             "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}.", 1),
-            _AFRAME_POSE: {"type": "string", "description": "Where the client takes itself to be; not read."},
+            _AFRAME_POSE: {"type": "string", "description": "The client's estimate of its pose; not used."},
         },
         ["image"],
         {"a photo": {"value": {"image": ["(the bytes)"]}}},
     ),
 )
-async def localize_image(request: Request, map_id: str) -> Response:
+async def localize_image(request: Request, map_id: str) -> OpenFlameAnswer:
     """Return the pose of an image, if it is `localized`, else `success: false`."""
     services = services_of(request)
     settings = services.settings
@@ -105,37 +103,36 @@ async def localize_image(request: Request, map_id: str) -> Response:
             request.state.request_id,
         )
         answer = await while_connected(request, services.localizations.answer(asked))
-    return JSONResponse(_reply(answer))
+    return _reply(answer)
 
 
 @router.get(
     "/{map_id:map_id}/capabilities",
     summary="What an OpenFLAME map server can do",
     dependencies=[Depends(require("read"))],
-    response_model=None,
     responses={
-        200: {"model": OpenFlameCapabilities, "content": {"application/json": {"example": _CAPABILITIES_EXAMPLE}}},
+        200: {"content": {"application/json": {"example": _CAPABILITIES_EXAMPLE}}},
         **error_responses(401, 403, 404),
     },
 )
 @router.get(
     "/{map_id:map_id}/capabilities/",
     dependencies=[Depends(require("read"))],
-    response_model=None,
     include_in_schema=False,
 )
-async def get_capabilities(request: Request, map_id: str) -> Response:
-    """Return the name of the map, its picture, and where images are localized in it."""
+async def get_capabilities(request: Request, map_id: str) -> OpenFlameCapabilities:
+    """Return the name of the map, its picture, and the URL that localizes images in it."""
     record = maps_seen(request).get(map_id)
     service = {"name": "localization", "url": str(request.url_for("localize_image", map_id=map_id)), "types": ["image"]}
     icon = str(request.url_for("get_preview", map_id=map_id))
-    return JSONResponse({"commonName": record.name, "iconURL": icon, "services": [service]})
+    return OpenFlameCapabilities(commonName=record.name, iconURL=icon, services=[service])
 
 
-def _reply(answer: Document) -> dict[str, Any]:
-    if answer["status"] != "localized":
-        return {"success": False, "pose": None, "confidence": 0}
+def _reply(answer: Localization) -> OpenFlameAnswer:
+    if answer.status != "localized" or answer.pose is None:
+        return OpenFlameAnswer(success=False, pose=None, confidence=0)
     # From the world of WebXR (x, z, −y of the map) to that of A-Frame (y, z, x); the camera's axes are the same.
-    east, up, south, last = answer["pose"]["map_from_camera"]["matrix"]
-    pose = [[0.0 - value for value in south], up, east, last]
-    return {"success": True, "pose": pose, "confidence": answer["confidence"]}
+    east, up, south, last = answer.pose.map_from_camera.matrix
+    return OpenFlameAnswer(
+        success=True, pose=[[0.0 - value for value in south], up, east, last], confidence=answer.confidence
+    )

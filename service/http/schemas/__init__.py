@@ -1,23 +1,21 @@
-"""The HTTP contract as pydantic models: what may come in, and what goes out.
+"""The HTTP contract as pydantic models: requests and responses.
 
-Requests are validated with them; answers come from the worker as they are, and tests hold them against the models.
+Requests are validated with them. The answer to a query is `service.answer.Localization`, which workers build.
 """
 
+from service.answer import Localization
 from service.http.schemas.batches import Batch, BatchOptions
-from service.http.schemas.geometry import Box, Model, Vector
 from service.http.schemas.health import Health, Liveness, Readiness
-from service.http.schemas.localization import Hints, Localization, LocalizeOptions, PendingLocalization
-from service.http.schemas.map_options import Georeference, MapOptions, MapPatch, ScanOptions, StartsOptions
+from service.http.schemas.localization import LocalizeOptions, PendingLocalization
+from service.http.schemas.map_options import Georeference, MapOptions, MapPatch, ScanOptions
 from service.http.schemas.maps import Map, MapPage, MapStarts
 from service.http.schemas.problem import ProblemDocument
 
 __all__ = [
     "Batch",
     "BatchOptions",
-    "Box",
     "Georeference",
     "Health",
-    "Hints",
     "Liveness",
     "Localization",
     "LocalizeOptions",
@@ -26,11 +24,8 @@ __all__ = [
     "MapPage",
     "MapPatch",
     "MapStarts",
-    "Model",
     "PendingLocalization",
     "ProblemDocument",
     "Readiness",
     "ScanOptions",
-    "StartsOptions",
-    "Vector",
 ]

@@ -1,13 +1,13 @@
-"""Batches and what became of their images."""
+"""Batches and the results of their images."""
 
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from service.answer import Localization, ResponseModel
 from service.http.schemas.cameras import Camera
-from service.http.schemas.geometry import Answer
-from service.http.schemas.localization import Localization, LocalizeOptions
+from service.http.schemas.localization import LocalizeOptions
 from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
 from service.http.schemas.problem import ProblemDocument
 
@@ -16,21 +16,21 @@ ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "fail
 
 
 class BatchOptions(LocalizeOptions):
-    """The part `options` of `POST /batches`: that of `POST /localize` for every image; without pictures and without poses of a session."""
+    """The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions."""
 
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
-        None, description="What took the images, one entry for all. Left out: each image says so itself."
+        None, description="Camera of all images, one entry. Without it, each image's metadata gives its camera."
     )
     session: None = Field(
-        None, description="Each image is a query of its own; frames with poses go to `POST /localize`."
+        None, description="Not in a batch: each image is a query of its own; sessions go to `POST /localize`."
     )
     artifacts: list[Any] = Field(
-        default_factory=list, max_length=0, description="None: pictures of a batch are not kept."
+        default_factory=list, max_length=0, description="Not in a batch: its pictures are not kept."
     )
 
 
-class BatchCounts(Answer):
-    """How many images ended with each status."""
+class BatchCounts(ResponseModel):
+    """Number of images by status."""
 
     waiting: int
     localized: int
@@ -39,18 +39,20 @@ class BatchCounts(Answer):
     failed: int
 
 
-class BatchItem(Answer):
+class BatchItem(ResponseModel):
     """One image."""
 
     number: int = Field(ge=0, description="Its place in the upload.")
     name: str
     status: ItemStatus
-    answer: Localization | None = Field(description="As `POST /localize` gives it; null while it waits, or failed.")
+    answer: Localization | None = Field(
+        description="As from `POST /localize`; null while the image waits, or when it failed."
+    )
     error: ProblemDocument | None
 
 
-class BatchOverview(Answer):
-    """A batch as lists have it."""
+class BatchOverview(ResponseModel):
+    """A batch in a list."""
 
     id: str
     status: BatchStatus
@@ -61,7 +63,7 @@ class BatchOverview(Answer):
     progress: float = Field(ge=0, le=1)
 
 
-class BatchPage(Answer):
+class BatchPage(ResponseModel):
     """A page of the caller's batches."""
 
     items: list[BatchOverview]
@@ -69,12 +71,10 @@ class BatchPage(Answer):
 
 
 class Batch(BatchOverview):
-    """Images that are localized one by one; a restart of the service loses nothing of it."""
+    """Images that are localized one by one; a batch survives restarts of the service."""
 
     counts: BatchCounts
-    ignored: list[str] = Field(
-        description="Files of the archive that are no images by their names; at most 100 are listed."
-    )
+    ignored: list[str] = Field(description="Files of the archive that are not images by their names; at most 100.")
     items: list[BatchItem] = Field(
         description="A page of the images, in their order; empty in the answer to `POST /batches`."
     )

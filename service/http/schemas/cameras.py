@@ -1,20 +1,69 @@
-"""What a caller says of the camera that took an image."""
+"""Cameras of a query, and the poses that the device tracked."""
 
-from typing import Annotated, Self
+import math
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
 from core.errors import OptionsError
-from service.http.schemas.geometry import Model
-from service.http.schemas.session import SessionFromCamera
+from core.options import (
+    MAX_ORIENTATION_NOISE_DEG,
+    MAX_POSITION_NOISE_M,
+    QUATERNION_TOLERANCE,
+    SessionOptions,
+    TrackedPose,
+)
+from service.http.schemas.geometry import Coordinate, RequestModel
 
 _Pixels = Annotated[int, Field(ge=1, le=65_535)]
-_Number = Annotated[float, Field(strict=True)]  # neither text nor true, which would be one degree
+_Number = Annotated[float, Field(strict=True)]  # neither text nor `true`, which would be one degree
 
 
-class Camera(Model):
-    """Intrinsics of the image `width_px` x `height_px`, of which the upload may be a resized copy; or its field of view.
+class SessionPosition(RequestModel):
+    """Metres, in the session."""
+
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate
+
+
+class SessionQuaternion(RequestModel):
+    """A unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+    @model_validator(mode="after")
+    def _is_unit(self) -> Self:
+        norm = math.hypot(self.x, self.y, self.z, self.w)
+        if not abs(norm - 1) <= QUATERNION_TOLERANCE:
+            raise ValueError(
+                f"expected a unit quaternion {{x, y, z, w}}, got one of norm {norm:.4g}; send the rotation of the pose, w last"
+            )
+        return self
+
+
+class SessionFromCamera(RequestModel):
+    """x_session = rotation · x_camera + position, from the device's own tracking, in the axes of `frame`."""
+
+    position_m: SessionPosition
+    quaternion: SessionQuaternion
+
+    def to_options(self) -> TrackedPose:
+        """Return the pose for the worker, with its quaternion normalised."""
+        position, turned = self.position_m, self.quaternion
+        norm = math.hypot(turned.x, turned.y, turned.z, turned.w)
+        return TrackedPose(
+            (position.x, position.y, position.z),
+            (turned.x / norm, turned.y / norm, turned.z / norm, turned.w / norm),
+        )
+
+
+class Camera(RequestModel):
+    """Intrinsics of an image `width_px` x `height_px`, of which the upload may be a resized copy; or a field of view.
 
     Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
     """
@@ -22,31 +71,31 @@ class Camera(Model):
     model: CameraModel | None = Field(
         None,
         description="`pinhole`; `opencv` and `opencv_fisheye` with OpenCV's distortion; `cylindrical`, as phones make sweep panoramas; "
-        "`equirectangular`, also a part of the sphere. Left out with all but the pose: the image says so itself.",
+        "`equirectangular`, also a part of the sphere. With `session_from_camera` alone, the camera comes from the image's metadata.",
     )
-    width_px: _Pixels | None = Field(None, description="Of the image that the intrinsics belong to.")
+    width_px: _Pixels | None = Field(None, description="Of the image to which the intrinsics belong.")
     height_px: _Pixels | None = None
     fx_px: _Number | None = Field(
         None, description="Focal length; of `cylindrical` and `equirectangular` pixels per radian across."
     )
-    fy_px: _Number | None = Field(None, description="`fx_px` when left out.")
-    cx_px: _Number | None = Field(None, description="The middle when left out.")
-    cy_px: _Number | None = Field(None, description="The middle when left out.")
+    fy_px: _Number | None = Field(None, description="Default: `fx_px`.")
+    cx_px: _Number | None = Field(None, description="Default: the middle.")
+    cy_px: _Number | None = Field(None, description="Default: the middle.")
     distortion: list[_Number] = Field(
         default_factory=list,
         max_length=8,
         description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
     )
     hfov_deg: _Number | None = Field(
-        None, description="Degrees from the left edge to the right one, in place of `fx_px` ... `cy_px`."
+        None, description="Degrees from the left edge to the right edge, instead of `fx_px` … `cy_px`."
     )
     hfov_range_deg: tuple[_Number, _Number] | None = Field(
         None,
-        description="Of a single `pinhole` photo whose field of view nobody knows: bounds within which it is searched, such as `[45, 85]`; "
-        "takes several times as long. `images[0].camera` says what was found.",
+        description="Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as "
+        "long; `images[0].camera` in the answer has the result.",
     )
     session_from_camera: SessionFromCamera | None = Field(
-        None, description="Where the image was taken; needed for each of several images."
+        None, description="Tracked pose of the image; needed for each of several images."
     )
 
     @model_validator(mode="after")
@@ -58,13 +107,34 @@ class Camera(Model):
         return self
 
     def to_options(self) -> CameraDescription | None:
-        """Return the camera as the algorithm takes it; None: the image says so itself. Raises OptionsError for what describes none."""
+        """Return the camera for the worker; None: from the image's metadata. Raises OptionsError if it is not valid."""
         given = self.model_dump(exclude={"session_from_camera"})
         if self.model is None:
             if any(value not in (None, []) for value in given.values()) or self.session_from_camera is None:
                 raise OptionsError(
-                    f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only where nothing but "
-                    "session_from_camera is sent"
+                    f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only where "
+                    "session_from_camera is the only field"
                 )
             return None
         return CameraDescription(**{**given, "distortion": tuple(self.distortion)})
+
+
+class TrackedSession(RequestModel):
+    """Accuracy and up axis of the tracked poses."""
+
+    up: Literal["known", "unknown"] = Field(
+        "unknown",
+        description="`known`: the session's up axis (y in `webxr` and `unity`, z in `ros` and `opencv`) is against gravity, as ARKit, "
+        "ARCore and WebXR have it.",
+    )
+    position_noise_m: Annotated[float, Field(ge=0, le=MAX_POSITION_NOISE_M)] = Field(
+        SessionOptions.position_noise_m,
+        description="Standard deviation of the tracking from image to image; not used yet.",
+    )
+    orientation_noise_deg: Annotated[float, Field(ge=0, le=MAX_ORIENTATION_NOISE_DEG)] = Field(
+        SessionOptions.orientation_noise_deg, description="The same of the orientation; not used yet."
+    )
+
+    def to_options(self) -> SessionOptions:
+        """Return the options for the worker."""
+        return SessionOptions(self.up == "known", self.position_noise_m, self.orientation_noise_deg)

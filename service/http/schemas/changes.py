@@ -1,18 +1,19 @@
-"""What answers saw changed since a map's scan."""
+"""Changes since a map's scan."""
 
 from datetime import datetime
 from typing import Any
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer, Vector
+from service.answer import ResponseModel
+from service.http.schemas.geometry import Vector
 
 
-class AnswerWithChange(Answer):
-    """One answer that counts."""
+class AnswerWithChange(ResponseModel):
+    """One of the answers that are counted."""
 
     id: str | None = Field(
-        description="Of the localization, whose answer itself lives shorter; null to keys of one tenant, who share maps with others."
+        description="Of the localization, whose answer may have expired; null for keys of a tenant, who may share the map with others."
     )
     created_at: datetime
     position_m: Vector = Field(description="Where the photo was taken.")
@@ -21,8 +22,8 @@ class AnswerWithChange(Answer):
     map_changed_fraction: float | None
 
 
-class ChangedCell(Answer):
-    """A cube of space in which something changed."""
+class ChangedCell(ResponseModel):
+    """A cube in which something changed."""
 
     center_m: Vector
     num_changed: int = Field(ge=1, description="Answers that saw a change here.")
@@ -30,15 +31,17 @@ class ChangedCell(Answer):
     last_changed_at: datetime
 
 
-class MapChanges(Answer):
-    """What changed since the scan, as the answers of the last `lifetime_s` seconds saw it."""
+class MapChanges(ResponseModel):
+    """What changed since the scan, by the answers of the last `lifetime_s` seconds."""
 
     map_id: str
-    revision: int = Field(description="Of the scan that answers queries; answers to others do not count.")
+    revision: int = Field(
+        description="Revision of the scan that answers queries; answers from other revisions do not count."
+    )
     lifetime_s: int = Field(description="Seconds for which an answer counts.")
     cell_m: float | None = Field(description="Edge of a cell, metres; null without answers.")
     answers: list[AnswerWithChange] = Field(description="Newest first.")
-    cells: list[ChangedCell] = Field(description="Those that most answers saw changed first.")
+    cells: list[ChangedCell] = Field(description="Those that changed in most answers first.")
 
 
 CHANGES_EXAMPLE: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Numbers and boxes that many models share. Metres unless a name says otherwise."""
+"""Numbers and boxes that several models share; metres."""
 
 from typing import Annotated, Self, cast
 
@@ -11,19 +11,13 @@ Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]
 
 
-class Model(BaseModel):
-    """A model that takes nothing it does not know, so that a misspelt field is an error and not ignored."""
+class RequestModel(BaseModel):
+    """A model of a request. Unknown fields are errors, so that a misspelt one is not ignored."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
-class Answer(BaseModel):
-    """A model of what the service sends; fields may be added to it."""
-
-    model_config = ConfigDict(extra="allow")
-
-
-class Box(Model):
+class Box(RequestModel):
     """A box along the axes of the map's own frame, metres."""
 
     min: Vector
@@ -36,5 +30,5 @@ class Box(Model):
         return self
 
     def to_options(self) -> options.Box:
-        """Return the box as the algorithm takes it."""
+        """Return the box for the worker."""
         return cast(options.Box, (tuple(self.min), tuple(self.max)))

@@ -1,56 +1,32 @@
-"""GeoPose on the wire: OGC GeoPose 1.0, the GeoPoseProtocol of OSCP (version 2), and the protocol of OpenFLAME."""
+"""Models of the GeoPoseProtocol of OSCP (version 2) and of the protocol of OpenFLAME."""
 
 from typing import Annotated, Any, Literal
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from core.errors import OptionsError
+from service.answer import GeoPose, ResponseModel
 from service.errors import InvalidOptionsError
 from service.http.schemas.cameras import Camera
-from service.http.schemas.geometry import Answer
 
 _DEPTH = "DEPTH"
-# Names of the protocol, which are COLMAP's: how many numbers are focal lengths, and where the distortion is in OpenCV's order.
+# COLMAP's names. The first numbers are so many focal lengths; the centre and the distortion follow.
 _FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
 _FISHEYE = "OPENCV_FISHEYE"
-# What clients send that know nothing of the camera: of version 2, and of the texts before it.
+# Sent by clients that do not know the camera, of version 2 and earlier.
 _NO_CAMERA = ("", "UNKNOWN", "UNKNOWN_CAMERA")
 _SPHERES = ("EQUIRECTANGULAR", "SPHERICAL")
 
 
-class GeoPosition(Answer):
-    """WGS 84."""
-
-    lat: float = Field(description="Degrees.")
-    lon: float
-    h: float = Field(description="Metres above the ellipsoid.")
-
-
-class Rotation(Answer):
-    """A unit quaternion."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class GeoPose(Answer):
-    """OGC GeoPose 1.0, Basic-Quaternion: from the camera (x forward, y left, z up) to east, north, up where it is."""
-
-    position: GeoPosition
-    quaternion: Rotation
-
-
-class GeoPoseAccuracy(Answer):
+class GeoPoseAccuracy(ResponseModel):
     """Radii that hold 68 %."""
 
     position: float = Field(description="Metres.")
     orientation: float = Field(description="Degrees.")
 
 
-class GeoPoseReply(Answer):
-    """The answer of the GeoPoseProtocol."""
+class GeoPoseReply(ResponseModel):
+    """A response of the GeoPoseProtocol."""
 
     id: str
     timestamp: int = Field(description="Milliseconds since 1970.")
@@ -60,20 +36,20 @@ class GeoPoseReply(Answer):
 
 
 class _Lenient(BaseModel):
-    """What clients of many makes send: nothing but the image is needed, and what is not known here is not read."""
+    """Requests of any client of the protocol: only the image is required, unknown fields are ignored."""
 
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
 
 class CameraParameters(_Lenient):
-    """Intrinsics in COLMAP's words."""
+    """Intrinsics by COLMAP's names."""
 
     model: str | None = Field(None, max_length=40, description="Such as PINHOLE, OPENCV or EQUIRECTANGULAR.")
     modelParams: Annotated[list[float], Field(max_length=16)] | None = None  # noqa: N815
 
 
 class ImageOrientation(_Lenient):
-    """How a sensor's image has to be turned to stand upright."""
+    """How to turn an image upright."""
 
     mirrored: bool = False
     rotation: float = 0.0
@@ -83,18 +59,16 @@ class CameraReading(_Lenient):
     """One image."""
 
     imageBytes: str = Field(description="A JPEG, PNG or WebP as base64.")  # noqa: N815
-    imageFormat: str | None = Field(None, max_length=40, description="Not relied on, but DEPTH is left out.")  # noqa: N815
+    imageFormat: str | None = Field(None, max_length=40, description="`DEPTH`: the image is ignored.")  # noqa: N815
     size: Annotated[list[int], Field(max_length=4)] | None = Field(None, description="Width and height of `params`.")
     imageOrientation: ImageOrientation | None = None  # noqa: N815
     params: CameraParameters | None = None
 
     def camera(self) -> Camera | None:
-        """Return what took the image; None: the image says so itself. Raises InvalidOptionsError."""
+        """Return the camera; None: from the image's metadata. Raises InvalidOptionsError."""
         turned = self.imageOrientation
         if turned is not None and (turned.mirrored or turned.rotation % 360 != 0):
-            raise _mistake(
-                "imageOrientation", "expected an upright image, got one to be turned or mirrored; turn it first"
-            )
+            raise _mistake("imageOrientation", "expected an upright image, got a turned or mirrored one; turn it first")
         model = (self.params.model if self.params and self.params.model else "").upper()
         if model in _NO_CAMERA:
             return None
@@ -103,11 +77,11 @@ class CameraReading(_Lenient):
         try:
             return Camera.model_validate(_intrinsics(model, (self.params and self.params.modelParams) or [], self.size))
         except (OptionsError, ValueError) as error:
-            raise _mistake("params", f"expected a camera that can be, but {error}") from error
+            raise _mistake("params", f"expected a valid camera, but {error}") from error
 
 
 class GeolocationReading(_Lenient):
-    """Where the device takes itself to be."""
+    """Position that the device reports."""
 
     latitude: float | None = Field(None, ge=-90, le=90)
     longitude: float | None = Field(None, ge=-180, le=180)
@@ -115,16 +89,16 @@ class GeolocationReading(_Lenient):
 
 
 class SensorReadings(_Lenient):
-    """What the sensors of the device have read."""
+    """Readings of the device's sensors."""
 
     cameraReadings: Annotated[list[CameraReading], Field(min_length=1, max_length=8)]  # noqa: N815
-    # The published client of version 2 writes it with a capital L, its own schema and the text do not.
+    # The published client of version 2 writes a capital L; the schema and the text of the protocol do not.
     geolocationReadings: Annotated[list[GeolocationReading], Field(max_length=100)] | None = Field(  # noqa: N815
         None, validation_alias=AliasChoices("geolocationReadings", "geoLocationReadings")
     )
 
     def image(self) -> CameraReading:
-        """Return the one image. Raises InvalidOptionsError for several: `POST /localize` takes sessions, with their poses."""
+        """Return the single image. Raises InvalidOptionsError for several: sessions go to `POST /localize`."""
         images = [each for each in self.cameraReadings if (each.imageFormat or "").upper() != _DEPTH]
         if len(images) != 1:
             raise _mistake(
@@ -134,15 +108,15 @@ class SensorReadings(_Lenient):
 
 
 class GeoPoseRequest(_Lenient):
-    """The question of the GeoPoseProtocol of OSCP, version 2."""
+    """A request of the GeoPoseProtocol of OSCP, version 2."""
 
     id: str | None = Field(None, max_length=200)
     type: str | None = Field(None, max_length=40)
     sensorReadings: SensorReadings  # noqa: N815
 
 
-class OpenFlameAnswer(Answer):
-    """The answer of an OpenFLAME map server."""
+class OpenFlameAnswer(ResponseModel):
+    """A response of an OpenFLAME map server."""
 
     success: bool
     pose: list[list[float]] | None = Field(
@@ -151,7 +125,7 @@ class OpenFlameAnswer(Answer):
     confidence: float = Field(ge=0, le=1)
 
 
-class OpenFlameCapabilities(Answer):
+class OpenFlameCapabilities(ResponseModel):
     """What an OpenFLAME map server can do."""
 
     commonName: str  # noqa: N815
@@ -167,7 +141,7 @@ def _intrinsics(model: str, numbers: list[float], size: list[int] | None) -> dic
         )
     if size is None or len(size) < 2:
         raise OptionsError(
-            "expected the size of the image that the numbers belong to, got none; send size: [width, height]"
+            "expected the size of the image to which the numbers belong, got none; send size: [width, height]"
         )
     focal, (cx, cy), distortion = numbers[:num_focal], numbers[num_focal:][:2], numbers[num_focal + 2 :]
     if model in ("SIMPLE_RADIAL", "RADIAL"):

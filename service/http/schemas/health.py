@@ -1,20 +1,20 @@
-"""What the service tells about itself."""
+"""State of the service."""
 
 from datetime import datetime
 from typing import Literal
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer
+from service.answer import ResponseModel
 
 
-class Liveness(Answer):
+class Liveness(ResponseModel):
     """The process runs."""
 
     status: Literal["live"] = "live"
 
 
-class PoolHealth(Answer):
+class PoolHealth(ResponseModel):
     """The workers."""
 
     ready: bool
@@ -24,7 +24,7 @@ class PoolHealth(Answer):
     resident_bytes: int = Field(description="Map indexes in the workers' memory.")
 
 
-class RecentError(Answer):
+class RecentError(ResponseModel):
     """A request or a registration that ended in a problem."""
 
     at: datetime
@@ -34,16 +34,16 @@ class RecentError(Answer):
     title: str | None
     status: int | None
     detail: str | None
-    request_id: str | None = Field(description="As the log has it.")
+    request_id: str | None = Field(description="As in the log.")
 
 
-class Readiness(Answer):
-    """What a probe without a key is told."""
+class Readiness(ResponseModel):
+    """Readiness, for probes without a key."""
 
     status: Literal["ready", "not_ready"]
 
 
-class Health(Answer):
+class Health(ResponseModel):
     """The whole service."""
 
     status: Literal["ready", "not_ready"]
@@ -55,6 +55,6 @@ class Health(Answer):
     workers: PoolHealth
     recent_errors: list[RecentError] = Field(
         default_factory=list,
-        description="Of `/health` alone: the last 50, newest first: requests since the process started, and maps that failed.",
+        description="Only in `/health`: the last 50, newest first: requests since the process started, and maps that failed.",
     )
     maps: dict[str, int] = Field(description="Maps by status.", examples=[{"ready": 3, "queued": 1}])

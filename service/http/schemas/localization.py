@@ -1,12 +1,11 @@
-"""Queries and their answers."""
+"""Options of a query, and the state of one whose answer is fetched later."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from core import options
-from core.camera.camera import CameraModel
 from core.options import (
     DEFAULT_HEADING_TOLERANCE_DEG,
     DEFAULT_RADIUS_M,
@@ -16,18 +15,16 @@ from core.options import (
     Frame,
     Method,
     SessionOptions,
-    Status,
 )
-from service.http.schemas.cameras import Camera
-from service.http.schemas.geometry import Answer, Box, Model, Vector
-from service.http.schemas.geopose import GeoPose
+from service.answer import ResponseModel
+from service.http.schemas.cameras import Camera, TrackedSession
+from service.http.schemas.geometry import Box, RequestModel, Vector
 from service.http.schemas.problem import ProblemDocument
-from service.http.schemas.session import TrackedSession
 from service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
-class Hints(Model):
-    """What the caller knows beforehand. Every hint narrows the search and is never exceeded by the answer."""
+class Hints(RequestModel):
+    """What the caller knows beforehand. Every hint narrows the search; no answer lies outside of it."""
 
     position_m: Vector | None = Field(None, description="Where the camera is, in the map's own frame.")
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
@@ -65,7 +62,7 @@ class Hints(Model):
         return options.Hints(**given) if given else None
 
 
-class LocalizeOptions(Model):
+class LocalizeOptions(RequestModel):
     """The part `options` of `POST /localize`."""
 
     frame: Frame = Field(QueryOptions.frame, description="Axes of the answer; see docs/api.md.")
@@ -73,25 +70,25 @@ class LocalizeOptions(Model):
     hints: Hints | None = None
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=MAX_IMAGES)] | None = Field(
         None,
-        description="What took the images: one entry for all, or one per image in their order. Left out: 2:1 is a full sphere; GPano "
-        "fields or the EXIF focal length in 35 mm terms say what another image is. Several images need one entry each, with its "
-        "`session_from_camera`.",
+        description="Cameras of the images: one entry for all, or one per image in their order. Without it, an image of 2:1 is a full "
+        "sphere; of others, GPano fields or the EXIF focal length in 35 mm terms give the camera. Several images need one entry each, "
+        "with its `session_from_camera`.",
     )
-    session: TrackedSession | None = Field(None, description="What is known of `session_from_camera`.")
+    session: TrackedSession | None = Field(None, description="Accuracy and up axis of `session_from_camera`.")
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
     top_k: int = Field(
         QueryOptions.top_k,
         strict=True,
         ge=1,
         le=MAX_TOP_K,
-        description="Poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals anyway.",
+        description="Most poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals in any case.",
     )
     timeout_s: Annotated[float, Field(gt=0)] | None = Field(
         None, description="Seconds for the answer, then 504; null: the service's setting, and more for `paper`."
     )
 
     def to_options(self, timeout_s: float) -> QueryOptions:
-        """Return what the worker has to know. timeout_s: where none is given."""
+        """Return the options for the worker. timeout_s: the default."""
         return QueryOptions(
             timeout_s=timeout_s if self.timeout_s is None else self.timeout_s,
             method=self.method,
@@ -103,117 +100,8 @@ class LocalizeOptions(Model):
         )
 
 
-class Position(Answer):
-    """Metres, in the map's own frame."""
-
-    x: float
-    y: float
-    z: float
-
-
-class Quaternion(Answer):
-    """A unit quaternion."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class RigidMotion(Answer):
-    """x_to = rotation · x_from + position: `map_from_camera` or `map_from_session`."""
-
-    position_m: Position
-    quaternion: Quaternion
-    matrix: list[list[float]] = Field(description="4 x 4, row by row.", min_length=4, max_length=4)
-
-
-class PoseAnswer(Answer):
-    """Where the camera is and how it is turned: as rotations about its axes, and as photographers mean it."""
-
-    frame: Frame
-    map_from_camera: RigidMotion
-    yaw_deg: float = Field(description="Counter-clockwise about z from the map's x axis, -180 to 180.")
-    pitch_deg: float = Field(description="Positive where the camera looks down.")
-    roll_deg: float
-    heading_deg: float = Field(description="Of the image centre, clockwise from `north`, 0 to 360.", ge=0, lt=360)
-    elevation_deg: float = Field(description="Of the image centre, positive above the horizon.", ge=-90, le=90)
-    camera_roll_deg: float = Field(description="Positive where the camera's right side is down.")
-    north: Literal["map", "true"] = Field(
-        description="What `heading_deg` counts from: the map's y axis, or true north where the map has a georeference."
-    )
-
-
-class Accuracy(Answer):
-    """Radius within which the pose lies with probability `level`."""
-
-    position_m: float | None
-    orientation_deg: float | None
-    level: float
-
-
-class Alternative(Answer):
-    """Another pose that was found."""
-
-    pose: PoseAnswer
-    confidence: float
-    map_id: str = Field(description="The map that the pose lies in.")
-
-
-class Change(Answer):
-    """How much differs between scan and panorama."""
-
-    panorama_changed_fraction: float | None
-    map_changed_fraction: float | None
-
-
-class ImageCamera(Answer):
-    """What an image was taken for."""
-
-    model: CameraModel
-    hfov_deg: float = Field(description="How wide it is; 360: a full panorama, or a full turn.")
-
-
-class ImageAnswer(Answer):
-    """One image of the query."""
-
-    pose: PoseAnswer | None = Field(description="Where it was taken; null where the query is `not_localized`.")
-    agreement: float | None = Field(
-        description="Correlation of what it shows with the scan seen from there, -1 to 1; of the best guess where the query is "
-        "`not_localized`; null where it is unknown."
-    )
-    camera: ImageCamera
-
-
-class Localization(Answer):
-    """The answer to a query. A panorama that fits no pose is `not_localized` with `pose: null`, not an error."""
-
-    id: str
-    status: Status
-    map_id: str | None
-    map_revision: int | None
-    pose: PoseAnswer | None = Field(description="Of the first image.")
-    map_from_session: RigidMotion | None = Field(
-        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. Of one image without a pose the session "
-        "is its own camera. Null where the query is `not_localized`."
-    )
-    images: list[ImageAnswer] = Field(description="One per image, in their order.")
-    geopose: GeoPose | None = Field(
-        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null without a pose, for a map "
-        "without a georeference, and where its heights are not above the ellipsoid."
-    )
-    confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
-    accuracy: Accuracy | None
-    alternatives: list[Alternative]
-    change: Change
-    artifacts: dict[str, str] = Field(description="Paths of the pictures that were asked for.")
-    timings_s: dict[str, float] = Field(description="Seconds per stage; `queue` and `total` as the caller sees them.")
-    search: dict[str, Any]
-    warnings: list[str]
-
-
-class PendingLocalization(Answer):
-    """A query with `Prefer: respond-async` whose answer is not there yet, or never will be."""
+class PendingLocalization(ResponseModel):
+    """A query with `Prefer: respond-async` that has no answer yet, or has failed."""
 
     id: str
     status: Literal["queued", "running", "failed"]

@@ -1,4 +1,4 @@
-"""What a caller may say about a map."""
+"""Options of a map."""
 
 import re
 from dataclasses import replace
@@ -10,21 +10,21 @@ from core import options
 from core.errors import OptionsError
 from core.georeference import LONGEST_DEFINITION, coordinate_system
 from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
-from service.http.schemas.geometry import Box, Model
+from service.http.schemas.geometry import Box, RequestModel
 from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 
-# No control characters: names and tags end up in logs, terminals and URLs.
-# Those of Latin-1 begin sequences too, and those of Unicode turn lines around.
+# No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 also begin escape
+# sequences, and those of Unicode reverse lines.
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
 _PRINTABLE = rf"^[^{_CONTROL}]*$"
 
 _COORDINATE_SYSTEM = (
     "Projected coordinate system of the map's positions, by EPSG code such as `EPSG:25832` or by WKT; "
-    "null: what the scan says."
+    "null: from the scan's file."
 )
 _GEOID_UNDULATION = (
-    "How far the geoid lies above the ellipsoid at the map, metres; makes heights of a `coordinate_system` that are above the geoid, or of "
-    "which it does not say, heights above the ellipsoid, as GeoPose has them."
+    "Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose where the heights of the `coordinate_system` are "
+    "above the geoid, or their reference is unknown."
 )
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
@@ -34,21 +34,21 @@ Tags = Annotated[list[Tag], Field(max_length=32), AfterValidator(lambda tags: li
 
 
 def name_of_file(file_name: str) -> str:
-    """Return a file's name as `Name` takes it: without control characters, and cut; may be empty."""
+    """Return a file's name as a valid `Name`: without control characters, and cut. May be empty."""
     return re.sub(rf"[{_CONTROL}]", "", file_name).strip()[:LONGEST_NAME].strip()
 
 
-class StartsOptions(Model):
-    """Where the search starts."""
+class StartsOptions(RequestModel):
+    """Start positions of the search."""
 
     method: StartsMethod = Field(IndexOptions.starts_method, description="`octree` for rooms, `grid` for open spaces.")
     spacing_m: float | None = Field(
-        None, ge=MIN_SPACING_M, le=MAX_SPACING_M, description="Distance of starts; null: chosen by the service."
+        None, ge=MIN_SPACING_M, le=MAX_SPACING_M, description="Distance between starts; null: the service chooses."
     )
-    region: Box | None = Field(None, description="Where cameras can be; null: everywhere inside the scanned space.")
+    region: Box | None = Field(None, description="Where cameras can be; null: everywhere in the scanned space.")
 
 
-class ScanOptions(Model):
+class ScanOptions(RequestModel):
     """How to read a scan and what to build from it."""
 
     unit: Unit = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
@@ -57,7 +57,7 @@ class ScanOptions(Model):
     starts: StartsOptions = Field(default_factory=lambda: StartsOptions.model_validate({}))
 
     def to_options(self) -> RegisterOptions:
-        """Return what the worker has to know."""
+        """Return the options for the worker."""
         region = None if self.starts.region is None else self.starts.region.to_options()
         return RegisterOptions(
             options.ScanOptions(self.unit, self.up_axis, self.color_kind),
@@ -72,7 +72,7 @@ class ScanOptions(Model):
         return RegisterOptions(scan, replace(index, color_kind=scan.color_kind))
 
 
-class Georeference(Model):
+class Georeference(RequestModel):
     """Where the map's origin lies on Earth (WGS 84)."""
 
     latitude_deg: float = Field(ge=-90, le=90)
@@ -100,15 +100,15 @@ GeoidUndulation = Annotated[float, Field(ge=-200, le=200)]
 class MapOptions(ScanOptions):
     """The part `options` of `POST /maps`."""
 
-    name: Name | None = Field(None, description="For people; the file's name when left out.")
-    tags: Tags = Field(default_factory=list, description="A query may name a tag instead of maps.")
+    name: Name | None = Field(None, description="Display name; default: the file's name.")
+    tags: Tags = Field(default_factory=list, description="A query can name a tag instead of maps.")
     georeference: Georeference | None = None
     coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
     geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
 
 
-class MapPatch(Model):
-    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes what is said of the place on Earth."""
+class MapPatch(RequestModel):
+    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes a place on Earth."""
 
     name: Name = ""
     tags: Tags = Field(default_factory=list)
@@ -116,11 +116,11 @@ class MapPatch(Model):
     coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
     geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
     shared_with: Tags = Field(
-        default_factory=list, description="Further tenants whose keys see the map, and localize in it; `*` for all."
+        default_factory=list, description="Other tenants whose keys see the map and localize in it; `*` for all."
     )
 
     def changes(self) -> dict[str, Any]:
-        """Return the fields that were given, JSON-safe."""
+        """Return the given fields as JSON."""
         return self.model_dump(mode="json", include=self.model_fields_set)
 
 

@@ -1,17 +1,18 @@
-"""Maps as the service tells of them."""
+"""Maps in responses."""
 
 from datetime import datetime
 from typing import Any, Literal
 
 from pydantic import Field
 
-from service.http.schemas.geometry import Answer, Box, Vector
+from service.answer import ResponseModel
+from service.http.schemas.geometry import Box, Vector
 from service.http.schemas.problem import ProblemDocument
 
 MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]
 
 
-class MapStats(Answer):
+class MapStats(ResponseModel):
     """Figures of a finished registration."""
 
     num_points: int = Field(description="Points in the scan.")
@@ -21,22 +22,22 @@ class MapStats(Answer):
     num_starts: int
     index_bytes: int
     seconds: dict[str, float] = Field(description="Duration of each stage.")
-    coordinate_system: str | None = Field(None, description="Of the scan's coordinates, where its file says so.")
+    coordinate_system: str | None = Field(None, description="Of the scan's coordinates, if its file names one.")
 
 
-class Diagnostic(Answer):
-    """Something worth knowing about a scan."""
+class Diagnostic(ResponseModel):
+    """A remark about a scan."""
 
     code: str
     severity: Literal["info", "warning", "error"]
     message: str
 
 
-class Map(Answer):
+class Map(ResponseModel):
     """A registered scan.
 
-    With a new scan on its way (`PUT /maps/{id}/scan`), `revision`, `status`, `stage`, `progress` and `error` speak of
-    the new revision, while `serving_revision` answers queries; `stats` and `diagnostics` are those of the latter.
+    After `PUT /maps/{id}/scan`, `revision`, `status`, `stage`, `progress` and `error` describe the new revision. Until
+    it is ready, `serving_revision` answers queries; `stats` and `diagnostics` are of that one.
     """
 
     id: str
@@ -47,7 +48,7 @@ class Map(Answer):
         description="The revision that answers queries; null before the first is ready."
     )
     status: MapStatus
-    stage: str | None = Field(description="What the registration is at, for people.")
+    stage: str | None = Field(description="Current step of the registration, for people.")
     progress: float = Field(ge=0, le=1)
     error: ProblemDocument | None
     created_at: datetime
@@ -56,31 +57,35 @@ class Map(Answer):
     diagnostics: list[Diagnostic]
     georeference: dict[str, Any] | None
     coordinate_system: str | None = Field(
-        description="Of positions in the map, by EPSG code or WKT: as given, else as its scan says; null: neither."
+        description="Of positions in the map, by EPSG code or WKT: as given, else from the scan's file; null: neither."
     )
     geoid_undulation_m: float | None = Field(
-        None, description="Of the geoid above the ellipsoid at the map, metres, as given."
+        None, description="Height of the geoid above the ellipsoid at the map, metres, as given."
     )
-    owner: str | None = Field(None, description="The tenant of the key that made it; null: of none.")
-    shared_with: list[str] = Field(default_factory=list, description="Further tenants that see it; `*` for all.")
-    version: int = Field(0, ge=0, description="Grows with each change; as `If-Match` of a change: only while it is so.")
+    owner: str | None = Field(None, description="Tenant of the key that created the map; null: none.")
+    shared_with: list[str] = Field(default_factory=list, description="Other tenants that see the map; `*` for all.")
+    version: int = Field(
+        0,
+        ge=0,
+        description="Grows with each change; sent as `If-Match`, a change needs this version.",
+    )
 
 
-class MapPage(Answer):
+class MapPage(ResponseModel):
     """A page of maps, oldest first."""
 
     items: list[Map]
     next_cursor: str | None = Field(description="Send it as `cursor` for the next page; null on the last one.")
 
 
-class Start(Answer):
-    """A camera position that the search tries."""
+class Start(ResponseModel):
+    """A start position of the search."""
 
     position_m: Vector
     leaf_size_m: float = Field(description="Edge length of the octree leaf, or of the grid cell, around it.")
 
 
-class MapStarts(Answer):
+class MapStarts(ResponseModel):
     """All starts of a map, in its own frame."""
 
     map_id: str

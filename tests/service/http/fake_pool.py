@@ -6,22 +6,29 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from core.geometry.pose import Pose
+from core.options import Status
+from core.panorama.panorama import Panorama
+from core.panorama.session import Photo
+from core.results import Candidate, FoundImage, Localization, SearchSummary
 from service.cache import WorkerCache
 from service.errors import NoWorkerError, QueueFullError
 from service.http.schemas.maps import MAP_EXAMPLE
 from service.jobs import (
-    FoundPose,
     LocalizeJob,
     LocalizeOutcome,
-    MapRef,
     PoolState,
     RegisterJob,
     RegisterOutcome,
     at_once,
 )
+from service.worker.answers import answer_of
 
 PNG = b"\x89PNG\r\n\x1a\n a picture"
 INDEX_DIGEST = "0123abcd"
+PHOTO = Photo.of_panorama(Panorama(np.zeros((4, 8, 3), np.uint8), np.ones((4, 8), bool)))
 
 
 def ply_of(points: list[tuple[float, float, float]]) -> bytes:
@@ -33,12 +40,17 @@ def ply_of(points: list[tuple[float, float, float]]) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + body
 
 
-def outcome_in(map_ref: MapRef, pictures: dict[str, bytes]) -> LocalizeOutcome:
+POSE = Pose(np.eye(3), np.array([1.2, 0.3, 1.5]))
+
+
+def outcome_of(job: LocalizeJob, pose: Pose = POSE, status: Status = "localized") -> LocalizeOutcome:
     """Return what a worker finds for every panorama."""
-    rows = [[float(row == column) for column in range(4)] for row in range(4)]
-    best = FoundPose(map_ref, 0.93, [1.2, 0.3, 1.5], [0.0, 0.0, 0.0, 1.0], rows, 0.0, 0.0, 0.0)
-    timings_s, search = {"decode": 0.03, "search": 0.06}, {"num_starts": 412, "color_model": "equalized"}
-    return LocalizeOutcome("localized", best, (), 0.02, 0.3, 0.18, 0.11, timings_s, search, (), pictures)
+    best = Candidate(pose, 0, 0.93, 5.0, 0.11, "equalized", 60)
+    search, timings_s = SearchSummary(job.options.method, 1, 412, 2304, 900_000), {"decode": 0.03, "search": 0.06}
+    images = (FoundImage(pose, 0.7),) * len(job.images)
+    found = Localization(status, search, timings_s, best, (), 0.02, 0.3, 0.18, 0.11, images=images)
+    pictures: dict[str, bytes] = {name: PNG + name.encode() for name in job.options.artifacts}
+    return LocalizeOutcome(answer_of(found, job, [PHOTO] * len(job.images), {}, pictures), pictures)
 
 
 @dataclass
@@ -56,6 +68,7 @@ class FakePool:
     jobs: list[LocalizeJob] = field(default_factory=list)
     registrations: list[RegisterJob] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
+    outcome_of: Callable[[LocalizeJob], LocalizeOutcome] = outcome_of
     started: bool = False
     stopped: bool = False
 
@@ -79,7 +92,7 @@ class FakePool:
         await self._pass(self.localize_gate, "localize")
         if self.fail_localize:
             raise self.fail_localize.pop(0)
-        return outcome_in(job.maps[0], {name: PNG + name.encode() for name in job.options.artifacts})
+        return self.outcome_of(job)
 
     async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
         await begin()

@@ -3,19 +3,18 @@
 import base64
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import httpx
-import jsonschema
 import numpy as np
 import pytest
 
 from core.options import Frame, Status
 from service.host.embedded_redis import EmbeddedRedis
 from service.http.schemas.geopose import CameraReading
-from service.jobs import FoundPose, LocalizeOutcome, MapRef
 from tests.core.exports.tours import GOLDEN
-from tests.service.http import fake_pool, geopose_schemas
+from tests.service.http import geopose_schemas
+from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of, running_service
 
 pytestmark = pytest.mark.anyio
@@ -25,16 +24,9 @@ PLACE = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5}
 GEOPOSE = [47.699977515, -122.299983346, 13.100000612]
 
 
-def golden(frame: Frame, status: Status = "localized") -> Any:
-    """Return what a worker finds that sees the golden pose."""
-    turned = GOLDEN.in_frame(frame)
-
-    def found(ref: MapRef, pictures: dict[str, bytes]) -> LocalizeOutcome:
-        position, quaternion = turned.position.tolist(), turned.quaternion_xyzw.tolist()
-        best = FoundPose(ref, 0.93, position, quaternion, turned.matrix.tolist(), 52.5, 12.25, 4.75)
-        return LocalizeOutcome(status, best, (), 0.02, 0.3)
-
-    return found
+def sees_golden(running: RunningService, status: Status = "localized") -> None:
+    """Let workers find the golden pose."""
+    running.pool.outcome_of = lambda job: outcome_of(job, GOLDEN, status)
 
 
 def question(image: bytes = PNG, place: tuple[float, float] | None = None, **reading: Any) -> dict[str, Any]:
@@ -54,10 +46,8 @@ async def placed_map(running: RunningService, place: dict[str, Any] = PLACE) -> 
     return await running.ready_map(json.dumps({"georeference": place}))
 
 
-async def test_an_image_is_answered_with_where_it_was_taken_on_earth(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden("ros"))
+async def test_an_image_is_answered_with_where_it_was_taken_on_earth(running: RunningService) -> None:
+    sees_golden(running)
     map_id = await placed_map(running)
     reply = await ask(running, question(imageFormat="RGBA32", size=[8, 4], sensorId="x", privacy={"dataRetention": []}))
     assert reply.status_code == 200, reply.text
@@ -74,18 +64,15 @@ async def test_an_image_is_answered_with_where_it_was_taken_on_earth(
     assert (job.images[0].data, job.images[0].camera, [ref.id for ref in job.maps]) == (PNG, None, [map_id])
 
 
-@pytest.mark.parametrize("frame", ["ros", "opencv", "webxr", "unity"])
-async def test_answers_have_the_geopose_whatever_their_frame_is(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch, frame: Frame
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden(frame))
+async def test_answers_have_the_geopose_whatever_their_frame_is(running: RunningService) -> None:
+    sees_golden(running)
     map_id = await placed_map(running)
-    data = {"map_id": map_id, "options": json.dumps({"frame": frame})}
-    reply = await running.client.post("/localize", files={"image": PNG}, data=data)
-    found = reply.json()["geopose"]
-    geopose_schemas.check(found, geopose_schemas.STRICT_GEOPOSE)
-    assert list(found["position"].values()) == pytest.approx(GEOPOSE, abs=2e-9)
-    assert found["quaternion"]["w"] == pytest.approx(0.892942567, abs=1e-9)
+    for frame in get_args(Frame):
+        data = {"map_id": map_id, "options": json.dumps({"frame": frame})}
+        found = (await running.client.post("/localize", files={"image": PNG}, data=data)).json()["geopose"]
+        geopose_schemas.check(found, geopose_schemas.STRICT_GEOPOSE)
+        assert list(found["position"].values()) == pytest.approx(GEOPOSE, abs=2e-9)
+        assert found["quaternion"]["w"] == pytest.approx(0.892942567, abs=1e-9)
     await running.client.patch(f"/maps/{map_id}", json={"georeference": None})
     assert (await running.client.post("/localize", files={"image": PNG}, data=data)).json()["geopose"] is None
 
@@ -139,10 +126,8 @@ async def test_what_the_published_client_sends_is_understood(running: RunningSer
 
 
 @pytest.mark.parametrize("status", ["ambiguous", "not_localized"])
-async def test_what_is_not_sure_is_not_told_as_a_place(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch, status: Status
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden("webxr", status))
+async def test_what_is_not_sure_is_not_told_as_a_place(running: RunningService, status: Status) -> None:
+    sees_golden(running, status)
     map_id = await placed_map(running)
     reply = await ask(running, question())
     assert (reply.status_code, reply.json()["type"]) == (404, "/problems/no-pose")
@@ -158,39 +143,31 @@ async def test_a_named_map_that_is_nowhere_on_earth_is_told(running: RunningServ
     assert (reply.status_code, "georeference" in reply.json()["detail"]) == (404, True)
 
 
-@pytest.mark.parametrize(
-    ("body", "status", "words"),
-    [
-        (b"no json", 400, "JSON"),
-        ({}, 422, "sensorReadings"),
-        ({"sensorReadings": {"cameraReadings": []}}, 422, "cameraReadings"),
-        ({"sensorReadings": {"cameraReadings": [{"imageBytes": "AAAA"}] * 2}}, 422, "one image"),
-        ({"sensorReadings": {"cameraReadings": [{"imageBytes": "%%%"}]}}, 422, "base64"),
-        ({"sensorReadings": {"cameraReadings": [{"imageBytes": "AAAA"}]}}, 415, "JPEG"),
-        (question(imageOrientation={"mirrored": True, "rotation": 0}), 422, "mirrored"),
-        (question(imageOrientation={"rotation": 90}), 422, "turn"),
-        (question(params={"model": "PINHOLE", "modelParams": [1, 2, 3]}), 422, "PINHOLE"),
-        (question(params={"model": "PINHOLE", "modelParams": [1, 2, 3, 4]}), 422, "size"),
-        (question(params={"model": "THIN_PRISM", "modelParams": [1] * 12}, size=[8, 4]), 422, "THIN_PRISM"),
-        (question(place=(95.0, 0.0)), 422, "latitude"),
-        (question(image=png_of(8, 4) + b"x" * 3000), 413, "PANOLOC_MAX_IMAGE_BYTES"),
-    ],
-)
-async def test_what_is_no_question_is_refused(
-    tmp_path: Path,
-    redis_server: EmbeddedRedis,
-    redis_client: object,
-    anyio_backend: str,
-    body: Any,
-    status: int,
-    words: str,
-) -> None:
+NO_REQUESTS: list[tuple[Any, int, str]] = [
+    (b"no json", 400, "JSON"),
+    ({}, 422, "sensorReadings"),
+    ({"sensorReadings": {"cameraReadings": []}}, 422, "cameraReadings"),
+    ({"sensorReadings": {"cameraReadings": [{"imageBytes": "AAAA"}] * 2}}, 422, "one image"),
+    ({"sensorReadings": {"cameraReadings": [{"imageBytes": "%%%"}]}}, 422, "base64"),
+    ({"sensorReadings": {"cameraReadings": [{"imageBytes": "AAAA"}]}}, 415, "JPEG"),
+    (question(imageOrientation={"mirrored": True, "rotation": 0}), 422, "mirrored"),
+    (question(imageOrientation={"rotation": 90}), 422, "turn"),
+    (question(params={"model": "PINHOLE", "modelParams": [1, 2, 3]}), 422, "PINHOLE"),
+    (question(params={"model": "PINHOLE", "modelParams": [1, 2, 3, 4]}), 422, "size"),
+    (question(params={"model": "THIN_PRISM", "modelParams": [1] * 12}, size=[8, 4]), 422, "THIN_PRISM"),
+    (question(place=(95.0, 0.0)), 422, "latitude"),
+    (question(image=png_of(8, 4) + b"x" * 3000), 413, "PANOLOC_MAX_IMAGE_BYTES"),
+]
+
+
+async def test_an_invalid_request_is_refused(tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object) -> None:
     async with running_service(tmp_path, redis_server.url, max_image_bytes=2000) as running:
         await placed_map(running)
-        content = body if isinstance(body, bytes) else json.dumps(body).encode()
-        reply = await running.client.post("/geopose", content=content)
-        assert (reply.status_code, words in reply.json()["detail"]) == (status, True), reply.text
-        assert reply.headers["content-type"] == "application/problem+json"
+        for body, status, words in NO_REQUESTS:
+            content = body if isinstance(body, bytes) else json.dumps(body).encode()
+            reply = await running.client.post("/geopose", content=content)
+            assert (reply.status_code, words in reply.json()["detail"]) == (status, True), reply.text
+            assert reply.headers["content-type"] == "application/problem+json"
         assert running.pool.jobs == []
 
 
@@ -214,10 +191,8 @@ def test_cameras_of_the_protocol_are_ours(
     assert (camera.model, camera.fx_px, camera.fy_px, camera.cx_px, camera.distortion) == expected
 
 
-async def test_openflame_gets_the_pose_in_its_own_axes(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fake_pool, "outcome_in", golden("webxr"))
+async def test_openflame_gets_the_pose_in_its_own_axes(running: RunningService) -> None:
+    sees_golden(running)
     map_id = await running.ready_map('{"name": "3rd floor"}')
     reply = await running.client.post(
         f"/{map_id}/localize/image", files={"image": PNG}, data={"aframe_camera_matrix_world": "1,0,0"}
@@ -255,15 +230,3 @@ async def test_paths_below_a_map_shadow_no_other(running: RunningService) -> Non
     reply = await running.client.post("/map_none/localize/image", files={"image": PNG})
     assert reply.status_code == 404
     assert (await running.client.post("/map_none/localize/image", files={"mask": PNG})).status_code == 422
-
-
-def test_schemas_refuse_what_is_none() -> None:
-    pose = {"position": {"lat": 1, "lon": 2, "h": 3}, "quaternion": {"x": 0, "y": 0, "z": 0, "w": 1}}
-    geopose_schemas.check(pose, geopose_schemas.STRICT_GEOPOSE)
-    for wrong in (
-        {**pose, "more": 1},
-        {"position": pose["position"]},
-        {**pose, "position": {"lat": 91, "lon": 2, "h": 3}},
-    ):
-        with pytest.raises(jsonschema.ValidationError):
-            geopose_schemas.check(wrong, geopose_schemas.STRICT_GEOPOSE)

@@ -13,22 +13,23 @@ from core.camera.camera import CameraDescription
 from core.errors import (
     DeadlineExceededError,
     OptionsError,
-    PanoramaDamagedError,
     PanoramaFormatError,
     PanoramaShapeError,
     PanoramaTooLargeError,
     ScanContentError,
 )
 from service.errors import QueueFullError, StoredFileMissingError, WorkerError
-from service.http.schemas import Localization, PendingLocalization
+from service.http.routes.localize import checked_options
+from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
 from service.jobs import ARTIFACTS, QueryImage
+from service.settings import Settings
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService, png_of
 
 pytestmark = pytest.mark.anyio
 
 
-async def test_the_answer_bears_id_links_and_the_time_that_the_caller_waited(running: RunningService) -> None:
+async def test_an_answer_has_links_to_its_pictures_and_the_time_that_its_caller_waited(running: RunningService) -> None:
     map_id = await running.ready_map()
     body = (await running.localize(map_id, options='{"artifacts": ["overlay", "score_map_2d"]}')).json()
     Localization.model_validate(body)
@@ -59,21 +60,16 @@ async def test_a_heading_counts_from_true_north_in_a_map_that_has_a_georeference
 async def test_answer_and_pictures_can_be_fetched_for_a_while(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
-    body = (await running.localize(await running.ready_map(), options='{"artifacts": ["overlay"]}')).json()
-    assert (await running.client.get(f"/localizations/{body['id']}")).json() == body
-    picture = await running.client.get(body["artifacts"]["overlay"])
-    assert (picture.content, picture.headers["content-type"]) == (PNG + b"overlay", "image/png")
-    lifetimes = [redis_client.ttl(key) for key in redis_client.keys("*") if body["id"] in key]
-    assert len(lifetimes) == 2
-    assert all(0 < lifetime <= 3600 for lifetime in lifetimes)
-
-
-async def test_every_picture_that_can_be_asked_for_has_a_path_of_its_own(running: RunningService) -> None:
     options = json.dumps({"artifacts": ARTIFACTS})
     body = (await running.localize(await running.ready_map(), options=options)).json()
+    assert (await running.client.get(f"/localizations/{body['id']}")).json() == body
     assert list(body["artifacts"]) == list(ARTIFACTS)
     for name, path in body["artifacts"].items():
-        assert (await running.client.get(path)).content == PNG + name.encode()
+        picture = await running.client.get(path)
+        assert (picture.content, picture.headers["content-type"]) == (PNG + name.encode(), "image/png")
+    lifetimes = [redis_client.ttl(key) for key in redis_client.keys("*") if body["id"] in key]
+    assert len(lifetimes) == 4
+    assert all(0 < lifetime <= 3600 for lifetime in lifetimes)
 
 
 async def test_a_picture_that_was_not_asked_for_is_not_there(running: RunningService) -> None:
@@ -99,7 +95,6 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
     assert 0 < job.deadline_unix_s - time.time() <= 7
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "settings", "timeout_s"),
     [
@@ -113,15 +108,11 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
         ({"cameras": [{"model": "pinhole", "hfov_deg": 70}]}, {}, 60),
     ],
 )
-async def test_what_takes_minutes_has_them_when_the_caller_names_no_time(
-    running: RunningService, options: dict[str, Any], settings: dict[str, float], timeout_s: float
+def test_a_query_without_a_timeout_has_the_time_that_its_method_takes(
+    options: dict[str, Any], settings: dict[str, float], timeout_s: float
 ) -> None:
-    services = running.app.state.services
-    services.settings = services.settings.model_copy(update=settings)
-    await running.localize(await running.ready_map(), options=json.dumps(options))
-    (job,) = running.pool.jobs
-    assert job.options.timeout_s == timeout_s
-    assert 0 < job.deadline_unix_s - time.time() <= timeout_s
+    given = LocalizeOptions.model_validate(options)
+    assert checked_options(given, Settings(**settings)).timeout_s == timeout_s
 
 
 async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningService) -> None:
@@ -131,35 +122,6 @@ async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningSe
     wanted = CameraDescription("opencv", 1920, 1440, fx_px=1450.0, distortion=(0.1, -0.2, 0.0, 0.0))
     (image,) = running.pool.jobs[0].images
     assert image.camera == wanted
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("cameras", "said"),
-    [
-        ([], "1 or more items"),
-        ([{"model": "pinhole", "hfov_deg": 60}] * 2, "expected one entry, got 2"),
-        ([{"model": "brown", "hfov_deg": 60}], "'pinhole'"),
-        ([{"model": "pinhole"}], "fx_px: expected the intrinsics"),
-        ([{"model": "pinhole", "hfov_deg": 0}], "hfov_deg: expected 1 to 170 degrees"),
-        ([{"model": "pinhole", "hfov_deg": 400}], "hfov_deg: expected 1 to 170 degrees"),
-        ([{"model": "pinhole", "hfov_range_deg": [80, 60]}], "expected two rising numbers from 20 to 120 degrees"),
-        ([{"model": "pinhole", "hfov_range_deg": [60, 80], "hfov_deg": 70}], "in place of fx_px or hfov_deg"),
-        ([{"model": "opencv_fisheye", "hfov_range_deg": [60, 80]}], "expected it of a pinhole"),
-        ([{"model": "pinhole", "width_px": 64, "height_px": 48, "fx_px": float("nan")}], "finite number"),
-        ([{"model": "pinhole", "hfov_deg": 60, "distortion": [0.1]}], "distortion: expected none"),
-        ([{"model": "pinhole", "hfov_deg": 60, "fov": 3}], "no field of this name"),
-    ],
-)
-async def test_a_camera_that_is_none_is_refused_with_its_field(
-    running: RunningService, cameras: list[dict[str, Any]], said: str
-) -> None:
-    reply = await running.localize(await running.ready_map(), options=json.dumps({"cameras": cameras}))
-    problem = reply.json()
-    assert reply.status_code == 422, problem
-    assert said in problem["detail"]
-    assert problem["fields"][0]["field"].startswith("cameras")
-    assert running.pool.jobs == []
 
 
 async def test_panorama_and_mask_reach_the_worker_as_they_came(running: RunningService) -> None:
@@ -197,7 +159,7 @@ async def test_a_tag_names_the_maps_that_are_ready_and_the_others_are_mentioned(
     assert (await running.localize(None, tag="nobody")).status_code == 404
 
 
-async def test_a_map_that_is_not_ready_is_409_with_a_time_to_come_back(running: RunningService) -> None:
+async def test_a_map_that_is_not_ready_is_409_with_retry_after(running: RunningService) -> None:
     running.pool.register_gate.clear()
     map_id = (await running.upload()).json()["id"]
     reply = await running.localize(map_id)
@@ -205,7 +167,7 @@ async def test_a_map_that_is_not_ready_is_409_with_a_time_to_come_back(running: 
     assert int(reply.headers["retry-after"]) >= 1
 
 
-async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningService) -> None:
+async def test_a_failed_map_is_409_without_retry_after(running: RunningService) -> None:
     running.pool.fail_register = [ScanContentError("expected colours, got none")]
     map_id = (await running.upload()).json()["id"]
     await running.settled(map_id)
@@ -215,12 +177,10 @@ async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningS
     assert "retry-after" not in reply.headers
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("error", "status"),
-    [
+async def test_what_the_pool_raises_becomes_its_problem(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    for error, status in (
         (PanoramaShapeError("expected 2:1, got 3:2; crop it"), 422),
-        (PanoramaDamagedError("expected a whole image, got half; send it again"), 422),
         (PanoramaTooLargeError("expected fewer pixels, got more; scale it"), 413),
         (PanoramaFormatError("expected an image, got text; convert it"), 415),
         (OptionsError("hints.radius_m: expected more than 0"), 422),
@@ -228,16 +188,12 @@ async def test_a_failed_map_is_409_without_a_time_to_come_back(running: RunningS
         (WorkerError("RuntimeError", "expected"), 500),
         (QueueFullError("64 wait", 3), 429),
         (no_worker(), 503),
-    ],
-)
-async def test_what_the_pool_raises_becomes_its_problem(running: RunningService, error: Exception, status: int) -> None:
-    map_id = await running.ready_map()
-    running.pool.fail_localize = [error]
-    reply = await running.localize(map_id)
-    assert reply.status_code == status
-    assert reply.json()["status"] == status
-    assert ("retry-after" in reply.headers) == (status in (429, 503))
-    assert (await running.localize(map_id)).status_code == 200
+    ):
+        running.pool.fail_localize = [error]
+        reply = await running.localize(map_id)
+        assert (reply.status_code, reply.json()["status"]) == (status, status)
+        assert ("retry-after" in reply.headers) == (status in (429, 503))
+        assert (await running.localize(map_id)).status_code == 200
 
 
 async def test_a_query_that_finds_its_revision_replaced_is_asked_again(running: RunningService) -> None:
@@ -309,14 +265,14 @@ async def test_what_fails_later_says_so_where_the_answer_would_be(running: Runni
     PendingLocalization.model_validate(body)
 
 
-async def test_what_is_refused_at_once_is_refused_before_202(running: RunningService) -> None:
+async def test_a_full_queue_is_429_also_for_an_answer_fetched_later(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.fail_localize = [QueueFullError("64 wait", 3)]
     reply = await running.localize(map_id, headers={"Prefer": "respond-async"})
     assert (reply.status_code, reply.headers["retry-after"]) == (429, "3")
 
 
-async def test_a_query_that_was_lost_with_the_service_is_said_to_have_failed(
+async def test_a_query_that_was_lost_with_the_service_has_failed(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
     state = {"id": "loc_x", "status": "running", "created_at": "2026-01-01T00:00:00Z", "error": None, "due_unix_s": 1.0}

@@ -19,6 +19,7 @@ from schemathesis.specs.openapi.checks import (
 
 from service.app import create_app
 from service.cache import WorkerCache
+from service.console.api_types import FILE, typescript
 from service.host.demo_room import DEMO_FILES
 from service.host.embedded_redis import EmbeddedRedis
 from service.settings import Settings
@@ -117,6 +118,10 @@ def test_every_reference_leads_somewhere() -> None:
     found = set(references(DOCUMENT))
     assert found <= known
     assert "#/components/schemas/LocalizeOptions" in found
+
+
+def test_the_types_of_the_console_are_up_to_date() -> None:
+    assert FILE.read_text(encoding="utf-8") == typescript(), "run python -m service.console.api_types"
 
 
 @pytest.mark.slow

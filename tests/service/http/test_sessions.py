@@ -8,8 +8,12 @@ import httpx
 import pytest
 
 from core.options import MAX_IMAGES, SessionOptions, TrackedPose
-from service.http.schemas import Localization
+from service.answer import Localization
+from service.errors import InvalidOptionsError
+from service.http.query_images import query_images
+from service.http.schemas import LocalizeOptions
 from service.http.schemas.localization_examples import SESSION_EXAMPLE
+from service.http.validation import parse_json
 from service.jobs import QueryImage
 from tests.service.http.running_service import RunningService, png_of
 
@@ -52,73 +56,43 @@ async def test_every_image_reaches_the_worker_with_its_mask_its_camera_and_its_p
     assert job.options.frame == "webxr"
 
 
-async def test_one_mask_is_for_all_images(running: RunningService) -> None:
-    await ask(running, 2, {"cameras": [entry(), entry()]}, num_masks=1)
-    assert [image.mask for image in running.pool.jobs[0].images] == [png_of(8, 8)] * 2
+def images_of(num_images: int, options: dict[str, Any], num_masks: int = 0) -> tuple[QueryImage, ...]:
+    """Return what becomes of so many images, by their number, and masks."""
+    images, masks = ([b"%d" % number for number in range(count)] for count in (num_images, num_masks))
+    return query_images(images, masks, parse_json(LocalizeOptions, json.dumps(options).encode(), "options"))
 
 
-async def test_one_image_may_have_a_pose(running: RunningService) -> None:
-    assert (await ask(running, 1, {"cameras": [entry(3.0)], "session": {"up": "known"}})).status_code == 200
-    (image,) = running.pool.jobs[0].images
+def test_one_mask_is_for_all_images() -> None:
+    assert [image.mask for image in images_of(2, {"cameras": [entry(), entry()]}, num_masks=1)] == [b"0", b"0"]
+
+
+def test_one_image_may_have_a_pose() -> None:
+    (image,) = images_of(1, {"cameras": [entry(3.0)], "session": {"up": "known"}})
     assert image.session_from_camera is not None
     assert image.session_from_camera.position_m == (3.0, 0.2, 1.5)
 
 
-async def test_full_panoramas_are_images_of_a_session_like_others(running: RunningService) -> None:
+def test_a_session_may_contain_panoramas_and_images_whose_camera_is_in_their_metadata() -> None:
     sphere = {name: value for name, value in entry(model="equirectangular").items() if name != "hfov_deg"}
-    assert (await ask(running, 2, {"cameras": [sphere, entry(0.5)]})).status_code == 200
-
-
-async def test_an_entry_with_a_pose_alone_leaves_the_camera_to_the_image(running: RunningService) -> None:
     bare = {"session_from_camera": entry(1.0)["session_from_camera"]}
-    assert (await ask(running, 2, {"cameras": [bare, entry()]})).status_code == 200
-    first, second = running.pool.jobs[0].images
-    assert first.camera is None
-    assert second.camera is not None
-    assert first.session_from_camera is not None
+    first, second, third = images_of(3, {"cameras": [sphere, bare, entry(0.5)]})
+    assert first.camera is not None
+    assert first.camera.model == "equirectangular"
+    assert second.camera is None
+    assert second.session_from_camera is not None
+    assert third.camera is not None
 
 
-@pytest.mark.parametrize(
-    "incomplete",
-    [
-        {},
-        {"hfov_deg": 69},
-        {"width_px": 64, "height_px": 48},
-        {**entry(hfov_deg=0), "model": None},
-        {"session_from_camera": None},
-    ],
-    ids=["nothing", "a field of view", "a size", "a pose and a field of view", "no pose"],
-)
-async def test_a_camera_without_a_model_is_refused(running: RunningService, incomplete: dict[str, Any]) -> None:
-    reply = await ask(running, 1, {"cameras": [incomplete]})
-    assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, "cameras.0")
-    assert "model: expected one of equirectangular" in reply.json()["detail"]
+def test_a_query_without_options_is_one_image_and_no_session() -> None:
+    assert images_of(1, {}) == (QueryImage(b"0"),)
 
 
-async def test_a_query_without_options_is_one_image_and_no_session(running: RunningService) -> None:
-    await ask(running, 1, {})
-    assert running.pool.jobs[0].images == (QueryImage(png_of(8, 8)),)
-    assert running.pool.jobs[0].options.session == SessionOptions()
-
-
-async def test_a_quaternion_that_is_a_little_off_is_made_unit(running: RunningService) -> None:
-    rounded = {"x": 0.0, "y": 0.0, "z": 0.5, "w": 0.87}
-    assert (await ask(running, 1, {"cameras": [entry(quaternion=rounded)]})).status_code == 200
-    (image,) = running.pool.jobs[0].images
+def test_a_quaternion_that_is_a_little_off_is_made_unit() -> None:
+    (image,) = images_of(1, {"cameras": [entry(quaternion={"x": 0.0, "y": 0.0, "z": 0.5, "w": 0.87})]})
     assert image.session_from_camera is not None
     assert math.hypot(*image.session_from_camera.quaternion_xyzw) == pytest.approx(1, abs=1e-12)
 
 
-async def test_the_most_images_are_taken_and_one_more_is_refused(running: RunningService) -> None:
-    assert (await ask(running, MAX_IMAGES, {"cameras": [entry()] * MAX_IMAGES})).status_code == 200
-    reply = await ask(running, MAX_IMAGES + 1, {"cameras": [entry()] * MAX_IMAGES})
-    problem = reply.json()
-    assert (reply.status_code, problem["fields"][0]["field"]) == (422, "image")
-    assert "at most 32 parts" in problem["detail"]
-    assert len(running.pool.jobs) == 1
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("num_images", "options", "field", "says"),
     [
@@ -163,24 +137,53 @@ async def test_the_most_images_are_taken_and_one_more_is_refused(running: Runnin
         (1, {"cameras": [entry()], "session": {"orientation_noise_deg": 31}}, "session.orientation_noise_deg", "at most"),
         (1, {"cameras": [entry()], "session": {"up": "maybe"}}, "session.up", "'known'"),
         (1, {"cameras": [entry(hfov_deg=math.nan)]}, "cameras.0.hfov_deg", "finite"),
+        (1, {"cameras": [{}]}, "cameras.0", "model: expected one of equirectangular"),
+        (1, {"cameras": [{"hfov_deg": 69}]}, "cameras.0", "model: expected one of equirectangular"),
+        (1, {"cameras": [{"width_px": 64, "height_px": 48}]}, "cameras.0", "model: expected one of equirectangular"),
+        (1, {"cameras": [{**entry(hfov_deg=0), "model": None}]}, "cameras.0", "model: expected one of equirectangular"),
+        (1, {"cameras": [{"session_from_camera": None}]}, "cameras.0", "model: expected one of equirectangular"),
+        (1, {"cameras": []}, "cameras", "1 or more items"),
+        (1, {"cameras": [{"model": "brown", "hfov_deg": 60}]}, "cameras.0.model", "'pinhole'"),
+        (1, {"cameras": [{"model": "pinhole"}]}, "cameras.0", "fx_px: expected the intrinsics"),
+        (1, {"cameras": [{"model": "pinhole", "hfov_deg": 0}]}, "cameras.0", "hfov_deg: expected 1 to 170 degrees"),
+        (1, {"cameras": [{"model": "pinhole", "hfov_deg": 400}]}, "cameras.0", "hfov_deg: expected 1 to 170 degrees"),
+        (1, {"cameras": [{"model": "pinhole", "hfov_range_deg": [80, 60]}]}, "cameras.0", "two rising numbers from 20 to 120"),
+        (1, {"cameras": [{**LENS, "hfov_range_deg": [60, 80]}]}, "cameras.0", "in place of fx_px or hfov_deg"),
+        (1, {"cameras": [{"model": "opencv_fisheye", "hfov_range_deg": [60, 80]}]}, "cameras.0", "expected it of a pinhole"),
+        (1, {"cameras": [{**LENS, "distortion": [0.1]}]}, "cameras.0", "distortion: expected none"),
+        (1, {"cameras": [{**LENS, "fov": 3}]}, "cameras.0.fov", "no field of this name"),
     ],
 )  # fmt: skip
-async def test_what_does_not_belong_together_is_refused_by_its_field(
-    running: RunningService, num_images: int, options: dict[str, Any], field: str, says: str
+def test_cameras_and_images_that_do_not_belong_together_are_refused_by_field(
+    num_images: int, options: dict[str, Any], field: str, says: str
 ) -> None:
-    reply = await ask(running, num_images, options)
+    with pytest.raises(InvalidOptionsError) as caught:
+        images_of(num_images, options)
+    assert field in [each["field"] for each in caught.value.fields]
+    assert says in str(caught.value)
+
+
+def test_masks_are_one_or_as_many_as_the_images() -> None:
+    with pytest.raises(InvalidOptionsError, match=r"^mask: .*one for all, or one per image \(3\), got 2"):
+        images_of(3, {"cameras": [entry()] * 3}, num_masks=2)
+
+
+async def test_a_refusal_names_its_field_and_the_next_query_is_answered(running: RunningService) -> None:
+    reply = await ask(running, 2, {"cameras": [entry(), LENS]})
     problem = reply.json()
     assert (reply.status_code, problem["type"]) == (422, "/problems/invalid-options"), problem
-    assert field in [each["field"] for each in problem["fields"]]
-    assert says in problem["detail"]
+    assert [each["field"] for each in problem["fields"]] == ["cameras.1.session_from_camera"]
     assert running.pool.jobs == []
     assert (await ask(running, 1, {})).status_code == 200
 
 
-async def test_masks_are_one_or_as_many_as_the_images(running: RunningService) -> None:
-    reply = await ask(running, 3, {"cameras": [entry()] * 3}, num_masks=2)
-    assert (reply.status_code, reply.json()["fields"][0]["field"]) == (422, "mask")
-    assert "one for all, or one per image (3), got 2" in reply.json()["detail"]
+async def test_the_most_images_are_taken_and_one_more_is_refused(running: RunningService) -> None:
+    assert (await ask(running, MAX_IMAGES, {"cameras": [entry()] * MAX_IMAGES})).status_code == 200
+    reply = await ask(running, MAX_IMAGES + 1, {"cameras": [entry()] * MAX_IMAGES})
+    problem = reply.json()
+    assert (reply.status_code, problem["fields"][0]["field"]) == (422, "image")
+    assert "at most 32 parts" in problem["detail"]
+    assert len(running.pool.jobs) == 1
 
 
 async def test_all_images_together_have_no_more_pixels_than_one_may_have(running: RunningService) -> None:

@@ -1,6 +1,6 @@
 import type { Problem } from "./types.ts";
 
-/** A request that did not end well: what the service said, or that it did not answer at all (status 0). */
+/** A failed request: the problem document of the service, or status 0 when it did not answer. */
 export class RequestError extends Error {
   readonly problem: Problem;
 
@@ -19,38 +19,38 @@ export function unreachable(): RequestError {
     type: "unreachable",
     title: "The service does not answer",
     status: 0,
-    detail: "Nothing came back. The page goes on by itself as soon as the service is there again.",
+    detail: "No answer came. The page continues as soon as the service is there again.",
   });
 }
 
-/** An upload whose connection broke: unlike a request that only asks, it is not sent again by itself. */
+/** An upload whose connection broke. Unlike a GET request, it is not repeated automatically. */
 export function brokenOff(): RequestError {
   return new RequestError({
     type: "unreachable",
     title: "The connection broke off",
     status: 0,
-    detail: "The upload did not get through. Try again once the service is there.",
+    detail: "The upload did not arrive. Try again once the service is there.",
   });
 }
 
-/** Whether the same request may well end otherwise later: the service was away, busy or at fault, not the request. */
+/** Whether the same request may succeed later: the service was away, busy or at fault. */
 export function mayPass(problem: Problem): boolean {
   return problem.status <= 0 || problem.status >= 500 || [404, 408, 409, 429].includes(problem.status);
 }
 
-/** Return the problem that a body says, or one made of the status where it says none. */
+/** Return the problem in a body, or one made of the status. */
 export function problemOf(status: number, body: string): RequestError {
   try {
     const said = JSON.parse(body) as Partial<Problem>;
     if (typeof said.detail === "string") return new RequestError({ type: "", title: "The request failed", status, ...said, detail: said.detail });
   } catch {
-    // Not of this service: a proxy's page, for example.
+    // Not from panoloc: a proxy's page, for example.
   }
   return new RequestError({ type: "", title: "The request failed", status, detail: `The service answered with status ${status}.` });
 }
 
-/** Return what to show of anything that was thrown. */
+/** Return the problem to show for anything that was thrown. */
 export function shown(error: unknown): Problem {
   if (error instanceof RequestError) return error.problem;
-  return { type: "", title: "The console met a fault", status: -1, detail: String(error) };
+  return { type: "", title: "The console failed", status: -1, detail: String(error) };
 }

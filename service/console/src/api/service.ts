@@ -1,16 +1,16 @@
 /** Requests to the service that this page came from. */
 
 import { key } from "./key.svelte.ts";
-import { putOff, wait } from "../state/patience.svelte.ts";
+import { retryPause, wait } from "../state/retries.svelte.ts";
 import { problemOf, unreachable } from "./problem.ts";
 
-/** Send a request, with the key where there is one; again where the service puts it off. Throws RequestError for everything but success. */
+/** Send a request, with the key if there is one; again after Retry-After. Throws RequestError unless it succeeds. */
 export async function request(path: string, init: RequestInit = {}): Promise<Response> {
   for (let numTries = 1; ; numTries += 1) {
     const response = await sent(path, init);
     if (response.ok) return response;
     if (response.status === 401) key.refuse();
-    const seconds = putOff(response.status, response.headers.get("Retry-After"), numTries);
+    const seconds = retryPause(response.status, response.headers.get("Retry-After"), numTries);
     if (seconds === null) throw problemOf(response.status, await response.text());
     await wait(seconds, init.signal);
   }
@@ -38,12 +38,12 @@ export async function remove(path: string): Promise<void> {
   await request(path, { method: "DELETE" });
 }
 
-/** Return a picture or file; where keys are asked for, an address in the page could not bring one. */
+/** Return a picture or file. A URL in the page could not carry the key. */
 export async function getBlob(path: string, signal?: AbortSignal): Promise<Blob> {
   return (await request(path, { signal: signal ?? null })).blob();
 }
 
-/** Return a path as seen from the page, which may lie below a prefix. */
+/** Return a path relative to the page, which may be served under a prefix. */
 export function relative(path: string): string {
   return `.${path}`;
 }

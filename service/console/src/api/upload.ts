@@ -1,7 +1,7 @@
 /** Uploads with progress, which `fetch` does not tell. */
 
 import { key } from "./key.svelte.ts";
-import { putOff, wait } from "../state/patience.svelte.ts";
+import { retryPause, wait } from "../state/retries.svelte.ts";
 import { brokenOff, problemOf } from "./problem.ts";
 import { relative } from "./service.ts";
 
@@ -27,7 +27,7 @@ export function upload<T>(wanted: UploadRequest): Upload<T> {
       const reply = await send(wanted, ended.signal);
       if (reply.status >= 200 && reply.status < 300) return JSON.parse(reply.body) as T;
       if (reply.status === 401) key.refuse();
-      const seconds = putOff(reply.status, reply.retryAfter, numTries);
+      const seconds = retryPause(reply.status, reply.retryAfter, numTries);
       if (seconds === null) throw problemOf(reply.status, reply.body);
       await wait(seconds, ended.signal);
     }

@@ -27,9 +27,9 @@ export function percentWords(confidence: number): string {
 
 export function radiusWords(answer: Answer): string {
   const radius = answer.accuracy?.position_m;
-  if (radius == null) return "How precise it is cannot be said.";
+  if (radius == null) return "Precision unknown.";
   const angle = answer.accuracy?.orientation_deg;
-  return `Two times out of three within ${lengthWords(radius)}${angle == null ? "" : ` and ${angle < 1 ? angle.toFixed(1) : Math.round(angle)}°`}.`;
+  return `With 68 % probability within ${lengthWords(radius)}${angle == null ? "" : ` and ${angle < 1 ? angle.toFixed(1) : Math.round(angle)}°`}.`;
 }
 
 export function lengthWords(metres: number): string {

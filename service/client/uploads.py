@@ -1,11 +1,24 @@
-"""A file that tells how much of it has been sent."""
+"""Files as parts of a multipart form, and their progress while they are sent."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import BinaryIO
 
 UploadProgress = Callable[[int, int], None]
 """Called with (bytes sent, bytes in all)."""
+
+
+def paths_of(given: Path | Sequence[Path] | None) -> list[Path]:
+    """Return the given files as a list."""
+    if given is None:
+        return []
+    return [given] if isinstance(given, Path) else list(given)
+
+
+def sendable(name: str) -> str:
+    """Return a file name as valid UTF-8; other bytes become question marks."""
+    return name.encode("utf-8", "replace").decode()
 
 
 class ProgressFile:

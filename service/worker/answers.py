@@ -1,0 +1,169 @@
+"""Builds the answer of the HTTP contract from the result of `core`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from core.geometry.pose import Pose
+from core.geopose import MapPose, geopose_of
+from core.georeference import coordinate_system
+from core.panorama.session import Photo
+from core.results import Candidate, Localization
+from service import answer
+from service.answer import Accuracy, Alternative, Change, GeoPose, ImageAnswer, ImageCamera, PoseAnswer, RigidMotion
+from service.jobs import ARTIFACTS, LocalizeJob
+
+_ACCURACY_LEVEL = 0.68
+
+
+def answer_of(
+    found: Localization,
+    job: LocalizeJob,
+    photos: Sequence[Photo],
+    timings_s: Mapping[str, float],
+    pictures: Mapping[str, bytes],
+) -> answer.Localization:
+    """Return the answer to a query. Of one that is `not_localized`, the best guess is the first alternative.
+
+    photos: the images of the query, see `service.worker.query_images.photos_of`. timings_s: seconds measured around the
+    search, added to its own. pictures: PNGs by name.
+    """
+    is_placed = found.status != "not_localized"
+    best = found.best if is_placed else None
+    others = found.alternatives if is_placed or found.best is None else (found.best, *found.alternatives)
+    return answer.Localization(
+        id=job.localization_id,
+        status=found.status,
+        map_id=best and job.maps[best.map_position].id,
+        map_revision=best and job.maps[best.map_position].revision,
+        pose=best and _pose(best, job),
+        map_from_session=best and _map_from_session(found, best, job),
+        images=_images(found, photos, job),
+        geopose=best and _geopose(best, job),
+        confidence=found.best.confidence if found.best else 0.0,
+        accuracy=best
+        and Accuracy(
+            position_m=finite(found.accuracy_position_m),
+            orientation_deg=finite(found.accuracy_orientation_deg),
+            level=_ACCURACY_LEVEL,
+        ),
+        alternatives=[
+            Alternative(pose=_pose(each, job), confidence=each.confidence, map_id=job.maps[each.map_position].id)
+            for each in others
+        ],
+        change=Change(
+            panorama_changed_fraction=finite(found.panorama_changed_fraction),
+            map_changed_fraction=finite(found.map_changed_fraction),
+        ),
+        timings_s={**timings_s, **found.timings_s},
+        search=json_safe(_figures(found)),
+        warnings=list(found.warnings),
+        artifacts={name: answer.picture_path(job.localization_id, name) for name in ARTIFACTS if name in pictures},
+    )
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number, None for NaN and infinity, which JSON cannot express."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def json_safe(value: Any) -> Any:
+    """Return `value` with plain numbers and lists for those of numpy, and None for NaN and infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): json_safe(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return json_safe(value.tolist())
+    if isinstance(value, list | tuple):
+        return [json_safe(item) for item in value]
+    return finite(value) if isinstance(value, float) else value
+
+
+def _pose(candidate: Candidate, job: LocalizeJob) -> PoseAnswer:
+    """Return a pose with rotations about its axes, and the same angles in photographers' terms."""
+    yaw_deg, pitch_deg, roll_deg = (math.degrees(angle) for angle in candidate.pose.yaw_pitch_roll)
+    north_deg = _north_deg(candidate, job)
+    return PoseAnswer(
+        frame=job.options.frame,
+        map_from_camera=_motion(candidate.pose.in_frame(job.options.frame)),
+        yaw_deg=yaw_deg,
+        pitch_deg=pitch_deg,
+        roll_deg=roll_deg,
+        heading_deg=round((90.0 - yaw_deg + (north_deg or 0.0)) % 360.0, 9) % 360.0,
+        elevation_deg=0.0 - pitch_deg,
+        camera_roll_deg=roll_deg,
+        north="map" if north_deg is None else "true",
+    )
+
+
+def _motion(pose: Pose) -> RigidMotion:
+    position, quaternion = pose.position.tolist(), pose.quaternion_xyzw.tolist()
+    return RigidMotion(
+        position_m=answer.Position(**dict(zip("xyz", position, strict=True))),
+        quaternion=answer.Quaternion(**dict(zip("xyzw", quaternion, strict=True))),
+        matrix=pose.matrix.tolist(),
+    )
+
+
+def _north_deg(candidate: Candidate, job: LocalizeJob) -> float | None:
+    """Return the heading of the map's y axis at a pose, clockwise from true north; None where it is unknown."""
+    georeference = job.georeferences.get(job.maps[candidate.map_position].id)
+    if georeference is None:
+        return None
+    if "coordinate_system" not in georeference:
+        return float(georeference["heading_deg"])
+    x, y, z = candidate.pose.position.tolist()
+    place = coordinate_system(georeference["coordinate_system"]).place((x, y, z))
+    return None if place is None else place.convergence_deg
+
+
+def _geopose(candidate: Candidate, job: LocalizeJob) -> GeoPose | None:
+    """Return the GeoPose of a pose; None where the map's place, or its height above the ellipsoid, is unknown."""
+    georeference = job.georeferences.get(job.maps[candidate.map_position].id)
+    if georeference is None:
+        return None
+    x, y, z = candidate.pose.position.tolist()
+    yaw_deg, pitch_deg, roll_deg = (math.degrees(angle) for angle in candidate.pose.yaw_pitch_roll)
+    found = geopose_of(georeference, MapPose((x, y, z), yaw_deg, pitch_deg, roll_deg))
+    return None if found is None else GeoPose.model_validate(found)
+
+
+def _map_from_session(found: Localization, best: Candidate, job: LocalizeJob) -> RigidMotion:
+    """Return `map_from_session` in the axes of the query. A single camera without a pose is its own session."""
+    if job.images[0].session_from_camera is not None and found.map_from_session is not None:
+        return _motion(found.map_from_session.between_worlds(job.options.frame))
+    return _motion(best.pose.in_frame(job.options.frame))
+
+
+def _images(found: Localization, photos: Sequence[Photo], job: LocalizeJob) -> list[ImageAnswer]:
+    """Return camera, agreement and, unless `not_localized`, pose of each image."""
+    best = found.best
+    if best is None:
+        return [ImageAnswer(pose=None, agreement=None, camera=_camera(photo)) for photo in photos]
+    placed = [(image.pose, image.agreement) for image in found.images] or [(best.pose, None)]
+    if len(placed) == 1 and placed[0][1] is None and found.evidence is not None:
+        # One image agrees as the whole query does.
+        placed = [(placed[0][0], found.evidence.measures.get("correlation"))]
+    return [
+        ImageAnswer(
+            pose=None if found.status == "not_localized" else _pose(replace(best, pose=pose), job),
+            agreement=finite(agreement),
+            camera=_camera(photo),
+        )
+        for photo, (pose, agreement) in zip(photos, placed, strict=True)
+    ]
+
+
+def _camera(photo: Photo) -> ImageCamera:
+    return ImageCamera(model=photo.camera.model, hfov_deg=round(photo.camera.hfov_deg, 3))
+
+
+def _figures(found: Localization) -> dict[str, Any]:
+    best, evidence = found.best, found.evidence
+    figures = asdict(found.search)
+    if best is not None:
+        figures |= {"color_model": best.color_model, "sampling_loss": best.sampling_loss, "score": best.score}
+        figures |= {"iterations": best.num_iterations, "num_iterations": best.num_iterations}
+    return figures if evidence is None else figures | asdict(evidence)
