@@ -85,16 +85,6 @@ def test_the_focal_length_is_pulled_at_where_the_best_of_the_last_finals_is() ->
         assert stages.focal_pull() == SMALLER * best
 
 
-def test_halves_are_asked_of_the_best_alone() -> None:
-    stages, refinement = stages_of(rivals=1)
-    ranked = [placed(0.0, 1.0), placed(3.0, 0.9)]
-    stages.settle(ranked)
-    found, _ = stages.finals(stages.settled, ranked)
-    assert len(refinement.full) == 2
-    assert ["halves_apart_m" in h.measures for h in found] == [True, False]
-    assert len(refinement.halved) == 1
-
-
 def test_where_evidence_ranks_more_places_are_refined_fully_and_the_score_does_not_choose() -> None:
     stages, refinement = stages_of(rivals=1, weighed_places=3)
     ranked = [placed(0.0, 1.0), placed(0.2, 0.9), placed(3.0, 0.8), placed(6.0, 0.7), placed(9.0, 0.6)]
@@ -131,15 +121,6 @@ def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_th
         *(SMALLER * h.score for h in ranked[1 : 1 + rivals]),
         *[least] * (3 - rivals),
     ]
-
-
-def test_where_two_places_are_refined_fully_the_second_is_the_rival() -> None:
-    stages, refinement = stages_of(rivals=1)
-    ranked = [placed(0.0, 1.0), placed(3.0, 0.8), placed(6.0, 0.7)]
-    stages.settle(ranked)
-    found, _ = stages.finals(stages.settled[:2], ranked)
-    assert [h.score for h in found] == [0.5, 0.4, 0.4]
-    assert refinement.full == ranked[:2]
 
 
 def test_where_all_came_to_one_place_the_best_judged_before_elsewhere_is_the_rival() -> None:

@@ -64,14 +64,6 @@ def test_a_photo_that_is_wider_than_its_bounds_is_not_localized_and_the_bound_is
 
 
 @pytest.mark.slow
-def test_a_known_camera_stays_what_it_is(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
-) -> None:
-    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
-    assert localizer.localize(known, [box_index]).found_cameras == ()
-
-
-@pytest.mark.slow
 def test_the_radius_tells_what_the_focal_length_leaves_open(
     localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
 ) -> None:

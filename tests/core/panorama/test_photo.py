@@ -37,16 +37,6 @@ def test_a_photo_lies_on_the_sphere_where_the_panorama_shows_the_same(box: Paint
     assert np.abs(placed.color[placed.valid].astype(float) - shifted[placed.valid]).mean() > 2 * difference.mean()
 
 
-def test_what_a_photo_does_not_show_is_masked_and_what_it_shows_is_not() -> None:
-    camera = Camera.from_hfov("pinhole", 800, 600, 69.0)
-    placed = photo_on_sphere(np.full((600, 800, 3), 200, np.uint8), np.ones((600, 800), bool), camera)
-    rows, columns = placed.valid.shape
-    azimuth = 180 - 360 * (np.arange(columns) + 0.5) / columns
-    middle = placed.valid[rows // 2]
-    np.testing.assert_array_equal(middle, np.abs(azimuth) < 34.5)
-    assert (placed.color[placed.valid] == 200).all()
-
-
 def test_masked_pixels_neither_show_nor_bleed_into_their_neighbours() -> None:
     camera = Camera.from_hfov("pinhole", 4000, 3000, 69.0)
     color = np.full((3000, 4000, 3), 90, np.uint8)

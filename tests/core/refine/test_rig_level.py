@@ -105,19 +105,6 @@ def test_points_behind_a_photo_and_beside_it_are_not_inside() -> None:
     assert not bool(beside[photos == 0].any())
 
 
-def test_each_of_several_candidates_is_sampled_at_its_own_pose() -> None:
-    place, photos = points_in_view()
-    level = rig()
-    rotations = torch.stack((ROTATION, ROTATION @ rotation_from_vector(torch.tensor([0.03, -0.02, 0.05]))))
-    positions = torch.stack((POSITION, POSITION + torch.tensor([0.05, 0.0, -0.04])))
-    both, inside = level.sample_points(place.expand(2, -1, -1), photos.expand(2, -1), rotations, positions)
-    for k in range(2):
-        alone, valid = level.sample_points(place, photos, rotations[k : k + 1], positions[k : k + 1])
-        torch.testing.assert_close(both.planes[k], alone.planes[0], atol=1e-4, rtol=1e-4)
-        torch.testing.assert_close(both.directions[k], alone.directions[0], atol=1e-4, rtol=1e-4)
-        assert torch.equal(inside[k], valid[0])
-
-
 def test_a_sphere_as_a_photo_is_sampled_as_a_panorama_is() -> None:
     rows = 64
     image = painted(pixel_directions(rows, 2 * rows), 0).permute(2, 0, 1).contiguous()
@@ -157,21 +144,3 @@ def test_a_longer_focal_length_spreads_what_is_beside_the_axis_of_each_photo() -
     none = level.sample_points(place, photos, ROTATION[None], POSITION[None], torch.zeros(()))[0]
     torch.testing.assert_close(none.planes, same.planes)
     torch.testing.assert_close(none.directions[:, :6], same.directions)
-
-
-@pytest.mark.parametrize("unknown", range(6))
-def test_derivatives_by_the_pose_are_those_at_the_longer_focal_length(unknown: int) -> None:
-    place, photos = points_in_view()
-    level, log, small = rig(), torch.tensor(0.15), 1e-3
-    change = torch.zeros(6)
-    change[unknown] = small
-
-    def colors(sign: int) -> torch.Tensor:
-        turned = ROTATION @ rotation_from_vector(sign * change[None, :3])[0]
-        moved = POSITION + ROTATION @ (sign * change[3:])
-        return level.sample_points(place, photos, turned[None], moved[None], log)[0].color
-
-    at = level.sample_points(place, photos, ROTATION[None], POSITION[None], log)[0]
-    expected = (colors(1) - colors(-1)) / (2 * small)
-    slope = (at.derivatives * at.directions[:, unknown][:, None]).sum(2)
-    assert float((slope - expected).abs().median()) < 0.05 * float(expected.abs().median())

@@ -76,22 +76,6 @@ def test_the_light_of_a_photo_leaves_no_trace(box: PaintedBox, views: FineViews)
     assert float((found[0] - found[1]).abs().max()) < 0.02
 
 
-def test_nor_does_the_light_that_a_scan_was_taken_in(photos: DescribedPhotos, views: FineViews) -> None:
-    dark = replace(views, pictures=(views.pictures.float() * 0.2 + 10).round().byte())
-    found = [scores_of_every_pose(photos.pixels, each, ROTATIONS, False, SEARCH) for each in (views, dark)]
-    assert float((found[0] - found[1]).abs().max()) < 0.03
-
-
-def test_maps_of_many_starts_are_looked_at_in_parts(
-    photos: DescribedPhotos, views: FineViews, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = scores_of_every_pose(photos.pixels, views, ROTATIONS, False, SEARCH)
-    monkeypatch.setattr("core.search.every_pose._STARTS_AT_ONCE", 7)
-    torch.testing.assert_close(
-        scores_of_every_pose(photos.pixels, views, ROTATIONS, False, SEARCH), whole, atol=1e-5, rtol=0
-    )
-
-
 def test_patches_of_some_poses_are_those_of_all(photos: DescribedPhotos, views: FineViews) -> None:
     grid = PatchGrid(CONFIG.fine_views.patch_rows, CONFIG.fine_views.patch_columns)
     every = patch_scores(photos, views.descriptors(), ROTATIONS, grid)

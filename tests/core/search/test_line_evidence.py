@@ -123,10 +123,3 @@ def test_a_photo_of_a_plain_wall_asks_no_lines() -> None:
     query = query_of(box=plain)
     assert query.lines is None
     assert not any(searched.by_lines for searched in search_rounds([query], CONFIG))
-
-
-def test_lines_are_not_asked_where_walls_are_along_no_axes() -> None:
-    query = query_of()
-    strict = replace(CONFIG, lines=replace(CONFIG.lines, least_walls=1.1))
-    query = MapQuery(0, index(), query.limits, query.picture, strict)
-    assert query.lines is None

@@ -66,16 +66,6 @@ def test_both_sides_of_a_symmetric_room_are_found_first(as_scanned: DescribedPho
     assert max(rank for rank in ranks if rank is not None) < 4
 
 
-def test_what_looks_far_less_like_it_is_left_out(as_scanned: DescribedPhotos, index: MapIndex) -> None:
-    every, few = (
-        search_lookalikes(as_scanned, index, PoseLimits(), ROTATION, replace(CONFIG, photo_search=search)).candidates
-        for search in (replace(CONFIG.photo_search, lookalike_least=0.0), CONFIG.photo_search)
-    )
-    least = CONFIG.photo_search.lookalike_least * every.scores[0]
-    assert torch.equal(few.scores, every.scores[every.scores >= least])
-    assert 1 < len(few) < len(every)
-
-
 def test_only_what_the_limits_allow_is_searched(as_scanned: DescribedPhotos, index: MapIndex) -> None:
     heading = math.atan2(POSE.rotation[1, 0], POSE.rotation[0, 0])
     limits = replace(PoseLimits(), heading=heading, heading_tolerance=math.radians(40))
