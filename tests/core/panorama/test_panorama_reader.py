@@ -10,6 +10,7 @@ from core.errors import (
     MaskDamagedError,
     MaskFormatError,
     MaskShapeError,
+    MaskTooLargeError,
     PanoramaDamagedError,
     PanoramaError,
     PanoramaFormatError,
@@ -23,6 +24,8 @@ from tests.core.panorama.picture_files import (
     gpano_packet,
     jpeg_with_exif_orientation,
     picture,
+    png_16_bit,
+    png_bomb,
 )
 
 

@@ -8,7 +8,6 @@ import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.panorama.session import Session
 from core.prepared_photos import PreparedPhotos
@@ -16,6 +15,7 @@ from core.search.described_photos import DescribedPhotos
 from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates
 from core.search.pose_limits import PoseLimits
+from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import UPRIGHT, photo_of
 from tests.core.search.symmetric_box import BOX, POSE, POSITION, ROTATION, TWIN
@@ -26,7 +26,7 @@ CONFIG = LocalizerConfig()
 
 @pytest.fixture(scope="module")
 def index() -> MapIndex:
-    return build_map_index(BOX.scan())
+    return map_of(BOX)
 
 
 def described(box: PaintedBox) -> DescribedPhotos:

@@ -8,11 +8,11 @@ import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.search.map_search import MapCandidates
 from core.search.pose_limits import PoseLimits
 from core.search.same_views import search_same_views
+from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.search.symmetric_box import BOX, POSE, POSITION, ROTATION, TWIN
 
@@ -22,12 +22,12 @@ CONFIG = LocalizerConfig()
 
 @pytest.fixture(scope="module")
 def symmetric() -> MapIndex:
-    return build_map_index(BOX.scan())
+    return map_of(BOX)
 
 
 @pytest.fixture(scope="module")
 def other() -> MapIndex:
-    return build_map_index(PaintedBox(seed=8).scan())
+    return map_of(PaintedBox(seed=8))
 
 
 def search(own: MapIndex, index: MapIndex, limits: PoseLimits | None = None) -> MapCandidates:
@@ -55,7 +55,7 @@ def test_a_room_that_looks_like_no_other_has_none(other: MapIndex) -> None:
 
 
 def test_the_same_room_in_another_map_is_found(symmetric: MapIndex, other: MapIndex) -> None:
-    again = build_map_index(BOX.scan())
+    again = replace(symmetric)  # registered a second time
     found = poses(search(symmetric, again), again)
     assert any(pose_error(pose, POSE).within(0.6, 15.0) for pose in found)
     assert any(pose_error(pose, TWIN).within(0.6, 15.0) for pose in found)
