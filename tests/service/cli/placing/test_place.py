@@ -10,8 +10,8 @@ from PIL import Image
 from core.exports.tour import PlacedPhoto, Tour
 from core.geometry.pose import Pose
 from service.cli import progress
+from service.cli.placing.place import photo_options
 from service.cli.placing.place_folder import PlaceFolder, Question
-from service.cli.query_options import photo_options
 from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
@@ -189,7 +189,7 @@ def test_two_runs_do_not_share_a_folder_and_one_that_was_killed_holds_none(
     with PlaceFolder.held(out, Question(str(photos), ["map_1"], None, {"method": "fast"})):
         outcome = panoloc("place", photos, "--map", "map_1", "--out", out)
         assert (outcome.code, num_queries(fake)) == (EXIT_USAGE, 0)
-        assert "another `panoloc place`" in outcome.err.replace("\n", " ")
+        assert "another `panoloc place`" in outcome.said
     assert (out / ".lock").exists()
     assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
 
@@ -290,7 +290,7 @@ def test_a_format_of_places_on_earth_is_refused_before_the_first_photo_where_the
     for choice in (("--map", "map_1"), ("--tag", "third floor")):
         outcome = panoloc(*command, *choice)
         assert outcome.code == EXIT_USAGE
-        assert "geojson: expected a map with a georeference" in " ".join(outcome.err.split())
+        assert "geojson: expected a map with a georeference" in outcome.said
     assert num_queries(fake) == 0
     place = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5, "heading_deg": 0.0}
     fake.polls = [{**READY_MAP, "georeference": place}] * 2
