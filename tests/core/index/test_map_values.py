@@ -182,14 +182,3 @@ def test_starts_outside_of_the_scan_are_counted() -> None:
     ((code, severity, message),) = found(replace(index, starts=starts), beyond)
     assert (code, severity) == ("region_outside_scan", "warning")
     assert message.startswith("2 of 3 starts lie outside of the scan ((1000.50, -2000.25, 30.00) to (1004.50, ")
-
-
-def test_everything_doubtful_is_told_in_order() -> None:
-    index = replace(with_points(500), sampled_shares=torch.tensor([0.01, 0.02, 0.0]))
-    beyond = IndexOptions(region=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
-    assert [code for code, _, _ in found(index, beyond)] == [
-        "merged_points",
-        "few_points",
-        "starts_see_little",
-        "region_outside_scan",
-    ]

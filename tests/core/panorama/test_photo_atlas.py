@@ -11,7 +11,7 @@ from core.errors import PanoramaUnusableError
 from core.geometry.pose import Pose
 from core.light.color_equalization import LabelCodes
 from core.panorama.panorama import Panorama
-from core.panorama.photo_atlas import PhotoAtlas, shown_share
+from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_colors import PhotoContrast
 from core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import rotation_of
@@ -142,19 +142,6 @@ def test_labels_are_those_of_the_nearest_pixels_and_never_mixed() -> None:
     assert not windows.valid.numpy()[(x > 0) & (v < 99)].any()
     expected = labels.codes.numpy()[stripe[u[inside].astype(int)].astype(int)].T
     np.testing.assert_array_equal(windows.color.numpy()[:, inside], expected)
-
-
-def test_what_photos_show_together_is_counted_once() -> None:
-    half_width, half_height = math.radians(34.5), math.atan(240 / CAMERA.fx_px)
-    one = 4 * math.asin(math.sin(half_width) * math.sin(half_height)) / (4 * math.pi)
-
-    def session(*yaws: float) -> Session:
-        return Session(tuple(SessionImage(plain(CAMERA), Pose(rotation_of(yaw), np.zeros(3))) for yaw in yaws))
-
-    for yaws, expected in (((0.0,), one), ((0.0, 180.0), 2 * one), ((50.0, 50.0), one)):
-        assert shown_share(session(*yaws)) == pytest.approx(expected, rel=0.05)
-        # By the photos' pixels, and half a pixel around each.
-        assert PhotoAtlas(session(*yaws), 256, None, "cpu").share() == pytest.approx(expected, rel=0.3)
 
 
 @pytest.mark.parametrize("kept", ["four pixels of ten", "every eighth column", "one pixel"])

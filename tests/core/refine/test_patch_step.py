@@ -8,13 +8,12 @@ import torch
 from torch import Tensor
 
 from core.config import LineConfig, PhotoRefinementConfig, StepConfig
-from core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
+from core.geometry.rotations import rotation_angle, rotation_from_vector
 from core.lines.line_hold import LineHold
 from core.refine.gauss_newton import initial_history
 from core.refine.patch_step import PatchStep, patch_step
 from core.refine.refinement import CandidatePoints, refine
 from core.refine.rig_level import RigLevel
-from core.refine.sphere_squares import patch_numbers
 from tests.core.lines.made_edges import edges_along
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import POSITION, ROTATION, photo_with_points
@@ -113,15 +112,3 @@ def test_without_points_in_view_a_pose_stays_where_it_is(scene: tuple[RigLevel, 
     found = refine(level, nothing, ROTATION, POSITION, 4, RULES)
     torch.testing.assert_close(found.positions, POSITION)
     assert torch.isfinite(found.hessian).all()
-
-
-@pytest.mark.parametrize("side_deg", [11.25, 22.5])
-def test_patches_are_as_large_as_they_should_be_everywhere(side_deg: float) -> None:
-    directions = even_directions(20_000)
-    numbers = patch_numbers(directions, side_deg)
-    count = int(numbers.max()) + 1
-    assert count == pytest.approx(4 * np.pi / np.radians(side_deg) ** 2, rel=0.35)
-    for number in range(count):
-        inside = directions[numbers == number]
-        apart = torch.rad2deg(torch.acos((inside @ inside.T).clamp(-1, 1))).max()
-        assert float(apart) < 2.2 * side_deg

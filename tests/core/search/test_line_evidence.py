@@ -114,10 +114,3 @@ def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
     assert float((starts[0] - place).norm()) > float(off[0])
     turned = found.rotations[found.candidates.rotations[:1]]
     assert nearest_deg(turned, torch.from_numpy(POSE.rotation).float()) < 5.0
-
-
-def test_a_photo_of_a_plain_wall_asks_no_lines() -> None:
-    plain = PaintedBox(seed=5, palette=((200, 200, 190),))
-    query = query_of(box=plain)
-    assert query.lines is None
-    assert not any(searched.by_lines for searched in search_rounds([query], CONFIG))

@@ -1,8 +1,5 @@
 """The search for places that look like one that was found, in a painted box that looks the same after half a turn."""
 
-import math
-from dataclasses import replace
-
 import pytest
 import torch
 
@@ -64,14 +61,6 @@ def test_both_sides_of_a_symmetric_room_are_found_first(as_scanned: DescribedPho
     ranks = [best_near(pose, found, index) for pose in (POSE, TWIN)]
     assert None not in ranks
     assert max(rank for rank in ranks if rank is not None) < 4
-
-
-def test_only_what_the_limits_allow_is_searched(as_scanned: DescribedPhotos, index: MapIndex) -> None:
-    heading = math.atan2(POSE.rotation[1, 0], POSE.rotation[0, 0])
-    limits = replace(PoseLimits(), heading=heading, heading_tolerance=math.radians(40))
-    found = search_lookalikes(as_scanned, index, limits, ROTATION, CONFIG)
-    assert 0 < len(found.rotations) < CONFIG.photo_search.lookalike_turns / 2
-    assert bool(limits.allows_rotation(found.rotations, math.radians(CONFIG.photo_search.limit_margin_deg)).all())
 
 
 def test_gravity_is_kept(as_scanned: DescribedPhotos, index: MapIndex) -> None:

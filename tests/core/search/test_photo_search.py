@@ -102,15 +102,6 @@ def test_with_up_known_fewer_rotations_are_searched_and_only_level_ones(box_inde
     assert rank < 10
 
 
-def test_few_rotations_are_taken_of_the_denser_set(box_index: MapIndex) -> None:
-    freely, _ = searched(one_photo(), box_index)
-    upright, _ = searched(one_photo(), box_index, Hints(upright=True))
-    assert len(freely.rotations) == CONFIG.photo_search.num_rotations
-    # What is as tilted as 15 degrees and a margin is a share of all rotations, of either set.
-    share = (1 - math.cos(math.radians(15.0 + CONFIG.photo_search.limit_margin_deg))) / 2
-    assert len(upright.rotations) == pytest.approx(share * CONFIG.photo_search.limited_rotations, rel=0.1)
-
-
 def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle(box_index: MapIndex) -> None:
     first = MAP_FROM_SESSION.after(TWO[0])
     yaw = math.degrees(math.atan2(first.rotation[1, 0], first.rotation[0, 0]))
@@ -125,9 +116,3 @@ def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle(box
     ahead = (found.rotations @ limits.first_rotation)[:, :, 0]  # type: ignore[operator]
     off = torch.atan2(ahead[:, 1], ahead[:, 0]) - math.radians(yaw)
     assert float(torch.atan2(off.sin(), off.cos()).abs().max()) <= margin
-
-
-def test_hints_that_leave_nothing_are_answered_with_nothing(box_index: MapIndex) -> None:
-    found, _ = searched(one_photo(), box_index, Hints(position_m=(99.0, 0.0, 0.0), radius_m=1.0))
-    assert len(found.candidates) == 0
-    assert (found.num_starts, found.num_poses) == (0, 0)

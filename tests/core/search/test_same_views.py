@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import pytest
-import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
@@ -66,12 +65,3 @@ def test_only_what_the_limits_allow_is_named(symmetric: MapIndex) -> None:
     heading = math.atan2(POSE.rotation[1, 0], POSE.rotation[0, 0])
     limits = replace(PoseLimits(), heading=heading, heading_tolerance=math.radians(40))
     assert len(search(symmetric, symmetric, limits).candidates) == 0
-
-
-def test_a_place_far_from_every_start_has_no_starts_beside_it(other: MapIndex) -> None:
-    """As of starts three metres apart: nothing there says how alike the same place looks, and what looks alike by itself is still found."""
-    far = torch.tensor([0.0, 0.0, 1.0]) + other.starts.amax(0)
-    assert float((other.starts - far).norm(dim=1).min()) > 0
-    sparse = replace(CONFIG, search=replace(CONFIG.search, elsewhere=replace(CONFIG.search.elsewhere, distance_m=0.01)))
-    (found,) = search_same_views(other, ROTATION, far, [(other, PoseLimits())], sparse)
-    assert len(found.candidates) <= CONFIG.photo_search.same_views

@@ -110,14 +110,6 @@ def test_a_photo_that_has_changed_is_placed_again(
     assert num_queries(fake) == 4
 
 
-def test_photos_in_the_folder_of_results_are_not_placed(panoloc: Panoloc, fake: FakeService, photos: Path) -> None:
-    command = ("place", photos, "--map", "map_1", "--out", photos / "out", "--export", "navvis")
-    assert panoloc(*command).code == 0
-    assert (photos / "out" / "navvis" / "00000-pano.jpg").exists()
-    assert panoloc(*command).code == 0
-    assert num_queries(fake) == 3
-
-
 @pytest.mark.slow
 def test_a_busy_service_is_waited_for(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
     fake.busy = 2
@@ -213,20 +205,6 @@ def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
     assert len(json.loads((out / "geojson" / "photos.geojson").read_text())["features"]) == 3
     fake.down = True
     assert panoloc("export", out, "--export", "stac").code == 0
-
-
-def test_one_photo_is_counted_as_one_and_usage_names_what_is_wanted(
-    panoloc: Panoloc, photos: Path, tmp_path: Path
-) -> None:
-    (photos / "rooms" / "one").mkdir()
-    (photos / "hall.jpg").rename(photos / "rooms" / "one" / "hall.jpg")
-    assert (
-        "1 photo: 1 localized"
-        in panoloc("place", photos / "rooms" / "one", "--map", "map_1", "--out", tmp_path / "x").out
-    )
-    for command, wanted in (("place", "FOLDER"), ("register", "SCAN"), ("localize", "IMAGE"), ("export", "SOURCE")):
-        usage = next(line for line in panoloc(command, "--help").out.splitlines() if "Usage" in line)
-        assert wanted in usage.partition("[OPTIONS]")[2].strip(" {}[].\n"), command
 
 
 @pytest.mark.slow
