@@ -16,7 +16,8 @@ TagOption = Annotated[str | None, typer.Option(help="Search all maps with this t
 MethodOption = Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")]
 UprightOption = Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")]
 HfovOption = Annotated[
-    str | None, typer.Option(help="Field of view of photos without EXIF, or bounds such as 45-90.", metavar="DEG")
+    str | None,
+    typer.Option(help="Field of view of the photos, or bounds such as 45-90; default: from EXIF.", metavar="DEG"),
 ]
 
 
