@@ -51,6 +51,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/core/refine/test_candidate_points.py",
     ),
     "core/refine/patch_sums.py": ("tests/core/refine/test_patch_sums.py",),
+    "core/refine/photo_points.py": ("tests/core/refine/test_photo_points.py",),
     "core/refine/*.py": ("tests/core/refine",),
     "core/judge/agreement.py": ("tests/reference/test_judge_twin.py", "tests/core/judge/test_agreement.py"),
     "core/judge/patch_correlation.py": ("tests/reference/test_judge_twin.py", "tests/core/judge/test_agreement.py"),
@@ -64,6 +65,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "core/index/map_diagnostics.py": ("tests/core/index/test_map_values.py",),
     "core/index/map_index.py": ("tests/core/index/test_map_values.py", "tests/core/index/test_map_index.py"),
     "core/index/map_builder.py": ("tests/core/index/test_map_builder.py", "tests/core/index/test_map_index.py"),
+    "core/index/wall_axes.py": ("tests/core/index/test_wall_axes.py",),
     "core/index/*.py": _INDEX,
 }
 
