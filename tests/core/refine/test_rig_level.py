@@ -105,6 +105,19 @@ def test_points_behind_a_photo_and_beside_it_are_not_inside() -> None:
     assert not bool(beside[photos == 0].any())
 
 
+def test_each_of_several_candidates_is_sampled_at_its_own_pose() -> None:
+    place, photos = points_in_view()
+    level = rig()
+    rotations = torch.stack((ROTATION, ROTATION @ rotation_from_vector(torch.tensor([0.03, -0.02, 0.05]))))
+    positions = torch.stack((POSITION, POSITION + torch.tensor([0.05, 0.0, -0.04])))
+    both, inside = level.sample_points(place.expand(2, -1, -1), photos.expand(2, -1), rotations, positions)
+    for k in range(2):
+        alone, valid = level.sample_points(place, photos, rotations[k : k + 1], positions[k : k + 1])
+        torch.testing.assert_close(both.planes[k], alone.planes[0], atol=1e-4, rtol=1e-4)
+        torch.testing.assert_close(both.directions[k], alone.directions[0], atol=1e-4, rtol=1e-4)
+        assert torch.equal(inside[k], valid[0])
+
+
 def test_a_sphere_as_a_photo_is_sampled_as_a_panorama_is() -> None:
     rows = 64
     image = painted(pixel_directions(rows, 2 * rows), 0).permute(2, 0, 1).contiguous()
