@@ -10,6 +10,7 @@ from core.config import CONTRAST, DescriptorConfig, IndexConfig
 from core.errors import OptionsError
 from core.index.map_builder import build_map_index, index_config_digest
 from core.index.map_codec import decode_map_index, encode_map_index
+from core.index.map_diagnostics import map_diagnostics
 from core.index.map_index import MapIndex
 from core.options import IndexOptions
 from core.scan.point_cloud import PointCloud
@@ -30,6 +31,10 @@ def test_an_index_describes_its_scan(box: PaintedBox, box_index: MapIndex) -> No
     assert 0.02 < box_index.spacing < 0.1
     assert box_index.color_kind == "rgb"
     assert (box_index.start_leaf_sizes > 0).all()
+
+
+def test_a_scanned_box_is_fit_for_use(box_index: MapIndex) -> None:
+    assert map_diagnostics(box_index, IndexOptions(), box_index.num_points) == ()
 
 
 def test_an_index_keeps_every_point_with_its_own_colour(box: PaintedBox, box_index: MapIndex) -> None:
