@@ -168,8 +168,7 @@ class _Localize:
         except ApiProblemError as problem:
             if not several:
                 raise
-            self._show_problem(query.name, problem)
-            return ExitCode.ERROR
+            return self.session.show_failure(problem, [str(query.name)], key="panorama")
         saved = self.folder.save(query.name, query.images, answer, self.client) if self.folder else []
         self._show(query, answer, saved)
         return exit_code_of(answer["status"])
@@ -184,11 +183,3 @@ class _Localize:
         self.session.show_answer(answer, self.client, [path.name for path in query.images])
         if saved:
             self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
-
-    def _show_problem(self, panorama: Path, problem: ApiProblemError) -> None:
-        if self.session.json_output:
-            self.session.print_json({"panorama": str(panorama), "error": problem.as_dict()})
-        self.session.messages.print(
-            f"[bold]{escape(str(panorama))}[/]  [bold red]{escape(problem.title)}[/] (HTTP {problem.status})"
-        )
-        self.session.messages.print(escape(str(problem)))

@@ -74,13 +74,16 @@ class Session:
         for path in filter(None, (answer.get("artifacts") or {}).values()):
             self.results.print(client.link(path), soft_wrap=True, markup=False)
 
-    def show_failure(self, error: ClientError, ids: Sequence[str] = ()) -> ExitCode:
-        """Show what was expected, what came and what to do; in JSON mode also as documents. ids: the maps it is about."""
+    def show_failure(self, error: ClientError, about: Sequence[str] = (), key: str = "id") -> ExitCode:
+        """Show what was expected, what came and what to do; in JSON mode also as documents.
+
+        about: the maps or images it is about. key: names them in the documents.
+        """
         if self.json_output:
-            for about in [{"id": each} for each in ids] or [{}]:
-                self.print_json({**about, "error": error.as_dict()})
+            for each in [{key: name} for name in about] or [{}]:
+                self.print_json({**each, "error": error.as_dict()})
         show = self.messages.print
-        named = f"[bold]{escape(', '.join(ids))}[/]  " if ids else ""
+        named = f"[bold]{escape(', '.join(about))}[/]  " if about else ""
         if isinstance(error, ApiProblemError):
             show(f"{named}[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
             show(escape(str(error)))

@@ -67,27 +67,19 @@ def test_a_region_of_starts_is_given_in_the_scans_own_frame(box: PaintedBox) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 2, 63, 200])
-def test_a_scan_of_a_handful_of_points_becomes_a_map_or_is_refused_with_reason(count: int) -> None:
+@pytest.mark.parametrize(("count", "height_m"), [(1, 2.0), (2, 2.0), (63, 2.0), (200, 2.0), (3000, 0.0)])
+def test_a_handful_of_points_or_a_flat_scan_becomes_a_map_or_is_refused_with_reason(
+    count: int, height_m: float
+) -> None:
     rng = np.random.default_rng(0)
-    positions = rng.uniform(0, 2, (count, 3)).astype(np.float32)
+    positions = rng.uniform(0, (2, 2, height_m), (count, 3)).astype(np.float32)
     cloud = PointCloud(positions, rng.integers(0, 256, (count, 3)).astype(np.uint8))
     try:
         index = build_map_index(cloud)
     except OptionsError:
         return
     assert index.num_starts >= 1
-    assert decode_map_index(encode_map_index(index)).num_points == count
-
-
-def test_a_flat_scan_becomes_a_map_or_is_refused_with_reason() -> None:
-    rng = np.random.default_rng(0)
-    positions = (rng.uniform(0, 4, (3000, 3)) * [1, 1, 0]).astype(np.float32)
-    cloud = PointCloud(positions, rng.integers(0, 256, (3000, 3)).astype(np.uint8))
-    try:
-        assert build_map_index(cloud).num_starts >= 1
-    except OptionsError:
-        return
+    assert decode_map_index(encode_map_index(index)).num_points == index.num_points
 
 
 # Bytes.
