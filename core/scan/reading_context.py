@@ -70,7 +70,8 @@ class ReadingContext:
 class ScanReader(Protocol):
     """A function that yields the points of one format."""
 
-    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]: ...
+    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]:
+        """Yield the points of the file in `context`."""
 
 
 def no_color_error(columns: str) -> ScanContentError:

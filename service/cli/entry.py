@@ -1,4 +1,4 @@
-"""Puts the commands together, and turns every expected failure into a message and an exit code."""
+"""Assembles the commands, and turns every expected failure into a message and an exit code."""
 
 import importlib.metadata
 from typing import Annotated, Any
@@ -12,10 +12,11 @@ from service.cli.exit_codes import ExitCode
 from service.cli.placing import export, place
 from service.cli.session import Session
 from service.client import ClientError
+from service.keys.key_file import KeyFileError
 
 
 def _exit_with(code: int | None, **_: Any) -> None:
-    """Turn what a command returns into the exit code of the process."""
+    """Make what a command returns the exit code of the process."""
     raise typer.Exit(code or ExitCode.OK)
 
 
@@ -53,7 +54,7 @@ app.command()(place.place)
 app.command()(export.export)
 app.add_typer(maps.app, name="maps")
 app.add_typer(keys.app, name="keys")
-# Commands of other packages, as the lab's: each entry point adds its own.
+# Commands of other packages, such as the lab: each entry point adds its own.
 for package in importlib.metadata.entry_points(group="panoloc.commands"):
     package.load()(app)
 
@@ -64,11 +65,11 @@ def run(arguments: list[str], transport: httpx.BaseTransport | None = None) -> i
     try:
         app(arguments, obj=session)
     except SystemExit as end:
-        # Wrong usage has been shown by now; Ctrl-C arrives as 130.
+        # Typer has shown wrong usage by now; Ctrl-C arrives as 130.
         return int(end.code or ExitCode.OK)
     except ClientError as error:
         return session.show_failure(error)
-    except OSError as error:
+    except (OSError, KeyFileError) as error:
         session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
         return ExitCode.ERROR
     return ExitCode.OK

@@ -1,4 +1,4 @@
-"""`panoloc keys`: make, list and revoke the keys of a service, in its data folder."""
+"""`panoloc keys`: make, list and revoke the API keys in the data folder of a service."""
 
 import getpass
 from enum import StrEnum
@@ -14,7 +14,8 @@ from service.keys.audit_log import AuditLog
 from service.keys.key_file import KeyFile, KeyFileError
 
 app = typer.Typer(
-    help="Make, list and revoke API keys, in the data folder of a service; it need not run.", no_args_is_help=True
+    help="Make, list and revoke API keys in the data folder of a service. The service need not run.",
+    no_args_is_help=True,
 )
 
 
@@ -36,23 +37,20 @@ _DEFAULT_FOLDER = Path("panoloc-data")
 @app.command()
 def make(
     ctx: typer.Context,
-    name: Annotated[str, typer.Argument(help="For people: whose key it is.")],
-    scope: Annotated[list[ScopeName], typer.Option(help="What it may do; repeat the option.")],
+    name: Annotated[str, typer.Argument(help="Whose key it is, for people.")],
+    scope: Annotated[list[ScopeName], typer.Option(help="What the key may do; repeatable.")],
     tenant: Annotated[
         str | None,
-        typer.Option(help="Whose maps it sees and makes; left out: of this key alone. Several keys may share one."),
+        typer.Option(help="Tenant whose maps the key sees and makes. Keys may share one; default: one of its own."),
     ] = None,
     data_dir: DataDirOption = _DEFAULT_FOLDER,
     json: JsonOption = False,
 ) -> int:
-    """Make a key and show it, once: only its digest is kept. From the first key on, the service asks all callers for one."""
+    """Make a key and show it once: only its digest is stored. Once a key exists, the service asks every caller for one."""
     session: Session = ctx.obj
-    # Keys are files; what a service keeps is in folders.
+    # A key is a file in the data folder; what a service stores there is in folders.
     is_used = data_dir.is_dir() and any(each.is_dir() for each in data_dir.iterdir())
-    try:
-        made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
-    except KeyFileError as error:
-        return _refused(session, error)
+    made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
     AuditLog(data_dir).note(_user(), "key made", made.id)
     if json:
         session.print_json(
@@ -60,18 +58,18 @@ def make(
         )
     else:
         session.results.print(text, markup=False, highlight=False)
-        session.messages.print(f"{made.id}: keep it now, it is not shown again.", markup=False)
-        session.messages.print(f"kept in {data_dir.resolve()}", markup=False)
+        session.messages.print(f"{made.id}: save it now, it is not shown again.", markup=False)
+        session.messages.print(f"stored in {data_dir.resolve()}", markup=False)
     if not is_used:
         session.messages.print(
-            "No service has used that folder yet: until one does, the key opens nothing and no service asks for it; "
-            "name the data folder of yours with --data-dir or PANOLOC_DATA_DIR.",
+            "No service has used that folder yet. The key works only for a service with this data folder: "
+            "set it with --data-dir or PANOLOC_DATA_DIR.",
             markup=False,
         )
     elif ScopeName.admin not in scope and next(data_dir.glob("maps/map_*"), None):
         session.messages.print(
-            "It sees the maps of its tenant alone. Those that were made without a key belong to nobody: an admin key shows them, and "
-            "`panoloc maps share ID --with TENANT` shares them.",
+            "The key sees only the maps of its tenant. Maps made without a key have no tenant: an admin key sees them, "
+            "and `panoloc maps share ID --with TENANT` shares them.",
             markup=False,
         )
     return ExitCode.OK
@@ -79,22 +77,18 @@ def make(
 
 @app.command("list")
 def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, json: JsonOption = False) -> int:
-    """List all keys that were ever made; their texts are not kept."""
+    """List all keys that were ever made, without their texts."""
     session: Session = ctx.obj
-    try:
-        keys = KeyFile(data_dir).read()
-    except KeyFileError as error:
-        return _refused(session, error)
+    keys = KeyFile(data_dir).read()
     table = Table("id", "name", "tenant", "scopes", "made", "revoked")
     for key in keys:
-        shown = (key.id, key.name, key.tenant, " ".join(key.scopes), key.created_at, key.revoked_at or "")
+        row = (key.id, key.name, key.tenant, " ".join(key.scopes), key.created_at, key.revoked_at or "")
+        table.add_row(*row)
         if json:
-            session.print_json(
-                dict(zip(("id", "name", "tenant", "scopes", "created_at", "revoked_at"), shown, strict=True))
-            )
-        table.add_row(*shown)
+            names = ("id", "name", "tenant", "scopes", "created_at", "revoked_at")
+            session.print_json(dict(zip(names, row, strict=True)))
     if not keys:
-        # The folder is relative to where the command runs, and another one may be meant.
+        # The default folder depends on where the command runs, so show which one was read.
         session.messages.print(f"No keys in {data_dir.resolve()}.", markup=False)
     elif not json:
         session.results.print(table)
@@ -107,11 +101,10 @@ def revoke(
     key_ids: Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the keys.")],
     data_dir: DataDirOption = _DEFAULT_FOLDER,
 ) -> int:
-    """Let keys open nothing any more, within a second; what they made stays."""
+    """Revoke keys. Services refuse them within a second; maps made with them stay."""
     session: Session = ctx.obj
     failures: list[str] = []
-    # Whoever revokes keys wants them shut: an id that is none must not leave those after it open.
-    for key_id in dict.fromkeys(key_ids):
+    for key_id in dict.fromkeys(key_ids):  # one unknown id must not leave the keys after it valid
         try:
             KeyFile(data_dir).revoke(key_id)
         except (KeyFileError, OSError) as error:
@@ -122,11 +115,6 @@ def revoke(
     for failure in failures:
         session.messages.print(failure, markup=False)
     return ExitCode.ERROR if failures else ExitCode.OK
-
-
-def _refused(session: Session, error: KeyFileError) -> int:
-    session.messages.print(f"Error: {error}", markup=False)
-    return ExitCode.ERROR
 
 
 def _user() -> str:

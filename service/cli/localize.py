@@ -8,12 +8,21 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from core.options import MAX_IMAGES, MAX_TOP_K, Frame, Method
+from core.options import MAX_IMAGES, MAX_TOP_K, Frame
 from core.panorama.image_header import KNOWN_FORMATS
 from service.cli.answer_files import AnswerFolder
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.progress import show_waiting
-from service.cli.query_options import camera_object, hints_object
+from service.cli.query_options import (
+    HfovOption,
+    MapOption,
+    MethodOption,
+    TagOption,
+    UprightOption,
+    camera_object,
+    check_map_choice,
+    hints_object,
+)
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
 from service.client import ApiProblemError, JsonObject, PanolocClient
@@ -41,36 +50,33 @@ def localize(
             "--session",
             exists=True,
             metavar="PATH",
-            help=f"{FILE_NAME}, or the folder that holds it: all its frames in one query, by the poses in it.",
+            help=f"{FILE_NAME} or the folder that holds it: one query of all its frames, with their poses.",
         ),
     ] = None,
     up_known: Annotated[
-        bool, typer.Option("--up-known", help="The z axis of --session is against gravity, as AR devices track it.")
+        bool, typer.Option("--up-known", help="The z axis of --session points up, as AR devices track it.")
     ] = False,
-    map_id: Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")] = None,
-    tag: Annotated[str | None, typer.Option(help="Search all maps that bear this tag instead.")] = None,
+    map_id: MapOption = None,
+    tag: TagOption = None,
     out: Annotated[
-        Path | None, typer.Option(file_okay=False, help="Folder for the answers and score-map pictures.")
+        Path | None, typer.Option(file_okay=False, help="Folder for the answers and their pictures.")
     ] = None,
     frame: Annotated[Frame, typer.Option(help="Axes in which the pose is given.")] = QueryOptions.frame,
-    method: Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")] = QueryOptions.method,
+    method: MethodOption = QueryOptions.method,
     mask: Annotated[
         Path | None, typer.Option(exists=True, dir_okay=False, help="Image; its non-zero pixels are ignored.")
     ] = None,
-    hfov: Annotated[
-        str | None,
-        typer.Option(help="A photo so many degrees wide, or 45-90: searched; phones say it in EXIF.", metavar="DEG"),
-    ] = None,
+    hfov: HfovOption = None,
     camera: Annotated[
         Path | None,
-        typer.Option(exists=True, dir_okay=False, help="JSON file: an entry of `cameras` as in docs/api.md."),
+        typer.Option(exists=True, dir_okay=False, help="JSON file with an entry of `cameras` as in docs/api.md."),
     ] = None,
     position: Annotated[Point | None, typer.Option(metavar="X Y Z", help="Hint: near this place, metres.")] = None,
     radius: Annotated[float | None, typer.Option(help="Hint: at most this far from --position, metres.")] = None,
     region: Annotated[
         Cuboid | None, typer.Option(metavar="X Y Z X Y Z", help="Hint: within this cuboid (least, greatest corner).")
     ] = None,
-    upright: Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")] = False,
+    upright: UprightOption = False,
     max_tilt: Annotated[float | None, typer.Option(help="Hint: tilted by at most this, degrees.")] = None,
     heading: Annotated[float | None, typer.Option(help="Hint: yaw of the image centre, degrees.")] = None,
     heading_tolerance: Annotated[
@@ -83,26 +89,22 @@ def localize(
         float | None,
         typer.Option(
             min=0.1,
-            help="Seconds until the service gives up; when left out, as many as it allows by itself: more for paper.",
+            help="Seconds until the service gives up; default: its own limit, which is longer for paper.",
         ),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Find where panoramas, photos or the frames of a session were taken. Exit code 0: all localized, 3: some not, 4: some ambiguous."""
+    """Find where panoramas, photos or the frames of a session were taken. Exit code 3: some not localized, 4: some ambiguous."""
     if not panoramas and not tracked:
         raise typer.BadParameter("expected at least one image, or --session PATH, got neither", param_hint="IMAGE")
-    if bool(map_id) == bool(tag):
-        raise typer.BadParameter(
-            f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them.",
-            param_hint="--map",
-        )
+    check_map_choice(map_id, tag)
     session: Session = ctx.obj
     session.json_output = json
     described = camera_object(hfov, camera)
     if bool(panoramas) == bool(tracked) or (tracked and described) or (up_known and not tracked):
         raise typer.BadParameter(
-            "expected images, or --session PATH alone, whose file describes the cameras; --up-known belongs to it",
+            "expected images, or --session PATH alone: its file describes the cameras. --up-known needs --session",
             param_hint="--session",
         )
     hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
@@ -122,7 +124,7 @@ def localize(
 
 @dataclass(frozen=True)
 class _Query:
-    """What is localized at once. name: of its answer. options: that it alone has."""
+    """One query. name: of its answer. options: those that only this query has."""
 
     name: Path
     images: Sequence[Path]
@@ -130,14 +132,14 @@ class _Query:
 
 
 def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool) -> _Query:
-    """Return the query of all frames of a file. Raises typer.BadParameter for a file that is none."""
+    """Return one query of all frames of a file. Raises typer.BadParameter for a file that cannot be read."""
     try:
         found = read_transforms(tracked, frame)
     except TransformsError as error:
         raise typer.BadParameter(str(error), param_hint="--session") from error
     chosen = spread_evenly(found, MAX_IMAGES)
     if len(chosen) < len(found):
-        session.messages.print(f"{len(chosen)} of {len(found)} frames are sent, spread evenly: one query takes no more")
+        session.messages.print(f"{len(chosen)} of {len(found)} frames are sent, evenly spread: one query takes no more")
     options: JsonObject = {"cameras": [each.camera for each in chosen]}
     options |= {"session": {"up": "known"}} if up_known else {}
     folder = tracked if tracked.is_dir() else tracked.parent
@@ -146,7 +148,7 @@ def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool
 
 @dataclass(frozen=True)
 class _Localize:
-    """What all queries of one command have in common."""
+    """What all queries of one command share."""
 
     session: Session
     client: PanolocClient
@@ -157,7 +159,7 @@ class _Localize:
     folder: AnswerFolder | None
 
     def run(self, query: _Query, *, several: bool) -> ExitCode:
-        """Localize and show one query; among several, a refused one does not stop the others."""
+        """Localize and show one query; if there are `several`, a refused one does not stop the others."""
         try:
             with show_waiting(self.session.messages, f"localizing {escape(query.name.name)}"):
                 answer = self.client.localize(
@@ -166,8 +168,7 @@ class _Localize:
         except ApiProblemError as problem:
             if not several:
                 raise
-            self._show_problem(query.name, problem)
-            return ExitCode.ERROR
+            return self.session.show_failure(problem, [str(query.name)], key="panorama")
         saved = self.folder.save(query.name, query.images, answer, self.client) if self.folder else []
         self._show(query, answer, saved)
         return exit_code_of(answer["status"])
@@ -182,11 +183,3 @@ class _Localize:
         self.session.show_answer(answer, self.client, [path.name for path in query.images])
         if saved:
             self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
-
-    def _show_problem(self, panorama: Path, problem: ApiProblemError) -> None:
-        if self.session.json_output:
-            self.session.print_json({"panorama": str(panorama), "error": problem.as_dict()})
-        self.session.messages.print(
-            f"[bold]{escape(str(panorama))}[/]  [bold red]{escape(problem.title)}[/] (HTTP {problem.status})"
-        )
-        self.session.messages.print(escape(str(problem)))

@@ -1,4 +1,4 @@
-"""`panoloc maps`: list the registered maps, share or delete some."""
+"""`panoloc maps`: list, share and delete maps."""
 
 from collections.abc import Callable, Sequence
 from typing import Annotated
@@ -10,17 +10,19 @@ from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.cli.tables import map_table, older_revision
 from service.client import ApiProblemError, ClientError, JsonObject, UnreachableError
 
-app = typer.Typer(help="List the registered maps, share or delete some.")
+app = typer.Typer(help="List, share or delete maps.")
+
+MapIds = Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps.")]
 
 
 @app.callback(invoke_without_command=True)
 def list_maps(
     ctx: typer.Context,
-    tag: Annotated[str | None, typer.Option(help="Only maps that bear this tag.")] = None,
+    tag: Annotated[str | None, typer.Option(help="Only maps with this tag.")] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> None:
-    """List the registered maps, share or delete some."""
+    """List, share or delete maps."""
     if ctx.invoked_subcommand is not None:
         return
     session: Session = ctx.obj
@@ -34,29 +36,24 @@ def list_maps(
         session.results.print(map_table(places))
         for place in places:
             if place["status"] == "failed":
-                reason = (place.get("error") or {}).get("detail", "see its error with --json")
-                session.results.print(f"{place['id']}{_what_failed(place)}: {reason}", markup=False)
+                session.results.print(_failure(place), markup=False)
     elif tag:
-        session.messages.print(f"No map bears the tag {tag}.", markup=False)
+        session.messages.print(f"No map has the tag {tag}.", markup=False)
     else:
         session.messages.print("No maps yet. Register a scan with [bold]panoloc register SCAN[/].")
 
 
-def _what_failed(place: JsonObject) -> str:
+def _failure(place: JsonObject) -> str:
+    reason = (place.get("error") or {}).get("detail", "see its error with --json")
     older = older_revision(place)
     if older is None:
-        return " failed"
-    return f": revision {older} still answers, revision {place['revision']} failed"
+        return f"{place['id']} failed: {reason}"
+    return f"{place['id']}: revision {older} still answers, revision {place['revision']} failed: {reason}"
 
 
 @app.command()
-def delete(
-    ctx: typer.Context,
-    map_ids: Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps to delete.")],
-    url: UrlOption = DEFAULT_URL,
-    json: JsonOption = False,
-) -> int:
-    """Delete maps with their scans and indexes. There is no way back."""
+def delete(ctx: typer.Context, map_ids: MapIds, url: UrlOption = DEFAULT_URL, json: JsonOption = False) -> int:
+    """Delete maps with their scans and indexes. This cannot be undone."""
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:
@@ -74,17 +71,15 @@ def delete(
 @app.command()
 def share(
     ctx: typer.Context,
-    map_ids: Annotated[list[str], typer.Argument(metavar="ID", help="Ids of the maps to share.")],
+    map_ids: MapIds,
     tenants: Annotated[
         list[str] | None,
-        typer.Option(
-            "--with", metavar="TENANT", help="Whose keys see them; repeat the option, `*` for all. None: nobody's."
-        ),
+        typer.Option("--with", metavar="TENANT", help="Tenant whose keys see the maps; repeatable, `*` for all."),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Let keys of these tenants see maps and localize in them, and no others than these. To change maps stays with their owner."""
+    """Let exactly these tenants see the maps and localize in them; without --with, nobody. Only the owner changes a map."""
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:
@@ -94,16 +89,16 @@ def share(
             if json:
                 session.print_json(changed)
             else:
-                told = ", ".join(changed["shared_with"]) or "nobody"
-                session.results.print(f"{map_id} is shared with {told}", markup=False)
+                tenants_now = ", ".join(changed["shared_with"]) or "nobody"
+                session.results.print(f"{map_id} is shared with {tenants_now}", markup=False)
 
         return _for_each(session, map_ids, share_one)
 
 
 def _for_each(session: Session, map_ids: Sequence[str], change: Callable[[str], None]) -> ExitCode:
-    """Call `change` with each id, once where it is named twice; show failures at the end and return the first one's exit code.
+    """Call `change` once for each distinct id, show failures at the end and return the exit code of the first.
 
-    What would fail for the rest in the same way, a service that is gone or a key that is none, is shown for them without being tried.
+    An unreachable service or an unknown key fails for all maps alike: the rest is then reported without a try.
     """
     distinct = list(dict.fromkeys(map_ids))
     failures: list[tuple[ClientError, list[str]]] = []
@@ -111,13 +106,11 @@ def _for_each(session: Session, map_ids: Sequence[str], change: Callable[[str], 
         try:
             change(map_id)
         except ClientError as error:
-            if _is_of_all_maps(error):
-                failures.append((error, distinct[number:]))
+            is_of_all = isinstance(error, UnreachableError) or (
+                isinstance(error, ApiProblemError) and error.status == 401
+            )
+            failures.append((error, distinct[number:] if is_of_all else [map_id]))
+            if is_of_all:
                 break
-            failures.append((error, [map_id]))
     codes = [session.show_failure(error, ids) for error, ids in failures]
     return codes[0] if codes else ExitCode.OK
-
-
-def _is_of_all_maps(error: ClientError) -> bool:
-    return isinstance(error, UnreachableError) or (isinstance(error, ApiProblemError) and error.status == 401)

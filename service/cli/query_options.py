@@ -1,22 +1,42 @@
-"""What the options of `panoloc localize` say, as the HTTP API takes it."""
+"""Options that `panoloc localize` and `panoloc place` share, and how they become those of the HTTP API."""
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
 from core.camera.camera import CameraDescription
-from core.errors import CoreError, OptionsError
+from core.errors import OptionsError
+from core.options import Method
 from service.client import JsonObject
+
+MapOption = Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")]
+TagOption = Annotated[str | None, typer.Option(help="Search all maps with this tag instead.")]
+MethodOption = Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")]
+UprightOption = Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")]
+HfovOption = Annotated[
+    str | None,
+    typer.Option(help="Field of view of the photos, or bounds such as 45-90; default: from EXIF.", metavar="DEG"),
+]
+
+
+def check_map_choice(map_ids: list[str] | None, tag: str | None) -> None:
+    """Raise typer.BadParameter unless maps are chosen by id or by tag, one of both."""
+    if bool(map_ids) == bool(tag):
+        raise typer.BadParameter(
+            f"expected --map ID (repeatable) or --tag TAG, got {'both' if tag else 'neither'}; `panoloc maps` lists them",
+            param_hint="--map",
+        )
 
 
 def camera_object(hfov: str | None, file: Path | None) -> JsonObject | None:
-    """Return the camera as the HTTP API takes it, None where nothing is said of it.
+    """Return the camera as the HTTP API takes it, None where neither option is given.
 
-    hfov: degrees, or bounds such as 45-90 within which they are searched. Raises typer.BadParameter for what is no camera.
+    hfov: degrees, or bounds such as 45-90 to search between. Raises typer.BadParameter for what is no camera.
     """
     if file is None:
-        return None if hfov is None else _photo_of(hfov)
+        return None if hfov is None else _camera_of_hfov(hfov)
     if hfov is not None:
         raise typer.BadParameter(
             "expected --hfov or --camera, got both; the file can hold hfov_deg", param_hint="--hfov"
@@ -33,48 +53,22 @@ def camera_object(hfov: str | None, file: Path | None) -> JsonObject | None:
     return found
 
 
-def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> JsonObject:
-    """Return the options of one photo of a folder.
-
-    camera: what the folder says took it. asked: for all photos, which goes before that; but a field of view is not meant for the
-    panoramas among them.
-    """
-    options = {**({"cameras": [camera]} if camera else {}), **asked}
-    if camera is None and "cameras" in asked and _is_panorama(photo):
-        del options["cameras"]
-    return options
-
-
-def _is_panorama(photo: Path) -> bool:
-    # Of all commands `place` alone asks for the size of images, and only where it has to.
-    from core.panorama.image_header import read_image_header
-    from core.panorama.known_camera import is_full_sphere
-
+def _camera_of_hfov(hfov: str) -> JsonObject:
+    # A minus sign in front belongs to the number; only a later one separates two bounds.
+    least, dash, most = hfov[1:].partition("-")
     try:
-        header = read_image_header(photo.read_bytes())
-    except (CoreError, OSError):
-        return False  # the service says what is wrong with it
-    return is_full_sphere((header.width, header.height))
-
-
-def _photo_of(hfov: str) -> JsonObject:
-    try:
-        # A minus sign in front is none between two bounds.
-        least, dash, most = hfov[1:].partition("-")
         numbers = [float(part) for part in ((hfov[:1] + least, most) if dash else (hfov,))]
     except ValueError:
-        numbers = []
-    if len(numbers) not in (1, 2):
         raise typer.BadParameter(
-            f"expected degrees such as 69, or bounds such as 45-90 where nobody knows them, got {hfov!r}",
+            f"expected degrees such as 69, or bounds such as 45-90 if they are unknown, got {hfov!r}",
             param_hint="--hfov",
-        )
+        ) from None
     try:
-        if len(numbers) == 1:
-            CameraDescription("pinhole", hfov_deg=numbers[0])
-            return {"model": "pinhole", "hfov_deg": numbers[0]}
-        CameraDescription("pinhole", hfov_range_deg=(numbers[0], numbers[1]))
-        return {"model": "pinhole", "hfov_range_deg": numbers}
+        if dash:
+            CameraDescription("pinhole", hfov_range_deg=(numbers[0], numbers[1]))
+            return {"model": "pinhole", "hfov_range_deg": numbers}
+        CameraDescription("pinhole", hfov_deg=numbers[0])
+        return {"model": "pinhole", "hfov_deg": numbers[0]}
     except OptionsError as error:
         raise typer.BadParameter(str(error).partition(": ")[2], param_hint="--hfov") from error
 
@@ -88,7 +82,7 @@ def hints_object(
     heading: float | None,
     heading_tolerance: float | None,
 ) -> JsonObject:
-    """Return the hints that were given as the HTTP API takes them; metres and degrees.
+    """Return the given hints as the HTTP API takes them; metres and degrees.
 
     Raises typer.BadParameter for a hint that means nothing without another.
     """

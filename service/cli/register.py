@@ -1,7 +1,7 @@
 """`panoloc register`: upload a scan and wait until it can be localized in."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -21,24 +21,24 @@ def register(
             metavar="SCAN", exists=True, dir_okay=False, readable=True, help="Coloured point cloud or mesh."
         ),
     ],
-    name: Annotated[str | None, typer.Option(help="Name for people; the file's name when not given.")] = None,
-    tag: Annotated[list[str] | None, typer.Option(help="Tag to find the map by; repeatable.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name for people; default: the name of the file.")] = None,
+    tag: Annotated[list[str] | None, typer.Option(help="Tag for finding the map; repeatable.")] = None,
     unit: Annotated[Unit, typer.Option(help="Unit of the scan's coordinates.")] = ScanOptions.unit,
     up_axis: Annotated[UpAxis, typer.Option(help="Axis of the scan that points up.")] = ScanOptions.up_axis,
     color_kind: Annotated[
-        ColorKind, typer.Option(help="Photographic colours, or colour codes of semantic labels.")
+        ColorKind, typer.Option(help="Photographic colours, or colours that encode semantic labels.")
     ] = ScanOptions.color_kind,
     coordinate_system: Annotated[
         str | None,
         typer.Option(
-            help="Projected system of the scan's coordinates, such as EPSG:25832; read from LAS, LAZ and E57 that name it."
+            help="Projected coordinate system of the scan, such as EPSG:25832; default: the one that LAS, LAZ or E57 names."
         ),
     ] = None,
     geoid_undulation: Annotated[
         float | None,
         typer.Option(
             metavar="METRES",
-            help="Of the geoid above the ellipsoid there, so that heights of the coordinate system become heights of GeoPose.",
+            help="Height of the geoid above the ellipsoid; turns heights above sea level into the heights of GeoPose.",
         ),
     ] = None,
     wait: Annotated[bool, typer.Option(help="Wait until the map is ready.")] = True,
@@ -54,11 +54,10 @@ def register(
         "unit": unit,
         "up_axis": up_axis,
         "color_kind": color_kind,
+        "coordinate_system": coordinate_system,
+        "geoid_undulation_m": geoid_undulation,
     }
-    if coordinate_system is not None:
-        options["coordinate_system"] = coordinate_system
-    if geoid_undulation is not None:
-        options["geoid_undulation_m"] = geoid_undulation
+    options = {key: value for key, value in options.items() if value is not None}
     with session.client(url) as client:
         place = upload_and_wait(session, client, scan, options, wait=wait)
     if json:
@@ -68,36 +67,33 @@ def register(
 
 
 def upload_and_wait(
-    session: Session, client: PanolocClient, scan: Path, options: dict[str, Any], *, wait: bool
+    session: Session, client: PanolocClient, scan: Path, options: JsonObject, *, wait: bool
 ) -> JsonObject:
-    """Upload with a progress bar; with `wait`, follow the registration until it is ready. Returns the map."""
+    """Upload with a progress bar; with `wait`, follow the registration until the map is ready. Returns the map."""
     with show_upload(session.messages, scan.name) as progress:
         place = client.register_map(scan, options, progress)
     if not wait:
         return place
+
+    def tell(what: str) -> None:
+        session.messages.print(f"Map {place['id']}{what}", markup=False)
+
     if not session.messages.is_terminal:
-        # No bar tells it there, and whoever gives up waiting should know what goes on without him.
-        session.messages.print(
-            f"Map {place['id']}: the scan is stored, its registration goes on in the service.", markup=False
-        )
+        # No bar shows it there, and whoever stops waiting needs the id.
+        tell(": the scan is stored, the service registers it.")
+    manage = f"panoloc maps shows it, panoloc maps delete {place['id']} ends it."
     try:
         with show_registration(session.messages) as on_update:
             return client.wait_for_map(place["id"], on_update)
     except ApiProblemError as problem:
         if problem.status != 403:
             raise
-        # A key that may upload and not read: nothing went wrong, and who uploads again would have two maps.
-        session.messages.print(
-            f"Map {place['id']}: the scan is stored and goes on registering; this key may not read how far it is.",
-            markup=False,
-        )
+        # A key that may upload but not read. It is no failure: a second upload would make a second map.
+        tell(": the scan is stored and goes on registering; this key may not read its progress.")
         return place
-    except (KeyboardInterrupt, UnreachableError) as end:
-        goes_on = (
-            "goes on registering" if isinstance(end, KeyboardInterrupt) else "is registered when the service runs again"
-        )
-        session.messages.print(
-            f"Map {place['id']} {goes_on}: panoloc maps shows it, panoloc maps delete {place['id']} ends it.",
-            markup=False,
-        )
+    except KeyboardInterrupt:
+        tell(f" goes on registering: {manage}")
+        raise
+    except UnreachableError:
+        tell(f" is registered when the service runs again: {manage}")
         raise

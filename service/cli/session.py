@@ -1,26 +1,29 @@
-"""What every command shares: the two consoles, the way to the service, how failures are shown, and the options `--url` and `--json`."""
+"""What every command shares: the two consoles, the client, how failures are shown, and the options `--url` and `--json`."""
 
 import json
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import httpx
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.segment import Segment
 
 from service.cli.exit_codes import ExitCode
-from service.cli.safe_console import SafeConsole
-from service.cli.tables import alternatives_table, answer_summary, images_table, picture_links
+from service.cli.tables import alternatives_table, answer_summary, images_table
 from service.client import ApiProblemError, ClientError, JsonObject, MapFailedError, PanolocClient, UnreachableError
 
 _PIPE_WIDTH = 500
+# All control characters but tabs and line ends, and the Unicode characters that reverse the direction of text.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 
 
 def default_url() -> str:
-    """Return where a service started with the same environment listens."""
+    """Return the URL of a service that was started with the same environment."""
     host = os.environ.get("PANOLOC_HOST", "127.0.0.1")
     reachable = "127.0.0.1" if host in ("", "0.0.0.0", "::") else host
     return f"http://{reachable}:{os.environ.get('PANOLOC_PORT', '8000')}"
@@ -28,10 +31,22 @@ def default_url() -> str:
 
 DEFAULT_URL = default_url()
 
-UrlOption = Annotated[str, typer.Option("--url", envvar="PANOLOC_URL", help="Where the service listens.")]
+UrlOption = Annotated[str, typer.Option("--url", envvar="PANOLOC_URL", help="URL of the service.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON document per result on standard output, and nothing else there.")
 ]
+
+
+class SafeConsole(Console):
+    """A console for untrusted text: control characters are shown as replacement characters, not sent to the terminal."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Return the segments of what is printed, their text without control characters."""
+        for segment in super().render(renderable, options):
+            if segment.control or not _CONTROL.search(segment.text):
+                yield segment
+            else:
+                yield Segment(_CONTROL.sub("\N{REPLACEMENT CHARACTER}", segment.text), segment.style)
 
 
 @dataclass
@@ -39,7 +54,7 @@ class Session:
     """State of one run of the command line.
 
     json_output: results go to standard output as one JSON document per line, and nothing else does.
-    transport: replaces the network, for tests.
+    transport: replaces the network in tests.
     """
 
     transport: httpx.BaseTransport | None = None
@@ -52,48 +67,49 @@ class Session:
         return PanolocClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
 
     def show_answer(self, answer: JsonObject, client: PanolocClient, names: Sequence[str] = ()) -> None:
-        """Print one localization as tables, and the links of its pictures so that no terminal breaks them. names: of its images."""
-        self.results.print(answer_summary(answer))
-        images = images_table(answer, names)
-        if images is not None:
-            self.results.print(images)
-        others = alternatives_table(answer)
-        if others is not None:
-            self.results.print(others)
-        for link in picture_links(answer, client.link):
-            self.results.print(link, soft_wrap=True, markup=False)
+        """Print one localization as tables, then the links to its pictures, unbroken. names: of its images."""
+        for table in (answer_summary(answer), images_table(answer, names), alternatives_table(answer)):
+            if table is not None:
+                self.results.print(table)
+        for path in filter(None, (answer.get("artifacts") or {}).values()):
+            self.results.print(client.link(path), soft_wrap=True, markup=False)
 
-    def show_failure(self, error: ClientError, ids: Sequence[str] = ()) -> ExitCode:
-        """Show what was expected, what came and what to do; in JSON mode also as a document. ids: of several, those that it is about."""
+    def show_failure(self, error: ClientError, about: Sequence[str] = (), key: str = "id") -> ExitCode:
+        """Show what was expected, what came and what to do; in JSON mode also as documents.
+
+        about: the maps or images it is about. key: names them in the documents.
+        """
         if self.json_output:
-            for about in [{"id": each} for each in ids] or [{}]:
-                self.print_json({**about, "error": error.as_dict()})
+            for each in [{key: name} for name in about] or [{}]:
+                self.print_json({**each, "error": error.as_dict()})
         show = self.messages.print
-        named = f"[bold]{escape(', '.join(ids))}[/]  " if ids else ""
-        if isinstance(error, UnreachableError):
-            show(f"{named}[bold red]Error:[/] {escape(str(error))}")
-            show(
-                "Start it with [bold]panoloc serve[/], or say where it runs with [bold]--url[/] or [bold]PANOLOC_URL[/]."
-            )
-            return ExitCode.UNREACHABLE
-        if not isinstance(error, ApiProblemError):
-            show(f"{named}[bold red]Error:[/] {escape(str(error))}")
-            if isinstance(error, MapFailedError) and error.serving_revision is None:
-                show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
+        named = f"[bold]{escape(', '.join(about))}[/]  " if about else ""
+        if isinstance(error, ApiProblemError):
+            show(f"{named}[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
+            show(escape(str(error)))
+            self._show_advice(error)
             return ExitCode.ERROR
-        show(f"{named}[bold red]{escape(error.title)}[/] [dim](HTTP {error.status})[/]")
-        show(escape(str(error)))
+        show(f"{named}[bold red]Error:[/] {escape(str(error))}")
+        if isinstance(error, UnreachableError):
+            show("Start it with [bold]panoloc serve[/], or set its URL with [bold]--url[/] or [bold]PANOLOC_URL[/].")
+            return ExitCode.UNREACHABLE
+        if isinstance(error, MapFailedError) and error.serving_revision is None:
+            show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
+        return ExitCode.ERROR
+
+    def _show_advice(self, error: ApiProblemError) -> None:
+        show = self.messages.print
         if error.status == 401:
             show(
-                "Set [bold]PANOLOC_API_KEY[/] to a key of the service; its operator makes one with [bold]panoloc keys make[/]."
+                "Set [bold]PANOLOC_API_KEY[/] to a key of the service. "
+                "Its operator makes one with [bold]panoloc keys make[/]."
             )
         if error.retry_after_s is not None:
             show(f"Try again in {error.retry_after_s:g} s.")
         if error.problem.get("request_id"):
-            # Of other faults the log knows no more than was said.
-            more = ": the service's log says more under this id" if error.status >= 500 else ""
+            # The log adds nothing to errors of the caller.
+            more = ": the service's log has details under this id" if error.status >= 500 else ""
             show(f"[dim]request {escape(str(error.problem['request_id']))}{more}[/]")
-        return ExitCode.ERROR
 
     def print_json(self, document: Any) -> None:
         """Print one JSON document on one line of standard output."""
@@ -102,10 +118,8 @@ class Session:
 
 
 def _console(*, stderr: bool) -> Console:
-    """Return a console that breaks lines for a terminal, and never in a file or a pipe, where links must stay whole."""
+    """Return a console that wraps lines on a terminal. In a file or a pipe it wraps none, so that links stay whole."""
     console = SafeConsole(stderr=stderr, highlight=False, emoji=False)
-    return (
-        console
-        if console.is_terminal
-        else SafeConsole(stderr=stderr, highlight=False, emoji=False, width=_PIPE_WIDTH, soft_wrap=True)
-    )
+    if not console.is_terminal:
+        console = SafeConsole(stderr=stderr, highlight=False, emoji=False, width=_PIPE_WIDTH, soft_wrap=True)
+    return console

@@ -1,9 +1,10 @@
 """Maps and answers as tables for people."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
+from rich import filesize
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from service.client import JsonObject
@@ -21,12 +22,10 @@ _STATUS_STYLES = {
 
 def map_table(places: Iterable[JsonObject]) -> Table:
     """Return one row per map."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("id", "name", "status", "tags"):
-        # An id that is cut or broken over two lines cannot be copied.
-        table.add_column(heading, no_wrap=heading == "id", overflow="fold")
-    for heading in ("points", "starts", "index"):
-        table.add_column(heading, justify="right")
+    # An id that is broken over two lines cannot be copied.
+    headings = (Column("id", no_wrap=True), "name", "status", "tags")
+    numbers = (Column(name, justify="right") for name in ("points", "starts", "index"))
+    table = Table(*headings, *numbers, box=None, pad_edge=False, header_style="bold")
     for place in places:
         stats = place.get("stats") or {}
         table.add_row(
@@ -38,11 +37,11 @@ def map_table(places: Iterable[JsonObject]) -> Table:
             _count(stats.get("num_starts")),
             _size(stats.get("index_bytes")),
         )
-    return table
+    return _folding(table)
 
 
 def map_summary(place: JsonObject) -> Table:
-    """Return what a person wants to know of one map: its id first, then what was found in the scan."""
+    """Return one map as a table: its id first, then what was found in the scan."""
     stats = place.get("stats") or {}
     rows: list[tuple[str, str | Text]] = [("map", Text(place["id"], "bold")), ("name", place.get("name") or "")]
     rows.append(("status", _status_of_map(place)))
@@ -86,13 +85,11 @@ def answer_summary(answer: JsonObject) -> Table:
 
 
 def images_table(answer: JsonObject, names: Sequence[str]) -> Table | None:
-    """Return the images of a session, one per row, with their poses; None for a single image. names: of their files."""
+    """Return the images of a session with their poses, one per row; None for a single image. names: of their files."""
     images = answer.get("images") or []
     if len(images) < 2:
         return None
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("image", "position", "orientation", "agreement"):
-        table.add_column(heading, overflow="fold")
+    table = Table("image", "position", "orientation", "agreement", box=None, pad_edge=False, header_style="dim")
     for number, image in enumerate(images):
         pose, agreement = image.get("pose"), image.get("agreement")
         table.add_row(
@@ -101,7 +98,7 @@ def images_table(answer: JsonObject, names: Sequence[str]) -> Table | None:
             _angles(pose) if pose else "",
             "" if agreement is None else f"{agreement:.2f}",
         )
-    return table
+    return _folding(table)
 
 
 def alternatives_table(answer: JsonObject) -> Table | None:
@@ -109,10 +106,14 @@ def alternatives_table(answer: JsonObject) -> Table | None:
     alternatives = answer.get("alternatives") or []
     if not alternatives:
         return None
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    table.add_column("alternative", justify="right")
-    for heading in ("position", "orientation", "confidence", "map"):
-        table.add_column(heading, no_wrap=heading == "map", overflow="fold")
+    headings = (
+        Column("alternative", justify="right"),
+        "position",
+        "orientation",
+        "confidence",
+        Column("map", no_wrap=True),
+    )
+    table = Table(*headings, box=None, pad_edge=False, header_style="dim")
     for number, each in enumerate(alternatives, 1):
         confidence = each.get("confidence")
         table.add_row(
@@ -122,12 +123,7 @@ def alternatives_table(answer: JsonObject) -> Table | None:
             "" if confidence is None else f"{confidence:.2f}",
             str(each.get("map_id") or ""),
         )
-    return table
-
-
-def picture_links(answer: JsonObject, link_of: Callable[[str], str]) -> list[str]:
-    """Return the full addresses of an answer's pictures; `link_of` completes a path."""
-    return [link_of(path) for path in (answer.get("artifacts") or {}).values() if path]
+    return _folding(table)
 
 
 def styled_status(status: str) -> Text:
@@ -136,7 +132,7 @@ def styled_status(status: str) -> Text:
 
 
 def older_revision(place: JsonObject) -> int | None:
-    """Return the revision that answers queries where the newest failed or is not ready yet, None where no other does."""
+    """Return the older revision that answers queries while the newest is not ready or has failed, None where none does."""
     serving: int | None = place.get("serving_revision")
     return None if serving == place.get("revision") else serving
 
@@ -153,11 +149,16 @@ def _status_of_map(place: JsonObject) -> Text:
 
 
 def _two_columns(rows: list[tuple[str, str | Text]]) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(style="dim")
-    table.add_column(overflow="fold")
+    table = Table(Column(style="dim"), Column(), box=None, show_header=False, pad_edge=False)
     for label, value in rows:
         table.add_row(label, value if isinstance(value, Text) else Text(value))
+    return _folding(table)
+
+
+def _folding(table: Table) -> Table:
+    """Let long values continue on the next line: nothing is cut off."""
+    for column in table.columns:
+        column.overflow = "fold"
     return table
 
 
@@ -167,9 +168,8 @@ def _position(pose: JsonObject) -> str:
 
 
 def _motion(motion: JsonObject) -> str:
-    at, turned = motion["position_m"], motion["quaternion"]
-    quaternion = "   ".join(f"{axis} {turned[axis]:.5f}" for axis in "xyzw")
-    return f"x {at['x']:.3f}   y {at['y']:.3f}   z {at['z']:.3f} m   quaternion {quaternion}"
+    quaternion = "   ".join(f"{axis} {motion['quaternion'][axis]:.5f}" for axis in "xyzw")
+    return f"{_position({'map_from_camera': motion})}   quaternion {quaternion}"
 
 
 def _what_is_shown(answer: JsonObject) -> str:
@@ -208,6 +208,4 @@ def _count(number: int | None) -> str:
 
 
 def _size(num_bytes: int | None) -> str:
-    if num_bytes is None:
-        return ""
-    return f"{num_bytes / 1e6:.1f} MB" if num_bytes >= 100_000 else f"{num_bytes / 1e3:.0f} kB"
+    return "" if num_bytes is None else filesize.decimal(num_bytes)

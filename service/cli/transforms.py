@@ -1,6 +1,6 @@
-"""Frames with their poses as `transforms.json` has them: the format of nerfstudio and instant-ngp, which many capture apps write.
+"""Reads frames with poses from a `transforms.json`, the format of nerfstudio, instant-ngp and many capture apps.
 
-`transform_matrix` is camera-to-world, metres, camera axes of OpenGL (x right, y up, z backward), world z up.
+`transform_matrix` is camera-to-world in metres, camera axes of OpenGL (x right, y up, z backward), world z up.
 """
 
 import json
@@ -16,8 +16,6 @@ from service.client import JsonObject
 
 FILE_NAME = "transforms.json"
 
-Matrix = list[list[float]]
-
 _MODELS = {
     "OPENCV": "opencv",
     "PINHOLE": "pinhole",
@@ -26,37 +24,24 @@ _MODELS = {
 }
 _COEFFICIENTS = {"opencv": ("k1", "k2", "p1", "p2", "k3"), "opencv_fisheye": ("k1", "k2", "k3", "k4")}
 _ALL_COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
-# Rows are the axes of each frame: of its camera in OpenGL's, of its world in one with z up.
-_SAME = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-_CAMERA_FROM_GL: dict[Frame, Matrix] = {
-    "ros": [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    "opencv": [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
-    "webxr": _SAME,
-    "unity": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]],
-}
-_WORLD_FROM_Z_UP: dict[Frame, Matrix] = {
-    "ros": _SAME,
-    "opencv": _SAME,
-    "webxr": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]],
-    "unity": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
-}
+_OPENGL_FROM_FLU = [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
 _ORTHONORMAL_TOLERANCE = 0.01
 
 
 class TransformsError(ValueError):
-    """The file does not say what is needed; the message says what, where and what to do."""
+    """The file lacks something; the message says what, where and what to do."""
 
 
 @dataclass(frozen=True)
 class TrackedImage:
-    """A frame of the file. camera: its entry of `cameras` as the HTTP API takes it."""
+    """A frame of the file. camera: its entry in `cameras` of the HTTP API."""
 
     path: Path
     camera: JsonObject
 
 
 def read_transforms(path: Path, frame: Frame) -> list[TrackedImage]:
-    """Read the frames of a `transforms.json`, or of the folder that holds one, poses in the axes of `frame`. Raises TransformsError."""
+    """Read a `transforms.json`, or the one in a folder, with poses in the axes of `frame`. Raises TransformsError."""
     file = path / FILE_NAME if path.is_dir() else path
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
@@ -77,11 +62,7 @@ def spread_evenly(images: Sequence[TrackedImage], most: int) -> list[TrackedImag
 
 def _tracked(given: Mapping[str, Any], file: Path, number: int, frame: Frame) -> TrackedImage:
     try:
-        position, quaternion = _pose(given.get("transform_matrix"), frame)
-        pose = {
-            "position_m": dict(zip("xyz", position, strict=True)),
-            "quaternion": dict(zip("xyzw", quaternion, strict=True)),
-        }
+        pose = _pose(given.get("transform_matrix"), frame)
         return TrackedImage(_image_file(given, file), {**_camera(given), "session_from_camera": pose})
     except TransformsError as error:
         raise TransformsError(f"frames[{number}] of {file}: {error}") from error
@@ -99,7 +80,7 @@ def _image_file(given: Mapping[str, Any], file: Path) -> Path:
 
 
 def _checked_image(path: Path) -> Path:
-    """Return the path of an image. Files of others may name anything on this machine, and what they name leaves it."""
+    """Return the path of an image. A file from elsewhere may name any file on this machine, and what it names is sent."""
     try:
         with path.open("rb") as stream:
             head = stream.read(KIND_BYTES)
@@ -107,8 +88,8 @@ def _checked_image(path: Path) -> Path:
         raise TransformsError(f"file_path: expected an image that can be read, but {path}: {error.strerror}") from error
     if image_kind(head) is None:
         raise TransformsError(
-            f"file_path: expected a {KNOWN_FORMATS} image, got {path}, which is none by its first bytes; convert it, or take the frame "
-            "out. Nothing was sent"
+            f"file_path: expected a {KNOWN_FORMATS} image, got {path}, whose first bytes are of none of these. "
+            "Convert it, or remove the frame. Nothing was sent"
         )
     return path
 
@@ -123,7 +104,8 @@ def _camera(given: Mapping[str, Any]) -> JsonObject:
     foreign = [name for name in _ALL_COEFFICIENTS if name not in taken and lens[name] != 0]
     if foreign:
         raise TransformsError(
-            f"{foreign[0]}: expected coefficients of {model} ({' '.join(taken) or 'none'}), got {lens[foreign[0]]:g}; undistort the images"
+            f"{foreign[0]}: expected coefficients of {model} ({' '.join(taken) or 'none'}), "
+            f"got {lens[foreign[0]]:g}; undistort the images"
         )
     camera: JsonObject = {"model": model, **({"distortion": [lens[name] for name in taken]} if taken else {})}
     if given.get("fl_x") is None and given.get("camera_angle_x") is not None:
@@ -155,50 +137,30 @@ def _number(given: Mapping[str, Any], name: str, default: float | None = None) -
     return float(value)
 
 
-def _pose(given: Any, frame: Frame) -> tuple[list[float], list[float]]:
-    """Return position (metres) and quaternion (x, y, z, w) in the axes of `frame`."""
+def _pose(given: Any, frame: Frame) -> JsonObject:
+    """Return position (metres) and quaternion in the axes of `frame`, as the HTTP API takes them."""
+    # Commands load numpy only when they need it.
+    import numpy as np
+
+    from core.geometry.pose import Pose
+
     try:
-        rows = [[float(value) for value in row] for row in given[:3]]
-        rotation, position = [row[:3] for row in rows], [[row[3]] for row in rows]
-    except (TypeError, ValueError, IndexError) as error:
-        raise TransformsError(f"transform_matrix: expected 4 x 4 numbers, row by row, got {str(given)[:60]}") from error
-    _check_rotation(rotation)
-    world, camera = _WORLD_FROM_Z_UP[frame], _CAMERA_FROM_GL[frame]
-    turned = _product(_product(world, rotation), _transposed(camera))
-    return [row[0] for row in _product(world, position)], _quaternion(turned)
-
-
-def _check_rotation(rotation: Matrix) -> None:
-    if not all(math.isfinite(value) for row in rotation for value in row):
+        matrix = np.asarray(given, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.zeros(0)
+    if matrix.shape not in ((4, 4), (3, 4)):
+        raise TransformsError(f"transform_matrix: expected 4 x 4 numbers, row by row, got {str(given)[:60]}")
+    rotation, position = matrix[:3, :3], matrix[:3, 3]
+    if not np.isfinite(matrix).all():
         raise TransformsError("transform_matrix: expected finite numbers, got NaN or infinity; was the frame tracked?")
-    square = _product(_transposed(rotation), rotation)
-    off = max(abs(square[row][column] - _SAME[row][column]) for row in range(3) for column in range(3))
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    if not off <= _ORTHONORMAL_TOLERANCE or a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) <= 0:
+    off = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if off > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) <= 0:
         raise TransformsError(
-            "transform_matrix: expected a rotation and a position in metres, got a matrix that also scales or mirrors; take the scale out"
+            "transform_matrix: expected a rotation and a position in metres, "
+            "got a matrix that also scales or mirrors; take the scale out"
         )
-
-
-def _quaternion(r: Matrix) -> list[float]:
-    """Return the unit quaternion (x, y, z, w), by the largest of its components (Shepperd 1978)."""
-    trace = r[0][0] + r[1][1] + r[2][2]
-    squares = [1 - trace + 2 * r[axis][axis] for axis in range(3)] + [1 + trace]
-    i = max(range(4), key=lambda axis: squares[axis])
-    if i == 3:
-        found = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1], squares[3]]
-    else:
-        j, k = (i + 1) % 3, (i + 2) % 3
-        found = [0.0, 0.0, 0.0, r[k][j] - r[j][k]]
-        found[i], found[j], found[k] = squares[i], r[i][j] + r[j][i], r[i][k] + r[k][i]
-    norm = math.hypot(*found)
-    return [value / norm for value in found]
-
-
-def _product(first: Matrix, second: Matrix) -> Matrix:
-    columns = _transposed(second)
-    return [[sum(a * b for a, b in zip(row, column, strict=True)) for column in columns] for row in first]
-
-
-def _transposed(matrix: Matrix) -> Matrix:
-    return [list(column) for column in zip(*matrix, strict=True)]
+    pose = Pose(rotation @ np.array(_OPENGL_FROM_FLU), position).in_frame(frame)
+    return {
+        "position_m": dict(zip("xyz", pose.position.tolist(), strict=True)),
+        "quaternion": dict(zip("xyzw", pose.quaternion_xyzw.tolist(), strict=True)),
+    }

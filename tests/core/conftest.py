@@ -1,16 +1,15 @@
 """Maps and panoramas shared by the tests of the algorithm; the expensive ones are made once per session."""
 
-from functools import cache
-
+import numpy as np
 import pytest
 import torch
 
 from core.geometry.pose import Pose
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
 from core.panorama.panorama import Panorama
 from core.results import Localization
+from tests.core.built_maps import BOX, OTHER_BOX, map_of
 from tests.core.painted_box import PaintedBox, rotation_of
 
 torch.set_num_threads(1)  # the tests share their machine, and results do not depend on the number of cores
@@ -18,29 +17,22 @@ torch.set_num_threads(1)  # the tests share their machine, and results do not de
 
 @pytest.fixture(scope="session")
 def box() -> PaintedBox:
-    return PaintedBox(seed=3)
-
-
-@cache
-def _index_of_the_box() -> MapIndex:
-    return build_map_index(PaintedBox(seed=3).scan())
+    return BOX
 
 
 @pytest.fixture(scope="session")
 def box_index() -> MapIndex:
-    return _index_of_the_box()  # one, although tests in other folders take this fixture over
+    return map_of(BOX)
 
 
 @pytest.fixture(scope="session")
 def other_box_index() -> MapIndex:
-    return build_map_index(PaintedBox(seed=44, size_m=(4.2, 4.6, 2.5)).scan(seed=5))
+    return map_of(OTHER_BOX)
 
 
 @pytest.fixture(scope="session")
 def box_pose() -> Pose:
     """Return a pose with a level-ish, slightly tilted camera off the middle of the box."""
-    import numpy as np
-
     return Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
 
 

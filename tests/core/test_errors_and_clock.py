@@ -10,28 +10,6 @@ from core.errors import CoreError, DeadlineExceededError
 from core.stage_clock import StageClock
 
 
-def drawn_tree() -> dict[str, str]:
-    """Return the parent of every class in the drawing of the module's docstring."""
-    assert errors.__doc__
-    parents: dict[str, str] = {}
-    path: list[tuple[int, str]] = []
-    for line in errors.__doc__.splitlines():
-        words = line.replace("├──", "   ").replace("└──", "   ").replace("│", " ")
-        name = words.split()[0] if words.split() else ""
-        if not name.endswith("Error"):
-            continue
-        depth = words.index(name)
-        path = [entry for entry in path if entry[0] < depth]
-        parents[name] = path[-1][1] if path else "Exception"
-        path.append((depth, name))
-    return parents
-
-
-def test_every_error_stands_in_the_drawing_with_its_parent() -> None:
-    classes = {name: cls for name, cls in vars(errors).items() if isinstance(cls, type)}
-    assert {name: cls.__bases__[0].__name__ for name, cls in classes.items()} == drawn_tree()
-
-
 def test_every_error_is_an_error_of_core() -> None:
     assert all(issubclass(cls, CoreError) for cls in vars(errors).values() if isinstance(cls, type))
 
@@ -56,10 +34,6 @@ def test_no_stage_starts_after_the_deadline() -> None:
     time.sleep(0.01)
     with pytest.raises(DeadlineExceededError, match="no pose within"), clock.stage("search"):
         pytest.fail("the stage ran")
-
-
-def test_without_a_timeout_there_is_no_deadline() -> None:
-    StageClock(None, torch.device("cpu")).check()
 
 
 def test_half_of_the_time_is_past_when_less_is_left_than_was_used() -> None:

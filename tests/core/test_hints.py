@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from core.errors import OptionsError
 from core.geometry.pose import Pose
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
@@ -87,24 +86,3 @@ def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so(
     assert found.status == "not_localized"
     assert found.best is None
     assert "hints" in found.warnings[0]
-
-
-@pytest.mark.parametrize(
-    "hints",
-    [
-        Hints(radius_m=1.0),
-        Hints(position_m=(1, 1, 1), radius_m=0.0),
-        Hints(position_m=(1, 1, 1), radius_m=math.nan),
-        Hints(position_m=(1, math.nan, 1), radius_m=1.0),
-        Hints(heading_deg=math.nan),
-        Hints(max_tilt_deg=-1.0),
-        Hints(max_tilt_deg=181.0),
-        Hints(heading_deg=0.0, heading_tolerance_deg=0.0),
-        Hints(region=((1, 1, 1), (0, 2, 2))),
-    ],
-)
-def test_a_hint_that_makes_no_sense_is_refused(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, hints: Hints
-) -> None:
-    with pytest.raises(OptionsError, match="hints"):
-        localizer.localize(box_panorama, [box_index], hints=hints)

@@ -3,31 +3,25 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
-from core.geometry.rotations import rotation_angle
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
-from core.judge.hypotheses import Hypothesis
 from core.localizer import Localizer, why_nothing_fits
-from core.options import MAX_SESSION_TILT_DEG, ColorKind, Hints, IndexOptions
+from core.options import MAX_SESSION_TILT_DEG, Hints
 from core.panorama.photo import photo_on_sphere
 from core.panorama.session import Session, SessionImage
-from core.prepared_photos import PreparedPhotos
-from core.refine.photo_points import look_directions
 from core.results import Localization
-from core.search.map_search import MapCandidates
-from core.search.photo_search import search_photos
+from tests.core.built_maps import AS_LABELS, LABELLED, map_of
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import FOUR, SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
+from tests.core.search.symmetric_box import BOX as SYMMETRIC
+from tests.core.search.symmetric_box import POSE, TWIN, seen_from_the_other_side
 
 pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig()
@@ -64,14 +58,12 @@ def test_radii_of_several_photos_contain_the_noise_of_their_tracking(localizer: 
         assert found.accuracy_orientation_deg is not None
         return found.accuracy_position_m, found.accuracy_orientation_deg
 
-    def of_noise(position_m: float, orientation_deg: float, count: int) -> Session:
+    def of_noise(position_m: float, orientation_deg: float) -> Session:
         options = replace(session().options, position_noise_m=position_m, orientation_noise_deg=orientation_deg)
-        return replace(session(), images=session().images[:count], options=options)
+        return replace(session(), options=options)
 
-    for count, is_several in ((4, True), (1, False)):
-        silent, noisy = (radii(of_noise(*noise, count)) for noise in ((1e-6, 1e-6), (0.02, 1.0)))
-        expected = (0.03, 1.0) if is_several else (0.0, 0.0)
-        assert noisy == pytest.approx([math.hypot(*each) for each in zip(silent, expected, strict=True)], rel=1e-3)
+    silent, noisy = (radii(of_noise(*noise)) for noise in ((1e-6, 1e-6), (0.02, 1.0)))
+    assert noisy == pytest.approx([math.hypot(*each) for each in zip(silent, (0.03, 1.0), strict=True)], rel=1e-3)
 
 
 def test_photos_are_asked_for_their_edges(found: Localization, box_index: MapIndex) -> None:
@@ -86,9 +78,9 @@ def test_photos_are_asked_for_their_edges(found: Localization, box_index: MapInd
 
 
 @pytest.mark.parametrize(
-    ("hfov_deg", "hints"), [(100.0, None), (75.0, Hints(upright=True))], ids=["wide", "with gravity"]
+    ("hfov_deg", "hints", "form"),
+    [(100.0, None, "photo"), (75.0, Hints(upright=True), "photo"), (100.0, None, "masked sphere")],
 )
-@pytest.mark.parametrize("form", ["photo", "masked sphere"])
 def test_a_photo_is_found_where_it_was_taken(
     localizer: Localizer,
     box: PaintedBox,
@@ -104,55 +96,28 @@ def test_a_photo_is_found_where_it_was_taken(
     assert_found(found, box_pose, 0.1, 5.0)
 
 
-@pytest.mark.parametrize("form", ["photo", "masked sphere"])
 def test_a_photo_of_another_place_is_never_localized(
-    localizer: Localizer, other_box_index: MapIndex, box: PaintedBox, box_pose: Pose, form: str
+    localizer: Localizer, other_box_index: MapIndex, box: PaintedBox, box_pose: Pose
 ) -> None:
-    photo = photo_of(box, WIDE, box_pose)
-    query = photo if form == "photo" else photo_on_sphere(photo.color, photo.valid, photo.camera)
-    assert localizer.localize(query, [other_box_index]).status == "not_localized"
+    assert localizer.localize(photo_of(box, WIDE, box_pose), [other_box_index]).status == "not_localized"
 
 
 @pytest.mark.parametrize("form", ["photo", "frames"])
-def test_a_room_that_looks_the_same_is_named_also_when_the_search_overlooks_it(
-    box_pose: Pose, monkeypatch: pytest.MonkeyPatch, form: str
+def test_a_room_that_looks_the_same_from_both_sides_is_ambiguous_and_both_are_named(
+    localizer: Localizer, form: str
 ) -> None:
-    box = PaintedBox(seed=3, symmetric=True)
-    index = build_map_index(box.scan())
-    asked = Session.of_photo(photo_of(box, WIDE, box_pose))
-    if form == "frames":
-        asked = session_of(box, MAP_FROM_SESSION, FOUR, CAMERAS)
-    search = search_photos
-
-    def one_sided(*given: Any) -> list[MapCandidates]:
-        """Search, and leave out all candidates that look the other way."""
-        (found,) = search(*given)
-        looks = torch.from_numpy((box_pose if form == "photo" else MAP_FROM_SESSION).rotation).float()
-        kept = rotation_angle(found.rotations[found.candidates.rotations], looks) < math.radians(90)
-        return [replace(found, candidates=found.candidates.take(kept))]
-
-    monkeypatch.setattr("core.fast.fast_method.search_photos", one_sided)
-    found = Localizer(CONFIG, device="cpu").localize(asked, [index])
+    if form == "photo":
+        asked, here, there = Session.of_photo(photo_of(SYMMETRIC, WIDE, POSE)), POSE, TWIN
+    else:
+        asked = session_of(SYMMETRIC, MAP_FROM_SESSION, FOUR, CAMERAS)
+        here = MAP_FROM_SESSION.after(FOUR[0])
+        there = seen_from_the_other_side(here)
+    found = localizer.localize(asked, [map_of(SYMMETRIC)])
     assert found.status == "ambiguous"
     assert found.best is not None
-    half_turn, middle = rotation_of(180.0), np.array([box.size_m[0], box.size_m[1], 0.0]) / 2
-    here = box_pose if form == "photo" else MAP_FROM_SESSION.after(FOUR[0])
-    twin = Pose(half_turn @ here.rotation, half_turn @ (here.position - middle) + middle)
     named = (found.best.pose, found.alternatives[0].pose)
-    for side in (here, twin):
+    for side in (here, there):
         assert any(pose_error(pose, side).within(0.1, 5.0) for pose in named)
-    by_views_alone, overlooking = (
-        replace(CONFIG.photo_search, lookalikes=0),
-        replace(CONFIG.photo_search, same_views=0),
-    )
-    for config, status in ((by_views_alone, "ambiguous"), (overlooking, "localized")):
-        localizer = Localizer(replace(CONFIG, photo_search=config), device="cpu")
-        assert localizer.localize(asked, [index]).status == status
-    # That all of the scan looks the same makes them equals by itself.
-    unlike = replace(CONFIG.judge, ambiguous_margin=1e-6, alike_share=9.0)
-    assert Localizer(replace(CONFIG, judge=unlike), device="cpu").localize(asked, [index]).status == "ambiguous"
-    unlike = replace(unlike, same_view_ambiguous_share=0.0)
-    assert Localizer(replace(CONFIG, judge=unlike), device="cpu").localize(asked, [index]).status != "ambiguous"
 
 
 def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose) -> None:
@@ -167,28 +132,8 @@ def test_a_photo_is_its_own_session(localizer: Localizer, box: PaintedBox, box_i
 
 
 def test_a_photo_of_labels_is_found_in_a_map_of_labels(localizer: Localizer, box_pose: Pose) -> None:
-    palette = ((0, 0, 0), (255, 0, 0), (0, 128, 255), (90, 90, 90), (20, 200, 60))
-    box = PaintedBox(seed=1, palette=palette)
-    index = build_map_index(box.scan(), IndexOptions(color_kind="labels", spacing_m=0.8))
-    found = localizer.localize(photo_of(box, WIDE, box_pose), [index])
+    found = localizer.localize(photo_of(LABELLED, WIDE, box_pose), [map_of(LABELLED, AS_LABELS)])
     assert_found(found, box_pose, 0.05, 2.0)
-
-
-@pytest.mark.parametrize("color_kind", ["rgb", "labels"])
-def test_only_points_that_are_aligned_by_patches_are_more_for_photos_that_show_more(
-    color_kind: ColorKind, box_pose: Pose
-) -> None:
-    box, config = PaintedBox(seed=1, palette=((0, 0, 0), (255, 0, 0), (0, 128, 255))), LocalizerConfig()
-    index = build_map_index(box.scan(), IndexOptions("grid", 2.0, color_kind=color_kind))
-    photos = PreparedPhotos(
-        Session.of_photo(photo_of(box, WIDE, box_pose)), 256, index.labels, torch.device("cpu"), config
-    )
-    start = Hypothesis(0, 0, torch.eye(3), index.starts[0])
-    sizes = config.photos
-    count = sizes.coarse_points if color_kind == "labels" else sizes.coarse_points_of(photos.share)
-    expected = look_directions(photos.atlas, count, sizes.coarse_margin_deg)
-    assert photos.points_from_starts(index, [start], coarse=True).weights.shape == (1, len(expected.directions))
-    assert sizes.coarse_points_of(photos.share) > sizes.coarse_points
 
 
 def test_of_several_maps_the_one_is_found_in_which_a_photo_was_taken(
@@ -236,7 +181,9 @@ def test_what_has_changed_is_told_in_the_axes_of_the_photo(
 # Several photos.
 
 
-def test_where_up_is_known_even_a_guess_is_level(localizer: Localizer, other_box_index: MapIndex) -> None:
+def test_photos_of_another_place_are_never_localized_and_where_up_is_known_even_the_guess_is_level(
+    localizer: Localizer, other_box_index: MapIndex
+) -> None:
     found = localizer.localize(session(TWO, up_known=True), [other_box_index])
     assert found.status == "not_localized"
     assert found.map_from_session is not None
@@ -302,10 +249,6 @@ def test_a_photo_of_another_place_among_right_ones_is_told_by_its_agreement(
     *right, wrong = (image.agreement for image in found.images)
     assert wrong is not None
     assert all(each is not None and each > 0.75 > 0.5 > wrong for each in right)
-
-
-def test_photos_of_another_place_are_never_localized(localizer: Localizer, other_box_index: MapIndex) -> None:
-    assert localizer.localize(session(), [other_box_index]).status == "not_localized"
 
 
 def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:

@@ -73,9 +73,3 @@ def test_whatever_is_allowed_is_searched(
     assert bool(limits.searched_starts(placed, SearchConfig().hint_margin_m)) or not bool(
         limits.allows_position(placed)
     )
-
-
-def test_without_hints_everything_is_allowed() -> None:
-    limits = pose_limits(None, MAP)  # type: ignore[arg-type]
-    assert bool(limits.allows_position(torch.full((3,), 1e6)))
-    assert bool(limits.allows_rotation(-torch.eye(3)))

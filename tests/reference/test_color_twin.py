@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from core.light.color_equalization import equalize, transport
-from tests.reference.color_twin import matched_by_sorting, rank_of, transport_cost
+from tests.reference.color_twin import matched_by_sorting, rank_of
 
 
 def byte_colors(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -32,16 +32,6 @@ def test_transport_moves_the_kth_value_to_the_kth_value() -> None:
         assert np.quantile(np.abs(found[:, channel] - expected), 0.99) < 4 / 255
 
 
-def test_transport_is_cheaper_than_any_other_assignment_tried() -> None:
-    rng = np.random.default_rng(2)
-    source, target = rng.uniform(size=(500, 3)), rng.uniform(size=(500, 3)) ** 2
-    ones = torch.ones(500)
-    found = transport(torch.from_numpy(source).float(), ones, torch.from_numpy(target).float(), ones).numpy()
-    own = transport_cost(source[:, 0], found[:, 0])
-    for _ in range(20):
-        assert own < transport_cost(source[:, 0], rng.permutation(target[:, 0]))
-
-
 def test_transport_weighs_pixels_by_their_solid_angle() -> None:
     # Half of the pixels are black but weigh one percent: the match must treat the source as almost white.
     source = torch.cat((torch.zeros(50, 3), torch.ones(50, 3)))
@@ -63,9 +53,3 @@ def test_transport_ignores_pixels_of_no_weight() -> None:
     one = transport(torch.from_numpy(source).float(), *arguments)[:40]
     other = transport(torch.from_numpy(changed).float(), *arguments)[:40]
     torch.testing.assert_close(one, other)
-
-
-def test_a_target_of_one_colour_gives_that_colour() -> None:
-    source = torch.rand(20, 3, generator=torch.Generator().manual_seed(0))
-    found = transport(source, torch.ones(20), torch.full((5, 3), 0.4), torch.ones(5))
-    torch.testing.assert_close(found, torch.full((20, 3), 0.4), atol=1e-6, rtol=0)

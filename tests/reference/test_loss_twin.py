@@ -117,26 +117,6 @@ def test_masked_points_have_no_part_in_the_sampling_loss(problem: tuple[Sampling
     assert float(sampling_loss(with_mask, *pose)) == pytest.approx(float(sampling_loss(repainted, *pose)), abs=2e-3)
 
 
-@pytest.mark.slow
-def test_adam_never_returns_a_loss_above_the_first(problem: tuple[SamplingProblem, np.ndarray]) -> None:
-    from core.paper.sampling_loss import minimize_by_adam
-
-    made, _ = problem
-    single = SamplingProblem(
-        made.image.float(),
-        made.valid.float(),
-        made.positions.float(),
-        made.colors.float(),
-        made.point_weights.float(),
-        made.patch_scores.float(),
-        made.grid,
-    )
-    rotation, position = torch.from_numpy(ROTATION).float(), torch.from_numpy(POSITION).float()
-    first = float(sampling_loss(single, rotation, position))
-    _, _, best = minimize_by_adam(single, rotation, position, PaperConfig(iterations=15, learning_rate=0.05))
-    assert best <= first
-
-
 HEIGHT = 128
 
 

@@ -61,11 +61,6 @@ def test_a_place_lower_than_the_spacing_has_one_layer_of_cells() -> None:
     assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
 
 
-def test_what_holds_for_a_room_holds_for_a_hall() -> None:
-    points, config = room(9) * np.float32(6), StartsConfig(spacing_m=3.0, clearance_m=0.7)
-    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
-
-
 def test_within_a_region_the_leaves_are_those_of_the_region() -> None:
     points, config = room(5), StartsConfig(spacing_m=0.4, clearance_m=0.1)
     region = np.array([3.5, -4.8, 0.3]), np.array([4.9, -3.7, 1.5])

@@ -1,22 +1,36 @@
-"""`panoloc export`: placed photos in the formats of other systems, of a folder of `panoloc place`, a batch, or single answers."""
+"""`panoloc export`: writes placed photos in the formats of other systems.
+
+The photos come from a folder of `panoloc place`, a batch, or the answers of `panoloc localize`.
+"""
 
 import tempfile
 import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 from rich.markup import escape
 
-from core.options import ExportFormat
+from core.options import FORMATS_ON_EARTH, ExportFormat
 from service.cli.exit_codes import ExitCode
-from service.cli.placing.export_folder import Written, formats_of, write_exports
-from service.cli.placing.place_folder import PlaceFolder, PlaceFolderError
+from service.cli.placing.place_folder import PlaceFolder
+from service.cli.placing.processes import ProcessFailedError, write_export
 from service.cli.placing.saved_answers import SavedAnswers
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.client import ApiProblemError, ClientError, PanolocClient
+from service.client import ApiProblemError, ClientError, JsonObject, PanolocClient
 
+FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 _REFUSED = 422
+
+
+@dataclass(frozen=True)
+class Written:
+    """What exports wrote. paths: of folders and files. refusals: why others were not written."""
+
+    paths: list[Path] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
 
 
 def export(
@@ -25,7 +39,7 @@ def export(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="The --out of `panoloc place` or of `panoloc localize`, one answer in the latter, or the id of a batch.",
+            help="The --out of `panoloc place` or `panoloc localize`, one answer in the latter, or the id of a batch.",
         ),
     ],
     formats: Annotated[
@@ -35,88 +49,146 @@ def export(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(file_okay=False, help="Folder, with one below it per format; SOURCE when left out.")
+        Path | None, typer.Option(file_okay=False, help="Folder for one folder per format; default: SOURCE.")
     ] = None,
-    map_id: Annotated[str | None, typer.Option("--map", help="Of a batch in several maps: photos in this one.")] = None,
+    map_id: Annotated[
+        str | None, typer.Option("--map", help="For a batch in several maps: the photos in this one.")
+    ] = None,
     include_ambiguous: Annotated[
-        bool, typer.Option("--include-ambiguous", help="Photos that fit several places, too, at the likeliest.")
+        bool, typer.Option("--include-ambiguous", help="Also photos that fit several places, at the likeliest.")
     ] = False,
     scan: Annotated[
         Path | None,
-        typer.Option(
-            exists=True, dir_okay=False, help="The E57 that the map was made of: e57 holds it as it is, not thinned."
-        ),
+        typer.Option(exists=True, dir_okay=False, help="E57 file that the map was made of; e57 then keeps all points."),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Write placed photos in the formats of other systems, with a list of those that have no pose."""
+    """Write placed photos in the formats of other systems, with a list of those without a pose."""
     session: Session = ctx.obj
     session.json_output = json
     wanted = formats_of(formats)
     if not wanted:
         raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
     folder = Path(source)
-    try:
+    with session.client(url) as client:
         if PlaceFolder.is_at(folder):
             placed = PlaceFolder.open(folder)
-            with session.client(url) as client:
-                refreshed = _refresh_maps(client, placed)
+            stale = _refresh_maps(client, placed)
             written = write_exports(placed, wanted, include_ambiguous, out or folder, scan)
-            if written.refusals and refreshed:
-                written.refusals.append(refreshed)
+            if written.refusals and stale:
+                written.refusals.append(stale)
         elif folder.exists():
-            with session.client(url) as client, tempfile.TemporaryDirectory(prefix="panoloc-") as maps:
+            with tempfile.TemporaryDirectory(prefix="panoloc-") as maps:
                 answers = SavedAnswers.fetch(folder, client, Path(maps))
                 target = out or (folder if folder.is_dir() else folder.parent)
                 written = write_exports(answers, wanted, include_ambiguous, target, scan)
         elif source.startswith("batch_"):
-            with session.client(url) as client:
-                written = Written()
-                for name in wanted:
-                    try:
-                        written.folders.append(
-                            _fetch(client, source, name, (out or folder) / name, map_id, include_ambiguous)
-                        )
-                    except ApiProblemError as problem:
-                        if problem.status != _REFUSED:
-                            raise
-                        written.refusals.append(str(problem))
+            query = {"map_id": map_id} if map_id else {}
+            query |= {"include": "ambiguous"} if include_ambiguous else {}
+            written = _fetch_exports(client, source, wanted, query, out or folder)
         else:
-            raise PlaceFolderError(
-                f"expected a folder of `panoloc place` or `panoloc localize`, an answer, or the id of a batch, got {source!r}"
+            raise typer.BadParameter(
+                "expected a folder of `panoloc place` or `panoloc localize`, an answer, or the id of a batch, "
+                f"got {source!r}",
+                param_hint="SOURCE",
             )
-    except PlaceFolderError as error:
-        raise typer.BadParameter(str(error), param_hint="SOURCE") from error
-    for target in written.folders:
+    for path in written.paths:
         if json:
-            session.print_json({"folder": str(target)})
+            session.print_json({"folder": str(path)})
         else:
-            session.results.print(f"wrote {target}", markup=False)
-    for refusal in written.refusals:
+            session.results.print(f"wrote {path}", markup=False)
+    return show_refusals(session, written.refusals)
+
+
+def show_refusals(session: Session, refusals: Iterable[str]) -> ExitCode:
+    """Show why exports were not written; return the exit code."""
+    code = ExitCode.OK
+    for refusal in refusals:
         session.messages.print(f"[bold red]Error:[/] {escape(refusal)}")
-    return ExitCode.ERROR if written.refusals else ExitCode.OK
+        code = ExitCode.ERROR
+    return code
+
+
+def formats_of(given: str | None) -> list[ExportFormat]:
+    """Return the formats in a comma-separated list, each once. Raises typer.BadParameter."""
+    wanted = [name.strip() for name in (given or "").split(",") if name.strip()]
+    unknown = [name for name in wanted if name not in FORMATS]
+    if unknown:
+        raise typer.BadParameter(f"expected some of {', '.join(FORMATS)}, got {unknown[0]!r}", param_hint="--export")
+    return [name for name in FORMATS if name in wanted]
+
+
+def check_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> None:
+    """Raise typer.BadParameter where a format needs places on Earth and none of the maps has any.
+
+    maps: as the service describes them; read only if a format depends on them.
+    """
+    on_earth = [name for name in formats if name in FORMATS_ON_EARTH]
+    known = list(maps) if on_earth else []
+    if known and not any(each.get("georeference") or each.get("coordinate_system") for each in known):
+        raise typer.BadParameter(
+            f"{', '.join(on_earth)}: expected a map with a georeference or a coordinate system, because the format "
+            "holds places on Earth, got none with one; set it with PATCH /maps/{id}, or leave the format out and "
+            "write it later with `panoloc export`",
+            param_hint="--export",
+        )
+
+
+def write_exports(
+    placed: PlaceFolder | SavedAnswers,
+    formats: list[ExportFormat],
+    include_ambiguous: bool,
+    out: Path,
+    survey: Path | None = None,
+) -> Written:
+    """Write each format into a folder below `out`; with several maps, below a folder per map.
+
+    A format that cannot hold the photos does not stop the others. survey: the scan itself, an E57 in the frame of the
+    map. Raises typer.BadParameter.
+    """
+    written, maps = Written(), placed.maps()
+    for map_id in maps:
+        tour = placed.tour(map_id, include_ambiguous, survey)
+        for name in formats:
+            target = out / name if len(maps) == 1 else out / map_id / name
+            try:
+                write_export(tour, name, target)
+                written.paths.append(target)
+            except ProcessFailedError as error:
+                written.refusals.append(str(error))
+    return written
 
 
 def _refresh_maps(client: PanolocClient, placed: PlaceFolder) -> str | None:
-    """Fetch what the service knows of the maps now, such as a georeference that came later; return what to say where it cannot be had."""
+    """Update the stored maps, for example with a new georeference; return why that was not possible, else None."""
     if not client.is_live():
-        return f"no service answers at {client.url}, so maps are taken as they were when the photos were placed; start it for newer ones"
+        return (
+            f"no service answers at {client.url}, so the maps are as they were when the photos were placed; "
+            "start it to get newer ones"
+        )
     try:
         for map_id in placed.maps():
             placed.put_map(client.get_map(map_id))
     except ClientError as error:
-        return f"maps are taken as they were when the photos were placed, because {error}"
+        return f"the maps are as they were when the photos were placed, because {error}"
     return None
 
 
-def _fetch(
-    client: PanolocClient, batch_id: str, name: ExportFormat, target: Path, map_id: str | None, include_ambiguous: bool
-) -> Path:
-    query = {"format": name} | ({"map_id": map_id} if map_id else {})
-    query |= {"include": "ambiguous"} if include_ambiguous else {}
-    with tempfile.TemporaryFile(prefix="panoloc-") as file:
-        client.download(f"/batches/{batch_id}/export", query, file)
-        with zipfile.ZipFile(file) as archive:
-            archive.extractall(target)
-    return target
+def _fetch_exports(
+    client: PanolocClient, batch_id: str, formats: list[ExportFormat], query: dict[str, str], out: Path
+) -> Written:
+    written = Written()
+    for name in formats:
+        with tempfile.TemporaryFile(prefix="panoloc-") as file:
+            try:
+                client.download(f"/batches/{batch_id}/export", {"format": name, **query}, file)
+            except ApiProblemError as problem:
+                if problem.status != _REFUSED:
+                    raise
+                written.refusals.append(str(problem))
+                continue
+            with zipfile.ZipFile(file) as archive:
+                archive.extractall(out / name)
+        written.paths.append(out / name)
+    return written

@@ -1,4 +1,4 @@
-"""Which files below a folder are photos, which look like photos but are in no format that is read, and which are something else."""
+"""Sorts the files below a folder into photos, photos in formats that are not read, and others."""
 
 import os
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ _UNREAD_ENDINGS = frozenset(
 
 @dataclass(frozen=True)
 class PhotoFiles:
-    """Names of files below their folder, sorted, without hidden ones. unread: photos by their ending, of a format that is not read."""
+    """Names of files below their folder, sorted, without hidden ones. unread: photos in formats that are not read."""
 
     photos: list[str]
     unread: list[str]
@@ -23,7 +23,7 @@ class PhotoFiles:
 
 
 def photo_files(folder: Path, left_out: Path, marker: str) -> PhotoFiles:
-    """Return the files below a folder. left_out: a folder that is not looked into, nor any that has a file named `marker`."""
+    """Return the files below a folder, except in the folder `left_out` and in folders that hold a file named `marker`."""
     found: dict[str, list[str]] = {"photos": [], "unread": [], "others": []}
     for path in _files(folder, left_out.resolve(), marker):
         ending, name = path.suffix.lower(), path.relative_to(folder).as_posix()

@@ -1,4 +1,4 @@
-"""Single answers, as `panoloc localize --out` keeps them, as what exports are written of."""
+"""Answers that `panoloc localize --out` saved, as a source of exports."""
 
 import json
 from collections.abc import Iterator
@@ -6,17 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from core.distinct_names import distinct_names
 from service.batches.record import Result
 from service.batches.tour import TourDocument, maps_of
-from service.cli.placing.place_folder import PlaceFolderError
 from service.client import JsonObject, PanolocClient
 from service.jobs import MAX_SAMPLE_POINTS
 
 
 @dataclass(frozen=True)
 class AnsweredPhoto:
-    """One image of an answer. result: as a batch has it, with the pose of this image."""
+    """One image of an answer. result: in the form of a batch, with the pose of this image."""
 
     name: str
     file: Path
@@ -25,7 +26,7 @@ class AnsweredPhoto:
 
 @dataclass(frozen=True)
 class SavedAnswers:
-    """Answers and the maps that they are in. created_unix_s: when the last was kept. maps_folder: map_x.json and map_x.ply of each."""
+    """Answers and their maps. created_unix_s: when the last was saved. maps_folder: has map_x.json and map_x.ply of each."""
 
     photos: tuple[AnsweredPhoto, ...]
     created_unix_s: float
@@ -33,13 +34,13 @@ class SavedAnswers:
 
     @classmethod
     def fetch(cls, source: Path, client: PanolocClient, maps_folder: Path) -> "SavedAnswers":
-        """Read an answer, or all of a folder, and fetch what is to be known of their maps. Raises PlaceFolderError and ClientError."""
+        """Read an answer, or all in a folder, and fetch their maps. Raises typer.BadParameter and ClientError."""
         found = [(file, answer) for file in _files(source) if (answer := _read(file)) is not None]
         pairs = [pair for file, answer in found for pair in _photos(file, answer)]
         if not pairs:
-            raise PlaceFolderError(
-                f"expected the --out of `panoloc place` or of `panoloc localize`, or an answer in the latter, but {source} is none; "
-                "answers of older versions do not say which files they are of: localize these again"
+            raise _wrong_source(
+                "expected the --out of `panoloc place` or `panoloc localize`, or an answer in the latter, "
+                f"but {source} is none of these"
             )
         names = distinct_names(file.name for file, _ in pairs)
         photos = tuple(AnsweredPhoto(name, *pair) for name, pair in zip(names, pairs, strict=True))
@@ -80,15 +81,17 @@ def _read(file: Path) -> JsonObject | None:
 
 
 def _photos(at: Path, answer: JsonObject) -> Iterator[tuple[Path, Result]]:
-    """Yield the images of an answer, each as if it had been asked for alone. Raises PlaceFolderError for one that is gone."""
+    """Yield the images of an answer, each as if it were a query of its own. Raises typer.BadParameter if one is gone."""
     files = [Path(each) for each in answer["files"]]
     for number, file in enumerate(files):
         if not file.is_file():
-            raise PlaceFolderError(f"expected the photo {file} of {at}, but it is no longer there; put it back")
-        of_image = answer if len(files) == 1 else _of_image(answer, number)
+            raise _wrong_source(f"expected the photo {file} of {at}, but it is no longer there; put it back")
+        of_image = answer
+        if len(files) > 1:
+            image = answer["images"][number]
+            of_image = {**answer, "pose": image["pose"], "images": [image]}
         yield file, {"status": answer["status"], "answer": of_image}
 
 
-def _of_image(answer: JsonObject, number: int) -> JsonObject:
-    image = answer["images"][number]
-    return {**answer, "pose": image["pose"], "images": [image]}
+def _wrong_source(message: str) -> typer.BadParameter:
+    return typer.BadParameter(message, param_hint="SOURCE")

@@ -8,7 +8,6 @@ import pytest
 from core.camera.camera import Camera
 from core.camera.lens import project_to_image
 from core.camera.pixel_rays import rays_of_pixels
-from tests.core.camera.test_lens import BY_DISTORTION, FISHEYE_PIXELS, FISHEYE_POINTS, POINTS, flu
 
 CAMERAS = {
     "pinhole": Camera.from_hfov("pinhole", 640, 480, 69.0),
@@ -40,31 +39,6 @@ def test_the_direction_of_a_pixel_is_projected_to_that_pixel(name: str) -> None:
     assert seen.all()
     np.testing.assert_allclose(again_u, u, atol=1e-6)
     np.testing.assert_allclose(again_v, v, atol=1e-6)
-
-
-@pytest.mark.parametrize("distortion", BY_DISTORTION, ids=len)
-def test_the_pixels_of_opencv_look_where_its_points_are(distortion: tuple[float, ...]) -> None:
-    camera = Camera("opencv", 3840, 2880, 1450.2, 1448.7, 962.0 + 960, 722.75 + 720, distortion)
-    pixels = np.array(BY_DISTORTION[distortion]) + 0.5 + (960, 720)  # a larger image, so that all three are in it
-    directions, shown = rays_of_pixels(camera, pixels[:, 0], pixels[:, 1])
-    points = flu(POINTS)
-    assert shown.all()
-    np.testing.assert_allclose(directions, points / np.linalg.norm(points, axis=-1, keepdims=True), atol=1e-7)
-
-
-def test_the_pixels_of_a_fisheye_look_where_its_points_are() -> None:
-    camera = Camera("opencv_fisheye", 1900, 1400, 610.0, 612.0, 800.5, 600.5, (0.03, -0.012, 0.004, -0.0008))
-    pixels = np.array(FISHEYE_PIXELS) + 0.5
-    directions, shown = rays_of_pixels(camera, pixels[:, 0], pixels[:, 1])
-    points = flu(FISHEYE_POINTS)
-    assert shown.all()
-    np.testing.assert_allclose(directions, points / np.linalg.norm(points, axis=-1, keepdims=True), atol=1e-7)
-
-
-def test_a_pinhole_looks_through_its_corners_at_half_its_field_of_view() -> None:
-    camera = Camera.from_hfov("pinhole", 640, 480, 90.0)
-    directions, _ = rays_of_pixels(camera, np.array([320.0, 0.0, 640.0]), np.array([240.0, 240.0, 240.0]))
-    np.testing.assert_allclose(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])), [0, 45, -45], atol=1e-9)
 
 
 def test_corners_that_a_fisheye_does_not_fill_show_nothing() -> None:

@@ -74,21 +74,6 @@ def test_pictures_average_what_was_seen_and_leave_out_what_was_not() -> None:
     assert float((found.pictures.float() / 255 - mean).abs()[seen].max()) <= 0.5 / 255 + 1e-6
 
 
-def test_views_are_taken_by_their_numbers() -> None:
-    views = collected([0, 1, 2, 3, 4, 5])
-    part = views.take(torch.tensor([4, 1]))
-    for name in ("steps", "scale", "weights", "pictures", "seen"):
-        assert torch.equal(getattr(part, name), getattr(views, name)[[4, 1]]), name
-    assert torch.equal(part.basis, views.basis)
-    assert part.num_bytes < views.num_bytes
-
-
-def test_the_memory_of_fine_views_is_that_of_their_arrays() -> None:
-    views = collected([0, 5])
-    patches, pixels = 2 * 32, 2 * 8 * 16
-    assert views.num_bytes == patches * (6 + 2) + 2 * 4 + 4 * views.basis.numel() + pixels * (3 + 1)
-
-
 def test_fine_views_read_back_differ_only_by_the_rounding_of_colours(box_index: MapIndex) -> None:
     views = box_index.fine_views
     read = decode_map_index(encode_map_index(box_index)).fine_views

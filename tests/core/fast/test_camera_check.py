@@ -4,17 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
-from core.camera.camera import Camera, CameraModel
-from core.fast.fast_method import FastMethod
+from core.camera.camera import Camera
 from core.geometry.pose import Pose, pose_error
 from core.index.map_index import MapIndex
-from core.judge.confidence import load_confidence_model
 from core.localizer import Localizer
 from core.panorama.session import Photo, Session, SessionImage
 from core.results import Localization
-from core.stage_clock import StageClock
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 
@@ -71,15 +67,3 @@ def test_so_are_the_images_of_a_session(
     assert error_m(found, box_pose) < 0.05
     assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([66.0] * 3, abs=2.0)
     assert any("images of which the first is 6" in words for words in found.warnings)
-
-
-@pytest.mark.parametrize(("model", "is_asked"), [("pinhole", True), ("opencv", True), ("opencv_fisheye", False)])
-def test_only_a_focal_length_that_spreads_what_is_beside_the_axis_is_pulled_at(
-    localizer: Localizer, box_index: MapIndex, taken: Photo, model: CameraModel, is_asked: bool
-) -> None:
-    camera = replace(said_to_be(taken, SAID_DEG).camera, model=model)
-    session, cpu = Session.of_photo(replace(taken, camera=camera)), torch.device("cpu")
-    method = FastMethod(localizer.config, cpu, load_confidence_model())
-    with torch.inference_mode():
-        pull = method.run(session, [box_index], None, StageClock(None, cpu)).focal_pull
-    assert pull > localizer.config.camera_check.suspect if is_asked else pull == 0.0

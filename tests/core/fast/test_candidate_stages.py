@@ -75,26 +75,6 @@ def test_what_was_settled_or_refined_fully_is_not_again() -> None:
     assert [h.score for h in stages.settled] == [1.0, 0.8]
 
 
-def test_the_focal_length_is_pulled_at_where_the_best_of_the_last_finals_is() -> None:
-    stages, _ = stages_of(rivals=1)
-    assert stages.focal_pull() == 0.0
-    ranked = [placed(0.0, 0.6), placed(3.0, 0.8), placed(6.0, 1.0)]
-    stages.settle(ranked)
-    for chosen, best in ((ranked[:2], 0.8), (ranked, 1.0)):
-        stages.finals(chosen, ranked)
-        assert stages.focal_pull() == SMALLER * best
-
-
-def test_halves_are_asked_of_the_best_alone() -> None:
-    stages, refinement = stages_of(rivals=1)
-    ranked = [placed(0.0, 1.0), placed(3.0, 0.9)]
-    stages.settle(ranked)
-    found, _ = stages.finals(stages.settled, ranked)
-    assert len(refinement.full) == 2
-    assert ["halves_apart_m" in h.measures for h in found] == [True, False]
-    assert len(refinement.halved) == 1
-
-
 def test_where_evidence_ranks_more_places_are_refined_fully_and_the_score_does_not_choose() -> None:
     stages, refinement = stages_of(rivals=1, weighed_places=3)
     ranked = [placed(0.0, 1.0), placed(0.2, 0.9), placed(3.0, 0.8), placed(6.0, 0.7), placed(9.0, 0.6)]
@@ -133,38 +113,9 @@ def test_rivals_are_judged_as_the_best_is_and_what_is_not_counts_no_more_than_th
     ]
 
 
-def test_where_two_places_are_refined_fully_the_second_is_the_rival() -> None:
-    stages, refinement = stages_of(rivals=1)
-    ranked = [placed(0.0, 1.0), placed(3.0, 0.8), placed(6.0, 0.7)]
-    stages.settle(ranked)
-    found, _ = stages.finals(stages.settled[:2], ranked)
-    assert [h.score for h in found] == [0.5, 0.4, 0.4]
-    assert refinement.full == ranked[:2]
-
-
 def test_where_all_came_to_one_place_the_best_judged_before_elsewhere_is_the_rival() -> None:
     stages, _ = stages_of(rivals=3)
     ranked = [placed(0.0, 1.0), placed(0.3, 0.9)]
     stages.settle(ranked)
     found, _ = stages.finals(stages.settled[:1], [*ranked, placed(3.0, 0.6), placed(6.0, 0.5)])
     assert [(round(float(h.position[0]), 1), h.score) for h in found] == [(0.0, 0.5), (3.0, 0.3), (0.3, 0.3)]
-
-
-class Compared:
-    """Stands for photos, of which every place looks 0.3 like any other."""
-
-
-@pytest.mark.parametrize(("x", "likeness"), [(3.0, 0.3), (0.9, None)], ids=["far", "near"])
-def test_how_alike_places_look_is_asked_of_those_that_are_not_near_each_other(
-    x: float, likeness: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("core.fast.candidate_stages.PreparedPhotos", Compared)
-    monkeypatch.setattr("core.fast.candidate_stages.likeness", lambda *_: 0.3)
-    stages, _ = stages_of(rivals=1)
-    cast(Any, stages.queries[0]).picture = picture = Compared()
-    cast(Any, picture).share = 0.07
-    ranked = [placed(0.0, 1.0), placed(x, 0.8)]
-    stages.settle(ranked)
-    best, rival = stages.finals(stages.settled[:1], ranked)[0]
-    assert rival.likeness == likeness
-    assert best.measures.get("distinctness") == (None if likeness is None else pytest.approx(0.4))

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import pytest
 import torch
 
 from core.config import PhotoRefinementConfig, SearchConfig
@@ -27,28 +26,11 @@ def test_a_room_that_looks_the_same_is_looked_at_with_the_best() -> None:
     assert rest == here[3:]
 
 
-def test_candidates_in_another_map_are_elsewhere() -> None:
-    here, other = [candidate(0.1 * k) for k in range(5)], candidate(0.0, map_number=1)
-    first, _ = portions([*here, other], CONFIG)
-    assert first == [*here[:3], other]
-
-
 def test_none_are_fetched_from_behind_where_the_best_are_at_different_places() -> None:
     found = [candidate(3.0 * k) for k in range(6)]
     first, rest = portions(found, CONFIG)
     assert first == found[:3]
     assert rest == found[3:]
-
-
-@pytest.mark.parametrize("count", [0, 1, 3])
-def test_few_candidates_are_one_portion(count: int) -> None:
-    found = [candidate(float(k)) for k in range(count)]
-    assert portions(found, CONFIG) == ([found] if found else [])
-
-
-def test_without_a_first_portion_all_go_together() -> None:
-    found = [candidate(float(k)) for k in range(9)]
-    assert portions(found, SearchConfig()) == [found]
 
 
 def test_half_of_many_candidates_go_on_and_all_of_few() -> None:

@@ -9,11 +9,10 @@ from core.camera.camera import Camera
 from core.errors import OptionsError
 from core.fast.field_of_view import searched_range_deg
 from core.geometry.pose import Pose, pose_error
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.localizer import Localizer
-from core.options import IndexOptions
 from core.panorama.session import Photo, Session, SessionImage
+from tests.core.built_maps import AS_LABELS, LABELLED, map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import photo_of
 
@@ -45,9 +44,8 @@ def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
 
 @pytest.mark.slow
 def test_the_boundaries_of_labels_tell_it_too(localizer: Localizer, box_pose: Pose) -> None:
-    box = PaintedBox(seed=1, palette=((0, 0, 0), (255, 0, 0), (0, 128, 255), (90, 90, 90), (20, 200, 60)))
-    index = build_map_index(box.scan(), IndexOptions(color_kind="labels", spacing_m=0.8))
-    found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 100.0)), [index])
+    query = of_unknown_field_of_view(LABELLED, box_pose, (60.0, 100.0))
+    found = localizer.localize(query, [map_of(LABELLED, AS_LABELS)])
     (camera,) = found.found_cameras
     assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=4.0)
     assert found.best is not None
@@ -61,14 +59,6 @@ def test_a_photo_that_is_wider_than_its_bounds_is_not_localized_and_the_bound_is
     found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 76.0)), [box_index])
     assert found.status == "not_localized"
     assert any("76 degrees wide, a bound of hfov_range_deg" in words for words in found.warnings)
-
-
-@pytest.mark.slow
-def test_a_known_camera_stays_what_it_is(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
-) -> None:
-    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
-    assert localizer.localize(known, [box_index]).found_cameras == ()
 
 
 @pytest.mark.slow

@@ -91,21 +91,6 @@ def test_colours_and_spacing_are_those_of_the_scan(index: MapIndex) -> None:
         assert {tuple(row) for row in colors[colors[:, -1] > 0][:, :3].tolist()} <= codes
 
 
-@pytest.mark.parametrize("size", [0.25, 1.0, 8.0])
-def test_points_are_kept_in_the_order_of_a_curve_that_fills_space(size: float) -> None:
-    cells = np.array(list(itertools.product(range(4), repeat=3)))
-    shuffled = np.random.default_rng(0).permutation(cells)
-    cloud = PointCloud((shuffled * size).astype(np.float32), np.zeros((64, 3), np.uint8))
-    found = build_map_index(cloud, IndexOptions("grid", 2.0 * size), config=CONFIG).positions.numpy() / size
-
-    def place(cell: np.ndarray) -> int:
-        """Return the place along the curve: the bits of x, y and z in turn, x the lowest; the far side is cell 1023."""
-        scaled = [int(c / 3 * 1023) for c in cell]
-        return sum(((c >> bit) & 1) << (3 * bit + axis) for axis, c in enumerate(scaled) for bit in range(10))
-
-    np.testing.assert_array_equal(found, sorted(cells.tolist(), key=place))
-
-
 def test_points_closer_together_than_anything_needs_are_merged() -> None:
     rng = np.random.default_rng(0)
     dense = PointCloud(rng.uniform(0, 0.5, (20_000, 3)).astype(np.float32), np.zeros((20_000, 3), np.uint8))
@@ -116,13 +101,6 @@ def test_points_closer_together_than_anything_needs_are_merged() -> None:
     ):
         index = build_map_index(dense, IndexOptions("grid", 0.5), config=config)
         assert fewest <= index.num_points <= most
-
-
-def test_the_file_s_own_count_of_points_is_kept_where_it_is_known(scan: PointCloud) -> None:
-    cloud = PointCloud(scan.positions, scan.colors, scan.origin_offset, num_points_read=123_456)
-    index = build_map_index(cloud, IndexOptions("grid", 2.0), config=CONFIG)
-    assert index.num_points_read == 123_456
-    np.testing.assert_array_equal(index.origin_offset, scan.origin_offset)
 
 
 def test_the_spacing_of_starts_is_the_one_asked_for(scan: PointCloud) -> None:

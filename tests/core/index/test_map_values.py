@@ -11,7 +11,7 @@ from core.describe.patch_descriptors import ViewDescriptors, pooled
 from core.index.map_diagnostics import map_diagnostics
 from core.index.map_index import MapIndex
 from core.light.color_equalization import LabelCodes
-from core.options import IndexOptions
+from core.options import ColorKind, IndexOptions
 
 NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
 FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8
@@ -159,6 +159,21 @@ def test_a_best_start_that_sees_less_than_a_tenth_sees_little(share: float, is_l
     )
 
 
+@pytest.mark.parametrize(
+    ("num_others", "color_kind", "is_said"),
+    [(0, "rgb", True), (59, "rgb", True), (61, "rgb", False), (0, "labels", False)],
+)
+def test_a_scan_with_hardly_any_colours_says_so_and_labels_may_be_few(
+    num_others: int, color_kind: ColorKind, is_said: bool
+) -> None:
+    colors = torch.full((NUM_POINTS, 3), 124, dtype=torch.uint8)
+    colors[::3] += 8
+    colors[:num_others] = torch.tensor([200, 10, 10], dtype=torch.uint8)
+    told = found(replace(made(), colors=colors), IndexOptions(color_kind=color_kind))
+    assert [(code, severity) for code, severity, _ in told] == [("hardly_any_colors", "warning")] * is_said
+    assert not is_said or "of the points have nearly the same colour (124, 124, 124)" in told[0][2]
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("beyond", ["below", "above"])
 def test_a_region_that_reaches_beyond_the_scan_is_told_with_the_scan_s_bounds(axis: int, beyond: str) -> None:
@@ -182,14 +197,3 @@ def test_starts_outside_of_the_scan_are_counted() -> None:
     ((code, severity, message),) = found(replace(index, starts=starts), beyond)
     assert (code, severity) == ("region_outside_scan", "warning")
     assert message.startswith("2 of 3 starts lie outside of the scan ((1000.50, -2000.25, 30.00) to (1004.50, ")
-
-
-def test_everything_doubtful_is_told_in_order() -> None:
-    index = replace(with_points(500), sampled_shares=torch.tensor([0.01, 0.02, 0.0]))
-    beyond = IndexOptions(region=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
-    assert [code for code, _, _ in found(index, beyond)] == [
-        "merged_points",
-        "few_points",
-        "starts_see_little",
-        "region_outside_scan",
-    ]

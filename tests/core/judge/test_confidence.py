@@ -30,16 +30,6 @@ def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -
     assert 1 - 1e-6 < model.probability(dict.fromkeys(FEATURES, 1e6)) <= 1
 
 
-def test_a_sharper_loss_means_a_smaller_error_radius() -> None:
-    model = ConfidenceModel(0.0, {}, 0.5, RadiusModel(0.0, 1.0, 0.0, 0.0), RadiusModel(0.0, 1.0, 0.0, 0.0))
-    base = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=torch.eye(6) * 100, residual_scale=0.1)
-    sharp = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=torch.eye(6) * 400, residual_scale=0.1)
-    wide, narrow = (error_radii(formal_radii(one), {"coverage": 0.5}, model) for one in (base, sharp))
-    assert wide[0] is not None
-    assert narrow[0] is not None
-    assert narrow[0] == pytest.approx(wide[0] / 2, rel=1e-3)
-
-
 @pytest.mark.parametrize("axis", [0, 1], ids=["position", "orientation"])
 def test_radii_grow_with_the_distance_of_halves_and_shrink_with_what_is_seen(axis: int) -> None:
     model = load_confidence_model()

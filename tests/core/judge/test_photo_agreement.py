@@ -52,13 +52,6 @@ def painted(session: Session, color: np.ndarray, share: float) -> Session:
     return with_second(session, replace(image, photo=replace(image.photo, color=spoilt)))
 
 
-def noise_like(session: Session, side: int) -> np.ndarray:
-    """Return squares of random colours as large as the second photo."""
-    height, width = session.images[1].photo.color.shape[:2]
-    squares = np.random.default_rng(1).integers(0, 256, (height // side + 1, width // side + 1, 3))
-    return squares.repeat(side, 0).repeat(side, 1)[:height, :width].astype(np.uint8)
-
-
 def test_photos_at_their_places_agree(session: Session, box_index: MapIndex) -> None:
     for each in agreements(session, box_index):
         assert each.correlation > 0.9
@@ -74,11 +67,6 @@ def test_one_that_looks_elsewhere_contradicts_and_the_other_does_not(session: Se
     assert not good.contradicts(JUDGE)
     assert bad.correlation < 0.2
     assert bad.agreeing_share < 0.2
-    assert bad.contradicts(JUDGE)
-
-
-def test_one_that_shows_other_things_all_over_contradicts(session: Session, box_index: MapIndex) -> None:
-    _, bad = agreements(painted(session, noise_like(session, 40), 1.0), box_index)
     assert bad.contradicts(JUDGE)
 
 
@@ -119,11 +107,3 @@ def test_all_three_signs_have_to_speak_against_it(measured: PhotoAgreement, cont
 def test_nothing_is_told_of_a_photo_that_shows_nothing_of_the_scan(session: Session, box_index: MapIndex) -> None:
     assert agreement_by_photo(compared(session, box_index), 3, JUDGE)[2] is None
     assert agreement_by_photo(None, 2, JUDGE) == [None, None]
-
-
-def test_smaller_patches_show_less_contrast_and_the_same_correlation(session: Session, box_index: MapIndex) -> None:
-    coarse = agreements(session, box_index)
-    finer = agreement_by_photo(compared(session, box_index), 2, replace(JUDGE, photo_patch_rows=32))
-    assert finer[0] is not None
-    assert finer[0].correlation == pytest.approx(coarse[0].correlation)
-    assert finer[0].contrast < coarse[0].contrast  # smaller patches show less of it

@@ -34,9 +34,3 @@ def test_where_there_is_no_contrast_the_gain_is_one() -> None:
     gain, offset = fit_gain_offset(source, source + 0.1, torch.ones((1, 50)))
     assert gain[0].tolist() == pytest.approx([1.0] * 3, abs=1e-4)
     assert offset[0].tolist() == pytest.approx([0.1] * 3, abs=1e-4)
-
-
-def test_without_a_point_light_stays_as_it_is() -> None:
-    gain, offset = fit_gain_offset(torch.rand((1, 50, 3)), torch.rand((1, 50, 3)), torch.zeros((1, 50)))
-    assert gain[0].tolist() == pytest.approx([1.0] * 3)
-    assert offset[0].tolist() == pytest.approx([0.0] * 3)

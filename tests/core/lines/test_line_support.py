@@ -34,18 +34,6 @@ def test_the_right_turn_is_agreed_with_best_of_all() -> None:
     torch.testing.assert_close(support.of_rotations(turns), torch.full((24,), right), atol=0.05, rtol=0.05)
 
 
-def test_a_turn_by_a_few_degrees_is_agreed_with_less() -> None:
-    support = LineSupport(edges_along(AXES_FROM_RIG), CONFIG)
-    turned = rotation_from_vector(torch.tensor([[0.0, 0.0, math.radians(k)] for k in (0, 3, 8)])) @ AXES_FROM_RIG
-    agreed = support.of_rotations(turned).tolist()
-    assert agreed[0] > agreed[1] > agreed[2]
-
-
-def test_what_rotations_have_by_chance_is_their_mean() -> None:
-    support = LineSupport(edges_along(AXES_FROM_RIG), CONFIG)
-    assert support.by_chance == pytest.approx(float(support.of_rotations(uniform_rotations(20_000)).mean()), rel=0.05)
-
-
 def test_the_map_of_vanishing_points_is_the_logarithm_of_the_likelihood_ratio() -> None:
     # Two edges half-way between two axes: one runs to the vanishing point overhead, the other beside it by one standard deviation.
     noise, half = math.radians(CONFIG.edge_noise_deg), math.sqrt(0.5)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -55,14 +54,6 @@ def test_an_edge_is_the_plane_through_the_lens_and_the_edge() -> None:
     assert np.percentile(off, 90) < 1.0  # and they lie on it
 
 
-def test_normals_are_at_right_angles_to_directions_and_of_length_one() -> None:
-    rng = np.random.default_rng(0)
-    noise = np.kron(rng.uniform(0, 1, (12, 16)), np.ones((30, 30), np.float64)).astype(np.float64)
-    edges = edges_of(photo(noise))
-    torch.testing.assert_close(edges.normals.norm(dim=-1), torch.ones(edges.count))
-    assert float((edges.normals * edges.directions).sum(-1).abs().max()) < 1e-5
-
-
 def test_edges_are_in_the_axes_of_the_rig() -> None:
     turn = rotation_of(70.0, 10.0, 25.0)
     poses = Pose(turn, np.zeros(3)), Pose(rotation_of(-80.0), np.zeros(3))
@@ -81,21 +72,6 @@ def test_the_border_of_what_is_valid_is_no_edge() -> None:
 @pytest.mark.parametrize("brightness", [0.0, 0.5, 1.0])
 def test_a_photo_of_one_color_has_no_edges(brightness: float) -> None:
     assert edges_of(photo(np.full((360, 480), brightness))).count == 0
-
-
-def test_edges_come_by_falling_strength_before_noise() -> None:
-    rng = np.random.default_rng(1)
-    noisy = halves() + rng.normal(0, 0.01, (360, 480))
-    edges = edges_of(photo(noisy.clip(0, 1)))
-    assert (angles_deg(edges.normals[:30], NORMAL) < 8.0).mean() > 0.9
-    assert edges.count <= CONFIG.strongest_edges / CONFIG.edge_stride
-
-
-def test_some_edges_are_spread_over_all() -> None:
-    edges = edges_of(photo(halves()))
-    some = edges.some(10)
-    assert 5 <= some.count <= 10
-    assert edges.some(10_000).count == edges.count
 
 
 def test_edges_are_as_long_as_they_are_in_the_photo() -> None:

@@ -100,27 +100,16 @@ def test_tables_and_notes_of_a_jpeg_are_passed_over_whatever_they_hold(marker: i
     assert jpeg_size(segment(marker, bytes(65_533)), segment(marker, b""), frame(0xC0, *SIZE)) == SIZE
 
 
-@pytest.mark.parametrize("marker", [0x01, *range(0xD0, 0xD9)])
-def test_markers_without_content_are_passed_over(marker: int) -> None:
-    bare = bytes((0xFF, marker))
+def test_markers_without_content_and_fill_bytes_of_a_jpeg_are_passed_over() -> None:
+    bare = b"".join(bytes((0xFF, marker)) for marker in (0x01, *range(0xD0, 0xD9)))
     # The next two bytes, taken for a length, would lead to the wrong size.
-    assert jpeg_size(segment(0xE0, b"JFIF"), bare, bare, frame(0xC0, *SIZE), NOT_THE_SIZE) == SIZE
-
-
-@pytest.mark.parametrize("count", [1, 2, 7])
-def test_bytes_that_fill_up_before_a_marker_are_passed_over(count: int) -> None:
-    assert jpeg_size(b"\xff" * count, segment(0xE0, b"JFIF"), b"\xff" * count, frame(0xC0, *SIZE)) == SIZE
+    assert jpeg_size(segment(0xE0, b"JFIF"), bare, b"\xff" * 7, frame(0xC0, *SIZE), NOT_THE_SIZE) == SIZE
 
 
 @pytest.mark.parametrize("rest", [b"\xff", b"\xff\xe0", b"\xff\xe0\x00", b"\xff\xe0\x00\x09", frame(0xC0, *SIZE)[:8]])
 def test_a_jpeg_that_ends_before_its_size_is_refused(rest: bytes) -> None:
     with pytest.raises(PanoramaFormatError, match="ends within its header"):
         read_image_header(SOI + b"\xff" + rest)
-
-
-def test_a_jpeg_whose_segments_do_not_meet_is_refused() -> None:
-    with pytest.raises(PanoramaFormatError):
-        read_image_header(SOI + segment(0xE0, b"JFIF") + b"\x00" + frame(0xC0, *SIZE))
 
 
 # WebP and PNG, field by field.
@@ -166,18 +155,6 @@ def test_a_webp_says_its_size_in_one_of_three_ways(data: bytes, size: tuple[int,
     assert (header.kind, header.width, header.height) == ("webp", *size)
 
 
-@pytest.mark.parametrize("data", [lossless_webp(30, 15), lossy_webp(30, 15), extended_webp(30, 15)])
-def test_a_webp_that_ends_within_its_size_is_refused(data: bytes) -> None:
-    read_image_header(data)
-    with pytest.raises(PanoramaFormatError):
-        read_image_header(data[:24])
-
-
-def test_a_webp_of_an_unknown_kind_is_refused() -> None:
-    with pytest.raises(PanoramaFormatError):
-        read_image_header(webp(b"VP9 ", bytes(30)))
-
-
 def test_a_png_says_its_size_in_four_bytes_a_side() -> None:
     data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 70_000, 35_000)
     header = read_image_header(data)
@@ -186,8 +163,3 @@ def test_a_png_says_its_size_in_four_bytes_a_side() -> None:
         read_image_header(data[:-1])
     with pytest.raises(PanoramaFormatError):
         read_image_header(data.replace(b"IHDR", b"IDAT"))
-
-
-def test_an_empty_file_is_not_said_to_be_of_another_format() -> None:
-    with pytest.raises(PanoramaFormatError, match="got an empty file; nothing of it was saved or sent"):
-        read_image_header(b"")

@@ -62,12 +62,6 @@ def test_what_is_refused_at_once_is_what_the_reader_refuses_in_the_same_words(na
         assert str(error.value) == said
 
 
-@pytest.mark.parametrize("name", ["full sphere", "focal length", "crop"])
-def test_what_the_reader_takes_is_left_to_it(name: str) -> None:
-    read_image(FILES[name])
-    assert refusal(name) is None
-
-
 def test_the_number_of_the_image_is_said_where_there_are_several() -> None:
     with pytest.raises(PanoramaShapeError, match=r"160 x 120.*\(image 2 of 2\)$"):
         check_known_cameras([FILES["focal length"], PLAIN])

@@ -13,22 +13,12 @@ from core.panorama.session import Photo, Session, SessionImage, left_out
 from tests.core.panorama.missing.scenery import scenery
 from tests.core.panorama.picture_files import encoded
 
-VOID = "is a flat black void and was left out; send a mask to say it yourself"
-
 
 def with_void() -> np.ndarray:
     color = scenery()
     color[:220, 300:620] = 0
     color[100:200, 400:800] = 0
     return color
-
-
-def test_a_void_is_not_valid_and_is_named() -> None:
-    panorama = read_panorama(encoded(with_void(), "JPEG", quality=90))
-    assert not panorama.valid[20:200, 320:600].any()
-    assert panorama.valid[260:].all()
-    assert len(panorama.left_out) == 1
-    assert VOID in panorama.left_out[0]
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])

@@ -18,7 +18,6 @@ from core.errors import (
     PanoramaTooLargeError,
     PanoramaUnusableError,
 )
-from core.panorama.panorama import Panorama
 from core.panorama.reader import read_panorama
 from tests.core.panorama.picture_files import (
     encoded,
@@ -48,17 +47,12 @@ def test_jpeg_png_and_webp_keep_their_pixels_and_are_valid_everywhere(
     assert panorama.valid.all()
 
 
-def test_a_16_bit_colour_png_is_brought_to_8_bit() -> None:
-    pixels = picture()
+@pytest.mark.parametrize("kind", ["colour", "grey"])
+def test_a_16_bit_png_is_brought_to_8_bit_in_all_channels(kind: str) -> None:
+    pixels = picture() if kind == "colour" else picture()[..., 0]
     panorama = read_panorama(png_16_bit(pixels.astype(np.uint16) * 257))
-    assert difference(panorama.color, pixels) <= 1
-
-
-def test_a_16_bit_grey_png_is_brought_to_8_bit_in_all_channels() -> None:
-    grey = picture()[..., 0]
-    panorama = read_panorama(png_16_bit(grey.astype(np.uint16) * 257))
     for channel in range(3):
-        assert difference(panorama.color[..., channel], grey) <= 1
+        assert difference(panorama.color[..., channel], pixels[..., channel] if kind == "colour" else pixels) <= 1
 
 
 @pytest.mark.parametrize("mode", ["L", "P", "CMYK"])
@@ -71,42 +65,20 @@ def test_grey_palette_and_cmyk_pictures_become_rgb(mode: str) -> None:
     assert panorama.valid.all()
 
 
-@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("orientation", [*range(1, 9), 0, 9, 65535])
 def test_exif_orientation_is_honoured(orientation: int) -> None:
     upright = picture()
-    undo = {1: lambda a: a, 2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud}
+    undo = {2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud}
     undo |= {
         5: lambda a: a.swapaxes(0, 1),
         6: np.rot90,
         7: lambda a: np.rot90(a.swapaxes(0, 1), 2),
         8: lambda a: np.rot90(a, -1),
     }
-    stored = np.ascontiguousarray(undo[orientation](upright))
+    stored = np.ascontiguousarray(undo.get(orientation, np.asarray)(upright))  # what is none turns nothing
     panorama = read_panorama(jpeg_with_exif_orientation(stored, orientation))
     assert panorama.color.shape == (128, 256, 3)
     assert difference(panorama.color, upright) < 4
-
-
-@pytest.mark.parametrize("orientation", [0, 9, 77, 65535])
-def test_an_exif_orientation_that_is_none_turns_nothing(orientation: int) -> None:
-    panorama = read_panorama(jpeg_with_exif_orientation(picture(), orientation))
-    assert difference(panorama.color, picture()) < 4
-
-
-def test_alpha_marks_pixels_to_ignore() -> None:
-    alpha = np.full((128, 256, 1), 255, np.uint8)
-    alpha[:, :64] = 0
-    panorama = read_panorama(encoded(np.concatenate((picture(), alpha), axis=2)))
-    assert not panorama.valid[:, :64].any()
-    assert panorama.valid[:, 64:].all()
-
-
-def test_a_mask_marks_its_non_zero_pixels_to_be_ignored() -> None:
-    mask = np.zeros((128, 256), np.uint8)
-    mask[100:] = 255
-    panorama = read_panorama(encoded(picture()), encoded(mask))
-    assert panorama.valid[:100].all()
-    assert not panorama.valid[100:].any()
 
 
 def test_a_mask_of_another_resolution_is_scaled() -> None:
@@ -151,11 +123,6 @@ def test_a_mask_that_is_no_image_is_blamed_by_its_own_error(mask: bytes, error: 
         read_panorama(encoded(picture()), mask)
 
 
-def test_a_black_picture_is_not_a_missing_picture() -> None:
-    panorama = read_panorama(encoded(np.zeros((128, 256, 3), np.uint8)))
-    assert panorama.valid.all()
-
-
 @pytest.mark.parametrize("as_elements", [False, True])
 @pytest.mark.parametrize("kind", ["JPEG", "WEBP"])
 def test_gpano_crop_fields_place_a_partial_panorama_in_the_full_sphere(kind: str, as_elements: bool) -> None:
@@ -175,11 +142,6 @@ def test_gpano_crop_fields_follow_a_picture_that_was_scaled_down_after_them() ->
     assert panorama.valid.shape == (200, 400)
     assert panorama.valid[50:110, 120:320].all()
     assert panorama.valid.sum() == 60 * 200
-
-
-def test_crop_fields_of_a_full_sphere_change_nothing() -> None:
-    packet = gpano_packet((256, 128), (0, 0), (256, 128))
-    assert read_panorama(encoded(picture(), "JPEG", xmp=packet)).valid.all()
 
 
 def test_crop_fields_that_contradict_each_other_are_refused() -> None:
@@ -204,23 +166,17 @@ def test_a_panorama_of_a_few_pixels_is_refused() -> None:
         read_panorama(encoded(picture(64, 32)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(4098, 2049), (5010, 2505)])
-def test_a_large_jpeg_with_an_odd_number_of_rows_is_still_two_to_one(size: tuple[int, int]) -> None:
-    panorama = read_panorama(encoded(picture(*size), "JPEG"))
-    assert panorama.valid.shape[1] == 2 * panorama.valid.shape[0]
-    assert panorama.valid.shape[0] >= 512
-
-
-@pytest.mark.parametrize("size", [(257, 128), (255, 128), (1001, 500)])
-def test_a_pixel_more_or_less_than_two_to_one_is_forgiven(size: tuple[int, int]) -> None:
-    panorama = read_panorama(encoded(picture(*size)))
-    assert panorama.valid.shape[1] == 2 * panorama.valid.shape[0]
-
-
-def test_a_bomb_is_refused_before_it_is_decoded() -> None:
+def test_a_bomb_is_refused_before_it_is_decoded_and_so_is_one_as_a_mask() -> None:
     with pytest.raises(PanoramaTooLargeError, match=r"40,000 x 20,000"):
         read_panorama(png_bomb(40_000, 20_000))
+    with pytest.raises(MaskTooLargeError, match="mask"):
+        read_panorama(encoded(picture()), png_bomb(40_000, 20_000))
+
+
+@pytest.mark.parametrize("size", [(257, 128), (255, 128), (1001, 500), (4098, 2049)])
+def test_a_pixel_more_or_less_than_two_to_one_is_forgiven(size: tuple[int, int]) -> None:
+    panorama = read_panorama(encoded(picture(*size), "JPEG"))
+    assert panorama.valid.shape[1] == 2 * panorama.valid.shape[0]
 
 
 def test_the_pixel_limit_is_the_callers() -> None:
@@ -228,11 +184,6 @@ def test_the_pixel_limit_is_the_callers() -> None:
     read_panorama(data, max_pixels=256 * 128)
     with pytest.raises(PanoramaTooLargeError, match="256 x 128"):
         read_panorama(data, max_pixels=256 * 128 - 1)
-
-
-def test_a_bomb_as_a_mask_is_refused_as_well() -> None:
-    with pytest.raises(MaskTooLargeError, match="mask"):
-        read_panorama(encoded(picture()), png_bomb(40_000, 20_000))
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
@@ -247,16 +198,6 @@ def test_a_picture_that_ends_early_is_refused_and_told_so(kind: str, share: floa
 def test_text_and_other_files_are_refused_with_what_was_expected(data: bytes) -> None:
     with pytest.raises(PanoramaFormatError, match="expected a JPEG, PNG or WebP"):
         read_panorama(data)
-
-
-def test_a_gif_is_refused_although_the_library_could_read_it() -> None:
-    with pytest.raises(PanoramaFormatError):
-        read_panorama(encoded(picture(), "GIF"))
-
-
-def test_a_panorama_object_that_is_not_two_to_one_cannot_be_made() -> None:
-    with pytest.raises(PanoramaShapeError, match="2H"):
-        Panorama(np.zeros((10, 30, 3), np.uint8), np.ones((10, 30), bool))
 
 
 def test_a_packed_crop_of_one_row_is_placed_or_refused_but_never_crashes() -> None:

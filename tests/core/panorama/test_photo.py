@@ -8,43 +8,21 @@ from core.errors import OptionsError, PanoramaUnusableError
 from core.geometry.pose import Pose
 from core.panorama.photo import photo_on_sphere
 from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.panorama.painted_photos import photo_of
 
 POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-
-
-def rays(camera: Camera) -> np.ndarray:
-    """Return the direction (H, W, 3) of each pixel of a pinhole, by its definition."""
-    column, row = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
-    left, up = (camera.cx_px - column) / camera.fx_px, (camera.cy_px - row) / camera.fy_px
-    return np.stack((np.ones_like(left), left, up), axis=-1)
-
-
-def pinhole_photo(box: PaintedBox, camera: Camera) -> np.ndarray:
-    directions = rays(camera).reshape(-1, 3)
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True) @ POSE.rotation.T
-    return box.color_along(POSE.position, directions).reshape(camera.height_px, camera.width_px, 3)
 
 
 @pytest.mark.slow
 def test_a_photo_lies_on_the_sphere_where_the_panorama_shows_the_same(box: PaintedBox) -> None:
     camera = Camera.from_hfov("pinhole", 640, 480, 69.0)
-    photo = pinhole_photo(box, camera)
-    placed = photo_on_sphere(photo, np.ones(photo.shape[:2], bool), camera)
+    photo = photo_of(box, camera, POSE)
+    placed = photo_on_sphere(photo.color, photo.valid, camera)
     whole = box.panorama(POSE, height=placed.valid.shape[0])
     difference = np.abs(placed.color[placed.valid].astype(float) - whole.color[placed.valid])
     assert np.median(difference) < 3
     shifted = np.roll(whole.color, 3, axis=1)
     assert np.abs(placed.color[placed.valid].astype(float) - shifted[placed.valid]).mean() > 2 * difference.mean()
-
-
-def test_what_a_photo_does_not_show_is_masked_and_what_it_shows_is_not() -> None:
-    camera = Camera.from_hfov("pinhole", 800, 600, 69.0)
-    placed = photo_on_sphere(np.full((600, 800, 3), 200, np.uint8), np.ones((600, 800), bool), camera)
-    rows, columns = placed.valid.shape
-    azimuth = 180 - 360 * (np.arange(columns) + 0.5) / columns
-    middle = placed.valid[rows // 2]
-    np.testing.assert_array_equal(middle, np.abs(azimuth) < 34.5)
-    assert (placed.color[placed.valid] == 200).all()
 
 
 def test_masked_pixels_neither_show_nor_bleed_into_their_neighbours() -> None:

@@ -9,10 +9,9 @@ import torch
 from core.camera.camera import Camera
 from core.errors import PanoramaUnusableError
 from core.geometry.pose import Pose
-from core.geometry.rotations import even_directions
 from core.light.color_equalization import LabelCodes
 from core.panorama.panorama import Panorama
-from core.panorama.photo_atlas import PhotoAtlas, shown_share
+from core.panorama.photo_atlas import PhotoAtlas
 from core.panorama.photo_colors import PhotoContrast
 from core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import rotation_of
@@ -110,14 +109,6 @@ def test_derivatives_are_those_of_the_colours_by_azimuth_and_elevation(rows: int
     np.testing.assert_allclose(found[6:9], by_elevation, atol=8 * pixel**2)
 
 
-def test_at_the_edge_of_what_is_valid_there_is_no_derivative() -> None:
-    azimuth, elevation = np.radians([34.3, -34.3, 30.0]), np.radians([0.0, 0.0, 0.0])
-    found = sampled(atlas_of(ramp(CAMERA)), 256, azimuth, elevation)
-    per_rad = -CAMERA.fx_px / 640 / np.cos(azimuth[2]) ** 2
-    assert found[3, 2] == pytest.approx(per_rad, rel=0.2)
-    assert (np.abs(found[3, :2]) <= 1.2 * abs(per_rad)).all()
-
-
 def test_a_full_turn_goes_on_across_its_seam() -> None:
     def painted(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
         return np.stack((np.sin(azimuth), np.cos(2 * azimuth), np.sin(elevation)))
@@ -151,62 +142,6 @@ def test_labels_are_those_of_the_nearest_pixels_and_never_mixed() -> None:
     assert not windows.valid.numpy()[(x > 0) & (v < 99)].any()
     expected = labels.codes.numpy()[stripe[u[inside].astype(int)].astype(int)].T
     np.testing.assert_array_equal(windows.color.numpy()[:, inside], expected)
-
-
-def test_poses_are_told_from_the_middle_of_the_cameras() -> None:
-    poses = (Pose(rotation_of(30.0), np.array([4.0, 0.0, 1.0])), Pose(rotation_of(80.0), np.array([4.4, 0.2, 1.0])))
-    atlas = PhotoAtlas(Session(tuple(SessionImage(ramp(CAMERA), pose) for pose in poses)), 256, None, "cpu")
-    np.testing.assert_allclose(atlas.centers, [[-0.2, -0.1, 0.0], [0.2, 0.1, 0.0]], atol=1e-6)
-    np.testing.assert_allclose(atlas.rotations[1], poses[1].rotation, atol=1e-6)
-    windows = atlas.windows(64)
-    seen = (windows.valid > 0) & (windows.photo == 1)
-    mean = torch.nn.functional.normalize(atlas.rig_directions(windows)[seen].mean(0), dim=0)
-    np.testing.assert_allclose(mean, poses[1].rotation[:, 0], atol=0.02)
-
-
-def test_a_cone_holds_all_of_a_photo_and_little_more() -> None:
-    corner = math.atan(math.hypot(320, 240) / CAMERA.fx_px)
-    pinhole, sphere = atlas_of(
-        plain(CAMERA), Photo.of_panorama(Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool)))
-    ).cones.tolist()
-    assert corner <= pinhole < corner + math.radians(2.5)
-    assert sphere == pytest.approx(math.pi)
-
-
-def test_what_photos_show_together_is_counted_once() -> None:
-    half_width, half_height = math.radians(34.5), math.atan(240 / CAMERA.fx_px)
-    one = 4 * math.asin(math.sin(half_width) * math.sin(half_height)) / (4 * math.pi)
-
-    def session(*yaws: float) -> Session:
-        return Session(tuple(SessionImage(plain(CAMERA), Pose(rotation_of(yaw), np.zeros(3))) for yaw in yaws))
-
-    for yaws, expected in (((0.0,), one), ((0.0, 180.0), 2 * one), ((50.0, 50.0), one)):
-        assert shown_share(session(*yaws)) == pytest.approx(expected, rel=0.05)
-        # By the photos' pixels, and half a pixel around each.
-        assert PhotoAtlas(session(*yaws), 256, None, "cpu").share() == pytest.approx(expected, rel=0.3)
-
-
-def test_directions_are_told_that_photos_show_or_almost() -> None:
-    session = Session((SessionImage(plain(CAMERA), Pose(rotation_of(90.0), np.zeros(3))),))
-    atlas = PhotoAtlas(session, 256, None, "cpu")
-    degrees = torch.tensor([92.0, 62.0, 118.0, 45.0, 135.0, -90.0])
-    angle = torch.deg2rad(degrees)
-    directions = torch.nn.functional.normalize(
-        torch.stack((angle.cos(), angle.sin(), torch.full((6,), 0.05)), dim=-1), dim=-1
-    )
-    assert atlas.shows(directions).tolist() == [True, True, True, False, False, False]
-    assert atlas.shows(directions, math.radians(15)).tolist() == [True] * 5 + [False]
-    every = even_directions(500)
-    assert bool((atlas.shows(every, 0.2) | ~atlas.shows(every)).all())
-
-
-def test_a_photo_coarser_than_asked_for_is_enlarged() -> None:
-    atlas = atlas_of(ramp(CAMERA), rows=256)
-    assert atlas.finest_rows == 256
-    azimuth, elevation = directions_within(28.0, 18.0)
-    fine, finer = (sampled(atlas, rows, azimuth, elevation) for rows in (256, 512))
-    np.testing.assert_allclose(fine[:3], finer[:3], atol=3 / 255)
-    assert (finer[9] > 0.99).all()
 
 
 @pytest.mark.parametrize("kept", ["four pixels of ten", "every eighth column", "one pixel"])

@@ -1,48 +1,34 @@
 """A PNG that claims more pixels than it holds is damaged; a large one takes no more memory than it has to."""
 
-import io
-import struct
 import subprocess
 import sys
 import time
-import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from core.errors import MaskDamagedError, PanoramaDamagedError
 from core.panorama.reader import read_panorama
+from tests.core.panorama.picture_files import encoded, png
 
 ROOT = Path(__file__).parents[3]
 
 
-def png(width: int, height: int, raw: bytes) -> bytes:
-    """Return an RGB image whose rows are `raw`, however many there are."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
-
-
 @pytest.mark.parametrize("raw", [b"", bytes(10_000), bytes(14_000 * 3 + 1) * 500], ids=["none", "a part", "some rows"])
 def test_a_small_file_that_claims_many_pixels_is_damaged_and_costs_nothing(raw: bytes) -> None:
-    image = png(14_000, 7000, raw)
+    image = png(14_000, 7000, 8, 2, raw)
     began = time.perf_counter()
     with pytest.raises(PanoramaDamagedError, match="ends early"):
         read_panorama(image)
     assert time.perf_counter() - began < 2
-    whole = io.BytesIO()
-    Image.fromarray(np.full((64, 128, 3), 90, np.uint8)).save(whole, "PNG")
+    whole = encoded(np.full((64, 128, 3), 90, np.uint8))
     with pytest.raises(MaskDamagedError, match="ends early"):
-        read_panorama(whole.getvalue(), mask=image)
+        read_panorama(whole, mask=image)
 
 
 def test_a_picture_of_one_colour_is_whole_however_small_its_file() -> None:
-    image = png(2048, 1024, (b"\0" + b"\x80\x70\x60" * 2048) * 1024)
+    image = png(2048, 1024, 8, 2, (b"\0" + b"\x80\x70\x60" * 2048) * 1024)
     assert len(image) < 30_000
     assert read_panorama(image).color.shape == (1024, 2048, 3)
 

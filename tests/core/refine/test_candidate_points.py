@@ -1,6 +1,5 @@
 """The points that candidates are refined on."""
 
-import pytest
 import torch
 
 from core.geometry.projection import project
@@ -35,12 +34,3 @@ def test_both_resolutions_show_the_same_points_in_nearly_the_same_colours(box_in
     assert 0 < float((coarse.colors - fine.colors).abs().mean()) < 0.2
     swapped = points_seen_from_starts(box_index, torch.tensor([1, 3]), HEIGHT, COUNT, 0.0)[1]
     torch.testing.assert_close(swapped.colors.flip(0), fine.colors)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.5])
-def test_colours_are_equalized_unless_contrast_is_mixed_in(box_index: MapIndex, share: float) -> None:
-    _, fine = points_seen_from_starts(box_index, torch.tensor([2]), HEIGHT, COUNT, share)
-    middle = fine.colors[0].mean(0)
-    torch.testing.assert_close(middle, torch.full((3,), 0.5), atol=0.05, rtol=0)
-    spread = float(fine.colors.std())
-    assert (abs(spread - 12**-0.5) < 0.02) == (share == 0.0)

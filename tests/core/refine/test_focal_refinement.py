@@ -79,19 +79,6 @@ def test_of_a_plain_wall_nothing_is_known(points: CandidatePoints) -> None:
     assert torch.isfinite(found.position).all()
 
 
-def test_of_a_wall_that_is_faced_little_is_known_for_it_may_be_nearer_and_the_photo_wider(
-    points: CandidatePoints,
-) -> None:
-    towards = points.positions - POSITION[0]
-    ahead = towards @ ROTATION[0, :, 0]
-    wall = replace(points, positions=POSITION[0] + 2 * towards / ahead[..., None])
-    room, faced = (
-        float(refine_with_focal(level_as(TRUE), seen, FocalRefined.at(ROTATION[0], POSITION[0]), 1, STEP).information)
-        for seen in (points, wall)
-    )
-    assert 0 < faced < room / 20
-
-
 def test_the_slope_by_the_focal_length_is_that_of_the_loss(points: CandidatePoints) -> None:
     level, planes = level_as(TRUE), points.planes()
 

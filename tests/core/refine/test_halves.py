@@ -54,30 +54,6 @@ def test_they_meet_although_a_third_has_changed(scene: Scene) -> None:
     assert angle < 1.0
 
 
-@pytest.mark.parametrize("every", [1, 4])
-def test_more_or_fewer_points_tell_the_same(scene: Scene, every: int) -> None:
-    distance, angle = apart(scene, HalvesConfig(every=every))
-    assert distance < 0.01
-    assert angle < 0.3
-
-
-def test_each_half_has_about_as_much_as_the_other(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[CandidatePoints] = []
-
-    def remembered(_: RigLevel, points: CandidatePoints, *rest: object) -> None:
-        given.append(points)
-        raise InterruptedError
-
-    monkeypatch.setattr("core.refine.halves.refine", remembered)
-    with pytest.raises(InterruptedError):
-        apart(scene)
-    (points,) = given
-    first, second = points.weights
-    assert not bool(((first > 0) & (second > 0)).any())
-    torch.testing.assert_close(first + second, scene[1].weights[0, :: HalvesConfig().every])
-    assert float(first.sum()) == pytest.approx(float(second.sum()), rel=0.3)
-
-
 def test_halves_in_which_nothing_is_left_do_not_meet(scene: Scene) -> None:
     level, points = scene
     distance, angle = apart((level, replace(points, weights=torch.zeros_like(points.weights))))

@@ -7,22 +7,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.camera.camera import Camera
 from core.config import LineConfig, PhotoRefinementConfig, StepConfig
-from core.geometry.pose import Pose
-from core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
+from core.geometry.rotations import rotation_angle, rotation_from_vector
 from core.lines.line_hold import LineHold
-from core.panorama.photo_atlas import PhotoAtlas
 from core.refine.gauss_newton import initial_history
 from core.refine.patch_step import PatchStep, patch_step
-from core.refine.photo_points import look_directions
 from core.refine.refinement import CandidatePoints, refine
 from core.refine.rig_level import RigLevel
-from core.refine.sphere_squares import patch_numbers
 from tests.core.lines.made_edges import edges_along
-from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import session_of
-from tests.core.refine.painted_scene import POSE, POSITION, ROTATION, photo_with_points
+from tests.core.painted_box import PaintedBox
+from tests.core.refine.painted_scene import POSITION, ROTATION, photo_with_points
 
 PLAIN = PhotoRefinementConfig().patch_step
 RULES = replace(PLAIN, patch_robust_scale=2.0)
@@ -100,17 +94,6 @@ def test_what_moved_in_most_of_a_photo_drags_single_points_along_but_not_patches
     assert off_by((by_points.rotations, by_points.positions)) > 0.06
 
 
-def test_candidates_do_not_know_of_each_other(scene: tuple[RigLevel, CandidatePoints]) -> None:
-    level, points = scene
-    poses = [moved((0.01, 0.0, 0.02), (0.05, 0.0, 0.0)), moved((0.0, 0.03, 0.0), (0.0, -0.08, 0.02))]
-    both = points.take(torch.tensor([0, 0]))
-    rotations, positions = (torch.cat(part) for part in zip(*poses, strict=True))
-    together = refine(level, both, rotations, positions, 6, RULES)
-    for k, pose in enumerate(poses):
-        alone = refine(level, points, *pose, 6, RULES)
-        torch.testing.assert_close(together.positions[k], alone.positions[0], atol=1e-4, rtol=0)
-
-
 def test_lines_turn_a_pose_that_colors_leave_free(scene: tuple[RigLevel, CandidatePoints]) -> None:
     level, points = scene
     plain = replace(points, colors=torch.full_like(points.colors, 0.5))
@@ -129,27 +112,3 @@ def test_without_points_in_view_a_pose_stays_where_it_is(scene: tuple[RigLevel, 
     found = refine(level, nothing, ROTATION, POSITION, 4, RULES)
     torch.testing.assert_close(found.positions, POSITION)
     assert torch.isfinite(found.hessian).all()
-
-
-@pytest.mark.parametrize("side_deg", [11.25, 22.5])
-def test_patches_are_as_large_as_they_should_be_everywhere(side_deg: float) -> None:
-    directions = even_directions(20_000)
-    numbers = patch_numbers(directions, side_deg)
-    count = int(numbers.max()) + 1
-    assert count == pytest.approx(4 * np.pi / np.radians(side_deg) ** 2, rel=0.35)
-    for number in range(count):
-        inside = directions[numbers == number]
-        apart = torch.rad2deg(torch.acos((inside @ inside.T).clamp(-1, 1))).max()
-        assert float(apart) < 2.2 * side_deg
-
-
-@pytest.mark.parametrize("num_photos", [1, 2, 4, 6])
-def test_patches_of_many_photos_have_no_fewer_points_than_those_of_one(num_photos: int) -> None:
-    camera = Camera.from_hfov("pinhole", 80, 60, 69.0)
-    poses = [Pose(rotation_of(60.0 * number), np.zeros(3)) for number in range(num_photos)]
-    session = session_of(PaintedBox(seed=3), POSE, poses, [camera] * num_photos)
-    photos, atlas = PhotoRefinementConfig(), PhotoAtlas(session, 256, None, "cpu")
-    look = look_directions(atlas, photos.coarse_points_of(atlas.share()), margin_deg=0.0)
-    in_patches = patch_numbers(look.directions[look.inside], photos.rough_patch_deg).bincount()
-    # Those at the edges of photos are cut.
-    assert float(in_patches.double().quantile(0.75)) > 30

@@ -70,12 +70,6 @@ def test_points_have_the_colours_of_their_pixels_mixed_with_contrast() -> None:
     assert float((found.colors - comparison.scan[:, shown_pixels()]).abs().max()) > 0.05
 
 
-def test_labels_have_no_contrast() -> None:
-    cloud, comparison = rendered(tables=False)
-    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
-    assert torch.equal(found.colors, comparison.scan[:, shown_pixels()])
-
-
 def test_further_weights_multiply_those_of_the_pixels() -> None:
     cloud, comparison = rendered()
     plain = points_seen_from_poses(cloud, comparison, COUNT, 0.3)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.config import PoseDistance, StepConfig, StoppingRule
+from core.config import StepConfig
 from core.geometry.projection import pixel_directions
 from core.geometry.rotations import rotation_angle, rotation_from_vector, uniform_rotations
 from core.panorama.image_level import prepare_level
@@ -54,12 +54,6 @@ def refined_errors(
     return float((found.positions[0] - POSITION).norm()), angle
 
 
-def test_refinement_converges_to_the_pose(scene: tuple[torch.Tensor, ...]) -> None:
-    metres, degrees = refined_errors(*scene)
-    assert metres < 0.005
-    assert degrees < 0.1
-
-
 def test_refinement_does_not_mind_gain_and_offset(scene: tuple[torch.Tensor, ...]) -> None:
     image, points, colors, rotation = scene
     metres, degrees = refined_errors(
@@ -86,66 +80,6 @@ def test_refinement_ignores_what_is_masked(scene: tuple[torch.Tensor, ...]) -> N
     metres, degrees = refined_errors(spoilt, points, colors, rotation, valid)
     assert metres < 0.01
     assert degrees < 0.2
-
-
-def test_each_candidate_is_refined_as_if_it_were_alone(scene: tuple[torch.Tensor, ...]) -> None:
-    image, points, colors, rotation = scene
-    level = prepare_level(image, torch.ones(image.shape[1:]))
-    starts = torch.stack([rotation @ rotation_from_vector(torch.tensor([a, 0.05, 0.0])) for a in (0.1, -0.1, 0.5)])
-    positions = POSITION + torch.tensor([[0.1, 0, 0], [0, 0.1, 0], [0.4, 0.4, 0]])
-    weights = torch.ones((3, len(points)))
-    together = refine(
-        level,
-        CandidatePoints(points.expand(3, -1, -1), colors.expand(3, -1, -1), weights),
-        starts,
-        positions,
-        6,
-        StepConfig(),
-    )
-    for k in range(3):
-        alone = refine(
-            level,
-            CandidatePoints(points[None], colors[None], weights[:1]),
-            starts[k : k + 1],
-            positions[k : k + 1],
-            6,
-            StepConfig(),
-        )
-        torch.testing.assert_close(alone.positions[0], together.positions[k], atol=2e-4, rtol=0)
-        torch.testing.assert_close(alone.rotations[0], together.rotations[k], atol=2e-4, rtol=0)
-
-
-def test_candidates_that_come_together_go_on_as_one_and_all_end_in_the_same_place(
-    scene: tuple[torch.Tensor, ...],
-) -> None:
-    image, points, colors, rotation = scene
-    level = prepare_level(image, torch.ones(image.shape[1:]))
-    turns = (0.1, -0.1, 0.15)
-    starts = torch.stack([rotation @ rotation_from_vector(torch.tensor([a, 0.05, 0.0])) for a in turns])
-    # A fourth one has no points: it stays, far from the others.
-    starts = torch.cat((starts, (rotation @ rotation_from_vector(torch.tensor([0.0, 0.0, 2.0])))[None]))
-    weights = torch.ones((4, len(points)))
-    weights[3] = 0
-    candidates = CandidatePoints(points.expand(4, -1, -1), colors.expand(4, -1, -1), weights)
-    stop = StoppingRule(move_m=1e-3, turn_rad=1e-3, merge=PoseDistance(0.05, 1.72))
-    found = refine(level, candidates, starts, (POSITION + 0.1).expand(4, -1), 40, StepConfig(), stop)
-    assert len(found.numbers) == 2
-    assert int(found.numbers[1]) == 3
-    torch.testing.assert_close(found.positions[0], POSITION, atol=0.005, rtol=0)
-    torch.testing.assert_close(found.positions[1], POSITION + 0.1)
-    assert int(found.steps[0]) < 40  # it stops when it has arrived
-    assert int(found.steps[1]) == 4
-
-
-def test_candidates_of_different_maps_are_never_one(scene: tuple[torch.Tensor, ...]) -> None:
-    image, points, colors, rotation = scene
-    level = prepare_level(image, torch.ones(image.shape[1:]))
-    candidates = CandidatePoints(points.expand(3, -1, -1), colors.expand(3, -1, -1), torch.ones((3, len(points))))
-    start = (rotation @ rotation_from_vector(torch.tensor([0.1, 0.05, 0.0]))).expand(3, -1, -1)
-    stop = StoppingRule(move_m=1e-3, turn_rad=1e-3, merge=PoseDistance(0.05, 1.72))
-    maps = torch.tensor([4, 7, 4])
-    found = refine(level, candidates, start, (POSITION + 0.1).expand(3, -1), 20, StepConfig(), stop, maps)
-    assert sorted(maps[found.numbers].tolist()) == [4, 7]
 
 
 def test_a_candidate_without_a_point_stays_where_it_is(scene: tuple[torch.Tensor, ...]) -> None:
@@ -177,12 +111,6 @@ def test_steps_are_lengthened_by_what_the_last_one_fell_short(
     history = StepHistory(step, torch.tensor([slope_before]), torch.tensor([1.5]))
     found = next_relaxation(history, step * slope_after, config)
     assert found.tolist() == pytest.approx([length])
-
-
-def test_steps_grow_no_longer_than_the_configuration_allows() -> None:
-    config, step = StepConfig(max_relaxation=5.0), torch.eye(6)[:1]
-    history = StepHistory(step, torch.tensor([-1.0]), torch.tensor([4.0]))
-    assert next_relaxation(history, -0.9 * step, config).tolist() == [5.0]
 
 
 def test_steps_that_learn_reach_the_pose_where_noise_makes_plain_ones_creep(scene: tuple[torch.Tensor, ...]) -> None:

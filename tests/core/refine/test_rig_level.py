@@ -157,21 +157,3 @@ def test_a_longer_focal_length_spreads_what_is_beside_the_axis_of_each_photo() -
     none = level.sample_points(place, photos, ROTATION[None], POSITION[None], torch.zeros(()))[0]
     torch.testing.assert_close(none.planes, same.planes)
     torch.testing.assert_close(none.directions[:, :6], same.directions)
-
-
-@pytest.mark.parametrize("unknown", range(6))
-def test_derivatives_by_the_pose_are_those_at_the_longer_focal_length(unknown: int) -> None:
-    place, photos = points_in_view()
-    level, log, small = rig(), torch.tensor(0.15), 1e-3
-    change = torch.zeros(6)
-    change[unknown] = small
-
-    def colors(sign: int) -> torch.Tensor:
-        turned = ROTATION @ rotation_from_vector(sign * change[None, :3])[0]
-        moved = POSITION + ROTATION @ (sign * change[3:])
-        return level.sample_points(place, photos, turned[None], moved[None], log)[0].color
-
-    at = level.sample_points(place, photos, ROTATION[None], POSITION[None], log)[0]
-    expected = (colors(1) - colors(-1)) / (2 * small)
-    slope = (at.derivatives * at.directions[:, unknown][:, None]).sum(2)
-    assert float((slope - expected).abs().median()) < 0.05 * float(expected.abs().median())

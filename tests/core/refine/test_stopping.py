@@ -134,13 +134,6 @@ def test_candidates_stop_and_merge_as_if_each_went_alone(
     assert_same(found, one_by_one(level, 8, STOPS[name], groups))
 
 
-def test_the_rules_above_stop_and_merge_some_and_not_all(level: ImageLevel) -> None:
-    left = {name: one_by_one(level, 8, stop, None) for name, stop in STOPS.items()}
-    assert [each.num_steps for each in left["none"]] == [8] * 4
-    assert 2 <= len(left["all that meet"]) < 4
-    assert {each.num_steps for each in left["nearly there"]} > {2}
-
-
 @pytest.mark.parametrize("iterations", [1, 4, 5])
 def test_without_a_rule_all_steps_are_taken(level: ImageLevel, iterations: int) -> None:
     points, rotations, positions = candidates()

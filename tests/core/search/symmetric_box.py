@@ -10,4 +10,11 @@ BOX = PaintedBox(seed=3, symmetric=True)
 POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
 ROTATION, POSITION = torch.from_numpy(POSE.rotation).float(), torch.from_numpy(POSE.position).float()
 _HALF_TURN, _MIDDLE = rotation_of(180.0), np.array([BOX.size_m[0], BOX.size_m[1], 0.0]) / 2
-TWIN = Pose(_HALF_TURN @ POSE.rotation, _HALF_TURN @ (POSE.position - _MIDDLE) + _MIDDLE)
+
+
+def seen_from_the_other_side(pose: Pose) -> Pose:
+    """Return the pose that sees the same as this one from the other side of the box."""
+    return Pose(_HALF_TURN @ pose.rotation, _HALF_TURN @ (pose.position - _MIDDLE) + _MIDDLE)
+
+
+TWIN = seen_from_the_other_side(POSE)

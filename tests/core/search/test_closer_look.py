@@ -1,7 +1,6 @@
 """The closer look around a place, in a painted box."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,25 +62,3 @@ def test_nothing_else_is_proposed_than_what_is_near(photos: DescribedPhotos, box
     assert float(rotation_angle(rotations, torch.from_numpy(NEAR.rotation).float()).max()) <= math.radians(
         SEARCH.closer_deg
     )
-
-
-def test_candidates_are_closer_to_each_other_than_those_of_a_whole_map(
-    photos: DescribedPhotos, box_index: MapIndex
-) -> None:
-    rotations, positions = poses_of(found_near(photos, box_index, NEAR, PoseLimits()), box_index)
-    apart = [
-        float((positions[a] - positions[b]).norm()) > SEARCH.distinct.distance_m
-        or float(rotation_angle(rotations[a], rotations[b])) > math.radians(SEARCH.distinct.angle_deg)
-        for a in range(len(rotations))
-        for b in range(a)
-    ]
-    assert not all(apart)
-
-
-def test_limits_of_the_caller_are_kept(photos: DescribedPhotos, box_index: MapIndex) -> None:
-    limits = replace(PoseLimits(), max_tilt=math.radians(5.0))
-    kept = found_near(photos, box_index, NEAR, limits).rotations
-    every = found_near(photos, box_index, NEAR, PoseLimits()).rotations
-    most = math.cos(math.radians(5.0 + SEARCH.limit_margin_deg)) - 1e-6
-    assert 0 < len(kept) < len(every)
-    assert bool((kept[:, 2, 2] >= most).all())

@@ -1,7 +1,5 @@
 """The first look at every pose, against what is worked out pose by pose."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -66,30 +64,6 @@ def test_one_table_for_the_map_ranks_nearly_as_one_for_each_pose(photos: Describ
     found = scores_of_every_pose(photos.pixels, views, ROTATIONS, False, SEARCH).flatten()
     expected = pixel_scores(photos.pixels, views, ROTATIONS, *poses(), False, SEARCH)
     assert float(torch.corrcoef(torch.stack((found, expected)))[0, 1]) > 0.9
-
-
-def test_the_light_of_a_photo_leaves_no_trace(box: PaintedBox, views: FineViews) -> None:
-    photo = photo_of(box, SIDEWAYS, POSE)
-    first = described(Session.of_photo(photo)).pixels
-    by_light = replace(first, colors=0.1 + 0.5 * first.colors)
-    found = [scores_of_every_pose(pixels, views, ROTATIONS, False, SEARCH) for pixels in (first, by_light)]
-    assert float((found[0] - found[1]).abs().max()) < 0.02
-
-
-def test_nor_does_the_light_that_a_scan_was_taken_in(photos: DescribedPhotos, views: FineViews) -> None:
-    dark = replace(views, pictures=(views.pictures.float() * 0.2 + 10).round().byte())
-    found = [scores_of_every_pose(photos.pixels, each, ROTATIONS, False, SEARCH) for each in (views, dark)]
-    assert float((found[0] - found[1]).abs().max()) < 0.03
-
-
-def test_maps_of_many_starts_are_looked_at_in_parts(
-    photos: DescribedPhotos, views: FineViews, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = scores_of_every_pose(photos.pixels, views, ROTATIONS, False, SEARCH)
-    monkeypatch.setattr("core.search.every_pose._STARTS_AT_ONCE", 7)
-    torch.testing.assert_close(
-        scores_of_every_pose(photos.pixels, views, ROTATIONS, False, SEARCH), whole, atol=1e-5, rtol=0
-    )
 
 
 def test_patches_of_some_poses_are_those_of_all(photos: DescribedPhotos, views: FineViews) -> None:

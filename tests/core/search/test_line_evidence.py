@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from core.camera.camera import Camera
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose
 from core.geometry.rotations import rotation_angle, rotation_from_vector
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.judge.hypotheses import Hypothesis
 from core.options import Hints
@@ -22,6 +20,7 @@ from core.prepared_photos import PreparedPhotos
 from core.prepared_query import MapQuery, prepare_queries, search_rounds
 from core.search.line_evidence import LineEvidence
 from core.search.photo_search import search_photos
+from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, photo_of
 
@@ -31,9 +30,8 @@ BOX = PaintedBox(seed=5, palette=((200, 60, 60), (60, 90, 190), (220, 210, 160),
 POSE = Pose(rotation_of(130.0, 6.0, -4.0), np.array([1.7, 2.4, 1.5]))
 
 
-@cache
 def index() -> MapIndex:
-    return build_map_index(BOX.scan())
+    return map_of(BOX)
 
 
 def photo_at(pose: Pose, box: PaintedBox = BOX) -> Session:
@@ -116,17 +114,3 @@ def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
     assert float((starts[0] - place).norm()) > float(off[0])
     turned = found.rotations[found.candidates.rotations[:1]]
     assert nearest_deg(turned, torch.from_numpy(POSE.rotation).float()) < 5.0
-
-
-def test_a_photo_of_a_plain_wall_asks_no_lines() -> None:
-    plain = PaintedBox(seed=5, palette=((200, 200, 190),))
-    query = query_of(box=plain)
-    assert query.lines is None
-    assert not any(searched.by_lines for searched in search_rounds([query], CONFIG))
-
-
-def test_lines_are_not_asked_where_walls_are_along_no_axes() -> None:
-    query = query_of()
-    strict = replace(CONFIG, lines=replace(CONFIG.lines, least_walls=1.1))
-    query = MapQuery(0, index(), query.limits, query.picture, strict)
-    assert query.lines is None

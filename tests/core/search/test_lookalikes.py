@@ -1,14 +1,10 @@
 """The search for places that look like one that was found, in a painted box that looks the same after half a turn."""
 
-import math
-from dataclasses import replace
-
 import pytest
 import torch
 
 from core.config import LocalizerConfig
 from core.geometry.pose import Pose, pose_error
-from core.index.map_builder import build_map_index
 from core.index.map_index import MapIndex
 from core.panorama.session import Session
 from core.prepared_photos import PreparedPhotos
@@ -16,6 +12,7 @@ from core.search.described_photos import DescribedPhotos
 from core.search.lookalikes import described_as_scanned, search_lookalikes
 from core.search.map_search import MapCandidates
 from core.search.pose_limits import PoseLimits
+from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import UPRIGHT, photo_of
 from tests.core.search.symmetric_box import BOX, POSE, POSITION, ROTATION, TWIN
@@ -26,7 +23,7 @@ CONFIG = LocalizerConfig()
 
 @pytest.fixture(scope="module")
 def index() -> MapIndex:
-    return build_map_index(BOX.scan())
+    return map_of(BOX)
 
 
 def described(box: PaintedBox) -> DescribedPhotos:
@@ -64,24 +61,6 @@ def test_both_sides_of_a_symmetric_room_are_found_first(as_scanned: DescribedPho
     ranks = [best_near(pose, found, index) for pose in (POSE, TWIN)]
     assert None not in ranks
     assert max(rank for rank in ranks if rank is not None) < 4
-
-
-def test_what_looks_far_less_like_it_is_left_out(as_scanned: DescribedPhotos, index: MapIndex) -> None:
-    every, few = (
-        search_lookalikes(as_scanned, index, PoseLimits(), ROTATION, replace(CONFIG, photo_search=search)).candidates
-        for search in (replace(CONFIG.photo_search, lookalike_least=0.0), CONFIG.photo_search)
-    )
-    least = CONFIG.photo_search.lookalike_least * every.scores[0]
-    assert torch.equal(few.scores, every.scores[every.scores >= least])
-    assert 1 < len(few) < len(every)
-
-
-def test_only_what_the_limits_allow_is_searched(as_scanned: DescribedPhotos, index: MapIndex) -> None:
-    heading = math.atan2(POSE.rotation[1, 0], POSE.rotation[0, 0])
-    limits = replace(PoseLimits(), heading=heading, heading_tolerance=math.radians(40))
-    found = search_lookalikes(as_scanned, index, limits, ROTATION, CONFIG)
-    assert 0 < len(found.rotations) < CONFIG.photo_search.lookalike_turns / 2
-    assert bool(limits.allows_rotation(found.rotations, math.radians(CONFIG.photo_search.limit_margin_deg)).all())
 
 
 def test_gravity_is_kept(as_scanned: DescribedPhotos, index: MapIndex) -> None:

@@ -92,16 +92,6 @@ def assert_scored(found: Any, expected: np.ndarray, starts: list[int]) -> None:
     np.testing.assert_allclose(found.candidates.scores.numpy(), of_candidates, rtol=1e-3, atol=1e-4)
 
 
-def test_the_rotations_of_both_passes_meet_the_patches_of_their_grids() -> None:
-    found = make_search_rotations(CONFIG, GRID, torch.device("cpu"))
-    for part, count, grid in ((found.full, 30, GRID), (found.coarse, 12, PatchGrid(2, 4))):
-        assert torch.equal(part.rotations, uniform_rotations(count))
-        assert torch.equal(part.table, rotation_table(grid, uniform_rotations(count)))
-    keep = torch.arange(30) % 3 == 0
-    assert torch.equal(found.full.take(keep).rotations, found.full.rotations[::3])
-    assert torch.equal(found.full.take(keep).table, found.full.table[::3])
-
-
 def test_every_pose_of_every_map_is_scored() -> None:
     maps = [made_map(4, 1), made_map(3, 7)]
     for k, found in enumerate(search(maps, [NO_LIMITS] * 2)):
@@ -159,16 +149,6 @@ def test_the_first_pass_is_held_to_the_hints_too() -> None:
     kept = sorted(sorted(inside, key=lambda t: -best[t])[:2])
     assert sorted(set(found.candidates.starts.tolist())) == kept
     assert found.num_poses == len(inside) * len(coarse) + 2 * len(found.rotations)
-
-
-def test_hints_that_leave_nothing_are_answered_with_nothing() -> None:
-    far = PoseLimits(center=torch.tensor([99.0, 0.0, 0.0]), radius_m=1.0)
-    level = PoseLimits(max_tilt=0.0)  # no rotation is as level as that
-    config = SearchConfig(**{**vars(CONFIG), "hint_margin_deg": 0.0})
-    for limits in (far, level):
-        (found,) = search([made_map(4, 1)], [limits], config)
-        assert len(found.candidates) == len(found.candidates.rotations) == len(found.candidates.scores) == 0
-        assert (found.num_starts, found.num_poses) == (0, 0)
 
 
 def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:

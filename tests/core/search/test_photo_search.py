@@ -91,17 +91,6 @@ def test_what_patches_say_counts_beside_what_pixels_say(box_index: MapIndex) -> 
     assert by_weight[1][max(common, key=by_weight[0].__getitem__)] > max(by_weight[0].values())
 
 
-def test_candidates_are_distinct_poses(box_index: MapIndex) -> None:
-    found, _ = searched(one_photo(), box_index)
-    rule = CONFIG.photo_search.distinct
-    positions = box_index.starts[found.candidates.starts]
-    rotations = found.rotations[found.candidates.rotations]
-    apart = torch.cdist(positions, positions) >= rule.distance_m - 1e-5
-    cosine = (torch.einsum("iab,jab->ij", rotations, rotations) - 1) / 2
-    turned = torch.rad2deg(torch.acos(cosine.clamp(-1, 1))) >= rule.angle_deg - 0.1
-    assert bool((apart | turned | torch.eye(len(positions), dtype=torch.bool)).all())
-
-
 def test_with_up_known_fewer_rotations_are_searched_and_only_level_ones(box_index: MapIndex) -> None:
     freely, _ = searched(two_photos(), box_index)
     upright, _ = searched(two_photos(up_known=True), box_index)
@@ -111,15 +100,6 @@ def test_with_up_known_fewer_rotations_are_searched_and_only_level_ones(box_inde
     rank = rank_of(rig_pose(two_photos(), MAP_FROM_SESSION), upright, box_index)
     assert rank is not None
     assert rank < 10
-
-
-def test_few_rotations_are_taken_of_the_denser_set(box_index: MapIndex) -> None:
-    freely, _ = searched(one_photo(), box_index)
-    upright, _ = searched(one_photo(), box_index, Hints(upright=True))
-    assert len(freely.rotations) == CONFIG.photo_search.num_rotations
-    # What is as tilted as 15 degrees and a margin is a share of all rotations, of either set.
-    share = (1 - math.cos(math.radians(15.0 + CONFIG.photo_search.limit_margin_deg))) / 2
-    assert len(upright.rotations) == pytest.approx(share * CONFIG.photo_search.limited_rotations, rel=0.1)
 
 
 def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle(box_index: MapIndex) -> None:
@@ -136,23 +116,3 @@ def test_hints_are_about_the_first_camera_also_when_it_stands_off_the_middle(box
     ahead = (found.rotations @ limits.first_rotation)[:, :, 0]  # type: ignore[operator]
     off = torch.atan2(ahead[:, 1], ahead[:, 0]) - math.radians(yaw)
     assert float(torch.atan2(off.sin(), off.cos()).abs().max()) <= margin
-
-
-def test_histograms_are_compared_of_no_more_patches_than_are_asked_for() -> None:
-    few = replace(CONFIG, photo_search=replace(CONFIG.photo_search, most_patches=12))
-    every, some = (
-        PreparedPhotos(two_photos(), 256, None, torch.device("cpu"), each).described() for each in (CONFIG, few)
-    )
-    assert len(every.patches) > 24
-    assert len(some.patches) == len(some.roots) == 12
-    assert float(some.weights.sum()) == pytest.approx(1)
-    known = every.patches.tolist()
-    places = [known.index(each) for each in some.patches.tolist()]
-    gaps = np.diff([-1, *places, len(known)])
-    assert gaps.max() <= 2.5 * len(known) / 12
-
-
-def test_hints_that_leave_nothing_are_answered_with_nothing(box_index: MapIndex) -> None:
-    found, _ = searched(one_photo(), box_index, Hints(position_m=(99.0, 0.0, 0.0), radius_m=1.0))
-    assert len(found.candidates) == 0
-    assert (found.num_starts, found.num_poses) == (0, 0)

@@ -1,6 +1,5 @@
 """Candidates moved to where they fit best around their starts."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from core.prepared_photos import PreparedPhotos
 from core.search.described_photos import DescribedPhotos
 from core.search.map_search import MapCandidates
 from core.search.pose_scores import Candidates
-from core.search.position_sweep import cube_of_places, swept
+from core.search.position_sweep import swept
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
 
@@ -75,29 +74,8 @@ def test_what_is_near_a_better_one_is_left_out(box: PaintedBox, box_index: MapIn
     assert len(few.candidates) == 2
 
 
-def test_many_pixels_leave_fewer_candidates(box: PaintedBox, box_index: MapIndex) -> None:
-    starts = torch.arange(30)
-    rotations = torch.from_numpy(POSE.rotation).float().expand(30, 3, 3)
-    photos = described(Session.of_photo(photo_of(box, SIDEWAYS, POSE)))
-    tight = replace(SEARCH, swept_pixels=1, fewest_swept=5)
-    moved = swept(photos, box_index, found_at(starts, rotations), tight).candidates
-    assert set(moved.starts.tolist()) <= set(range(5))
-
-
 def test_nothing_found_is_nothing_moved(box: PaintedBox, box_index: MapIndex) -> None:
     none = torch.zeros(0, dtype=torch.long)
     found = found_at(none, torch.zeros((0, 3, 3)))
     photos = described(Session.of_photo(photo_of(box, SIDEWAYS, POSE)))
     assert swept(photos, box_index, found, SEARCH) is found
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_places_fill_a_cube_evenly(count: int) -> None:
-    places = cube_of_places(0.6, count, torch.device("cpu"))
-    assert len(places) == count**3
-    assert float(places.abs().max()) == pytest.approx(0.3 - 0.3 / count)
-    torch.testing.assert_close(places.mean(0), torch.zeros(3))
-    if count > 1:
-        gaps = torch.cdist(places, places) + 10 * torch.eye(len(places))
-        assert float(gaps.min()) == pytest.approx(0.6 / count)
-        assert math.isclose(float(gaps.min()), float(gaps.amin(1).max()), rel_tol=1e-4)

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,17 +27,6 @@ def test_a_direction_falls_into_its_own_pixel_and_nothing_outside_into_any() -> 
     np.testing.assert_array_equal(numbers, np.arange(48))
     everywhere = pixel_directions(16, 32).view(-1, 3)
     assert int(PART.pixels_towards(everywhere)[1].sum()) == 48
-
-
-def test_the_same_part_at_another_resolution_shows_the_same() -> None:
-    finer = PART.at(64)
-    assert (finer.height, finer.width) == (32, 24)
-    low, high = finer.directions(CPU)[..., 2].aminmax()
-    coarse = PART.directions(CPU)[..., 2]
-    assert float(low) < float(coarse.min())
-    assert float(high) > float(coarse.max())
-    assert finer.at(16) == PART
-    assert SphereWindow.of_sphere(12).at(40) == SphereWindow.of_sphere(40)
 
 
 def test_an_image_of_a_part_lies_on_the_sphere_where_the_part_does() -> None:
@@ -69,25 +57,6 @@ def test_the_window_around_directions_holds_them_and_their_margin(
     moved = directions * math.cos(margin) + across * math.sin(margin)
     for each in (directions, moved):
         assert bool(window.at(64).pixels_towards(_turned(each, -turn))[1].all())
-
-
-@pytest.mark.parametrize(
-    ("width_deg", "height_deg", "margin_deg", "cells"),
-    [(69.0, 54.0, 8.0, (4, 4)), (20.0, 20.0, 0.0, (2, 2)), (200.0, 54.0, 8.0, (4, 10)), (360.0, 54.0, 8.0, (4, 16))],
-)
-def test_the_window_is_no_larger_than_it_must_be(
-    width_deg: float, height_deg: float, margin_deg: float, cells: tuple[int, int]
-) -> None:
-    # Around an azimuth of 170 degrees, across the seam.
-    across = torch.deg2rad(170 + torch.linspace(-width_deg / 2, width_deg / 2, 101))
-    up = math.radians(height_deg / 2)
-    azimuths = torch.cat((across, torch.full((2,), math.radians(170))))
-    elevations = torch.cat((torch.zeros(101), torch.tensor([-up, up])))
-    turn, window = window_around(azimuths, elevations, math.radians(margin_deg))
-    assert window.rows == CELLS
-    assert (window.height, window.width) == cells
-    if not window.is_round:
-        assert math.degrees(turn) == pytest.approx(170, abs=0.6)
 
 
 def test_what_reaches_over_a_pole_takes_all_columns() -> None:

@@ -22,6 +22,11 @@ class Outcome:
     err: str
 
     @property
+    def said(self) -> str:
+        """Return standard error on one line, without the frame around wrong usage."""
+        return " ".join(self.err.replace("│", " ").split())
+
+    @property
     def documents(self) -> list[dict[str, Any]]:
         """Return standard output as JSON documents, one per line; fails when anything else is there."""
         return [json.loads(line) for line in self.out.splitlines()]

@@ -6,6 +6,7 @@ import httpx
 import pytest
 
 from service.cli.exit_codes import ExitCode
+from service.cli.session import default_url
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, problem
 
@@ -100,6 +101,24 @@ def test_the_url_may_come_from_the_environment(
     monkeypatch.setenv("PANOLOC_URL", "http://elsewhere:81/")
     panoloc("maps")
     assert fake.requests[0] == ("GET", "http://elsewhere:81/maps")
+
+
+@pytest.mark.parametrize(
+    ("settings", "url"),
+    [
+        ({}, "http://127.0.0.1:8000"),
+        ({"PANOLOC_HOST": "0.0.0.0", "PANOLOC_PORT": "8177"}, "http://127.0.0.1:8177"),
+        ({"PANOLOC_HOST": "maps.example"}, "http://maps.example:8000"),
+    ],
+)
+def test_without_a_url_the_service_is_where_one_with_the_same_settings_listens(
+    monkeypatch: pytest.MonkeyPatch, settings: dict[str, str], url: str
+) -> None:
+    for name in ("PANOLOC_HOST", "PANOLOC_PORT"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+    assert default_url() == url
 
 
 @pytest.mark.parametrize("arguments", [["unknown"], ["maps", "--nonsense"], ["register"], ["localize", "--top-k", "0"]])

@@ -123,15 +123,6 @@ def test_a_full_disk_is_said_with_the_file_and_keeps_the_keys_that_were(
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_no_key_is_added_to_a_file_that_is_damaged(panoloc: Panoloc, tmp_path: Path) -> None:
-    (tmp_path / "keys.json").write_text("{")
-    refused = panoloc("keys", "make", "phones", "--scope", "read", "--data-dir", tmp_path)
-    assert refused.code == 1
-    assert "Traceback" not in refused.err
-    assert "keys.json" in refused.err
-    assert (tmp_path / "keys.json").read_text() == "{"
-
-
 def test_a_folder_that_no_service_has_used_is_named_as_such(panoloc: Panoloc, tmp_path: Path) -> None:
     new, used = tmp_path / "new", tmp_path / "used"
     (used / "maps").mkdir(parents=True)

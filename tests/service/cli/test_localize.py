@@ -9,8 +9,6 @@ import pytest
 from core.options import MAX_TOP_K
 from service.client import PanolocClient
 from service.http.schemas import LocalizeOptions
-from service.jobs import PAPER_TIMEOUT_S
-from service.settings import Settings
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
@@ -49,40 +47,24 @@ def test_an_ambiguous_answer_shows_every_place_that_fits(panoloc: Panoloc, fake:
     assert "0.07" in second
 
 
-def test_without_alternatives_no_empty_table_is_shown(panoloc: Panoloc, panorama: Path) -> None:
-    lines = panoloc("localize", panorama, "--map", "map_1").out.splitlines()
-    assert not [line for line in lines if line.startswith("alternative")]
-
-
-def test_links_to_pictures_are_full_addresses(panoloc: Panoloc, panorama: Path) -> None:
-    out = panoloc("localize", panorama, "--map", "map_1").out
-    assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in out
-
-
-def test_links_stay_whole_in_a_pipe(panoloc: Panoloc, panorama: Path) -> None:
+def test_links_to_pictures_are_full_addresses_and_stay_whole_in_a_pipe(panoloc: Panoloc, panorama: Path) -> None:
     lines = panoloc("localize", panorama, "--map", "map_1").out.splitlines()
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in lines
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "field", ["confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts", "alternatives"]
-)
 @pytest.mark.parametrize("empty", ["null", "null inside", "missing"])
 def test_an_answer_without_an_optional_part_is_still_shown(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, field: str, empty: str
+    panoloc: Panoloc, fake: FakeService, panorama: Path, empty: str
 ) -> None:
-    answer = answer_with("localized")
-    if empty == "missing":
-        del answer[field]
-    elif empty == "null inside" and isinstance(answer[field], dict):
-        answer[field] = dict.fromkeys(answer[field])
-    else:
-        answer[field] = None
-    fake.answer = answer
-    done = panoloc("localize", panorama, "--map", "map_1")
-    assert done.code == 0
-    assert "x 1.250" in done.out
+    for field in ("confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts", "alternatives"):
+        fake.answer = answer_with("localized")
+        value = fake.answer.pop(field)
+        if empty != "missing":
+            is_object = empty == "null inside" and isinstance(value, dict)
+            fake.answer[field] = dict.fromkeys(value) if is_object else None
+        done = panoloc("localize", panorama, "--map", "map_1")
+        assert done.code == 0, field
+        assert "x 1.250" in done.out
 
 
 def test_several_maps_and_all_options_reach_the_service(
@@ -128,10 +110,6 @@ def test_the_service_says_how_long_a_query_may_take_unless_the_user_does(
     assert json.loads(fake.parts["options"][0]).get("timeout_s") == timeout_s
 
 
-def test_a_service_that_nobody_has_configured_allows_what_the_papers_recipe_is_given() -> None:
-    assert Settings.model_fields["max_timeout_s"].default >= PAPER_TIMEOUT_S
-
-
 @pytest.mark.parametrize(("top_k", "code"), [(MAX_TOP_K, 0), (MAX_TOP_K + 1, 2)])
 def test_the_command_asks_for_no_more_poses_than_the_service_gives(
     panoloc: Panoloc, fake: FakeService, panorama: Path, top_k: int, code: int
@@ -164,54 +142,67 @@ def test_a_tag_stands_for_all_its_maps(panoloc: Panoloc, fake: FakeService, pano
     assert "map_id" not in fake.parts
 
 
-@pytest.mark.parametrize("chosen", [[], ["--map", "map_1", "--tag", "x"]])
-def test_maps_are_named_by_id_or_by_tag_but_not_both(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, chosen: list[str]
+@pytest.mark.parametrize(
+    ("hfov", "said"),
+    [
+        ("45-", "expected degrees such as 69"),
+        ("wide", "expected degrees such as 69"),
+        ("90-45", "two rising numbers"),
+        ("-5", "expected 1 to 170 degrees"),
+        ("400", "expected 1 to 170 degrees"),
+        ("nan", "expected 1 to 170 degrees"),
+    ],
+)
+def test_a_field_of_view_that_no_photo_has_is_wrong_usage(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, hfov: str, said: str
 ) -> None:
-    assert panoloc("localize", panorama, *chosen).code == 2
-    assert fake.requests == []
+    done = panoloc("localize", panorama, "--map", "map_1", f"--hfov={hfov}")
+    assert (done.code, fake.requests) == (2, [])
+    assert said in done.said
+    assert "Usage" in done.err
 
 
-def test_bounds_of_a_field_of_view_that_nobody_knows_are_sent(
-    panoloc: Panoloc, fake: FakeService, panorama: Path
+@pytest.mark.parametrize(
+    ("option", "value", "camera"),
+    [
+        ("--hfov", "69", {"model": "pinhole", "hfov_deg": 69.0}),
+        ("--hfov", "45-90", {"model": "pinhole", "hfov_range_deg": [45.0, 90.0]}),
+        ("--camera", "camera.json", {"model": "pinhole", "hfov_deg": 69.0}),
+    ],
+)
+def test_a_photos_camera_is_sent_along(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, option: str, value: str, camera: dict[str, object]
 ) -> None:
-    panoloc("localize", panorama, "--map", "map_1", "--hfov", "45-90")
-    camera = {"model": "pinhole", "hfov_range_deg": [45.0, 90.0]}
+    (panorama.parent / "camera.json").write_text('{"model": "pinhole", "hfov_deg": 69.0}')
+    given = panorama.parent / value if option == "--camera" else value
+    assert panoloc("localize", panorama, "--map", "map_1", option, given).code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
 
 
-@pytest.mark.parametrize(("hfov", "said"), [("45-", "expected degrees such as 69"), ("90-45", "two rising numbers")])
-def test_bounds_that_are_none_are_wrong_usage(panoloc: Panoloc, panorama: Path, hfov: str, said: str) -> None:
-    done = panoloc("localize", panorama, "--map", "map_1", "--hfov", hfov)
-    assert done.code == 2
-    assert said in " ".join(done.err.replace("│", " ").split())
-
-
-@pytest.mark.parametrize("described", ["--hfov", "--camera"])
-def test_a_photos_camera_is_sent_along(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path, described: str
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--radius", "5"], "--radius needs --position"),
+        (["--heading-tolerance", "5"], "--heading-tolerance needs --heading"),
+        (["--camera", "text.json"], "expected a JSON file"),
+        (["--camera", "list.json"], "expected an object such as"),
+        (["--tag", "x"], "expected --map ID (repeatable) or --tag TAG, got both"),
+    ],
+)
+def test_options_that_mean_nothing_together_are_wrong_usage(
+    panoloc: Panoloc,
+    fake: FakeService,
+    panorama: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    said: str,
 ) -> None:
-    file = tmp_path / "camera.json"
-    file.write_text('{"model": "pinhole", "hfov_deg": 69.0}')
-    value = {"--hfov": "69", "--camera": str(file)}[described]
-    assert panoloc("localize", panorama, "--map", "map_1", described, value).code == 0
-    assert json.loads(fake.parts["options"][0])["cameras"] == [{"model": "pinhole", "hfov_deg": 69.0}]
-
-
-@pytest.mark.parametrize("text", ["no JSON", "[1]"])
-def test_a_camera_file_that_is_none_is_wrong_usage(panoloc: Panoloc, panorama: Path, tmp_path: Path, text: str) -> None:
-    file = tmp_path / "camera.json"
-    file.write_text(text)
-    done = panoloc("localize", panorama, "--map", "map_1", "--camera", file)
-    assert done.code == 2
-    assert "expected" in done.err
-
-
-@pytest.mark.parametrize("lonely", [["--radius", "5"], ["--heading-tolerance", "5"]])
-def test_a_hint_that_needs_another_is_wrong_usage(panoloc: Panoloc, panorama: Path, lonely: list[str]) -> None:
-    done = panoloc("localize", panorama, "--map", "map_1", *lonely)
-    assert done.code == 2
-    assert "needs" in done.err
+    monkeypatch.chdir(panorama.parent)
+    Path("text.json").write_text("no JSON")
+    Path("list.json").write_text("[1]")
+    done = panoloc("localize", panorama, "--map", "map_1", *arguments)
+    assert (done.code, fake.requests) == (2, [])
+    assert said in done.said
 
 
 def test_a_folder_receives_the_answer_and_its_pictures(
@@ -246,17 +237,6 @@ def test_one_refused_panorama_does_not_stop_the_others(
     assert done.documents[0]["error"]["status"] == 422
     assert done.documents[1]["status"] == "localized"
     assert "expected 2:1, got 3000 x 2000" in done.err
-
-
-@pytest.mark.parametrize("degrees", ["-5", "0", "400", "nan"])
-def test_a_field_of_view_that_no_photo_has_is_wrong_usage(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, degrees: str
-) -> None:
-    done = panoloc("localize", panorama, "--map", "map_1", f"--hfov={degrees}")
-    assert done.code == 2
-    assert "expected 1 to 170 degrees" in done.err
-    assert "Usage" in done.err
-    assert fake.requests == []
 
 
 def test_how_much_changed_is_said_only_beside_a_pose(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:

@@ -49,22 +49,10 @@ def test_an_empty_list_says_how_to_begin(panoloc: Panoloc, fake: FakeService) ->
     assert done.out == ""
 
 
-def test_every_named_map_is_deleted(panoloc: Panoloc, fake: FakeService) -> None:
-    done = panoloc("maps", "delete", "map_1", "map_2")
-    assert done.code == 0, done.err
-    assert fake.requests == [("DELETE", "/maps/map_1"), ("DELETE", "/maps/map_2")]
-
-
-def test_a_map_named_twice_is_deleted_once(panoloc: Panoloc, fake: FakeService) -> None:
-    done = panoloc("maps", "delete", "map_1", "map_1")
-    assert done.code == 0, done.err
-    assert fake.requests == [("DELETE", "/maps/map_1")]
-
-
 def test_a_tag_that_no_map_bears_is_no_reason_to_register_one(panoloc: Panoloc, fake: FakeService) -> None:
     fake.places = []
     done = panoloc("maps", "--tag", "[bold]zzz")
-    assert (done.code, done.out, done.err) == (0, "", "No map bears the tag [bold]zzz.\n")
+    assert (done.code, done.out, done.err) == (0, "", "No map has the tag [bold]zzz.\n")
     assert panoloc("maps", "--tag", "zzz", "--json").err == ""
 
 

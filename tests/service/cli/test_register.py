@@ -13,7 +13,8 @@ from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
 def test_the_scan_arrives_unchanged_with_its_options(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
     done = panoloc(
-        "register", scan, "--name", "3rd floor", "--tag", "a", "--tag", "b", "--unit", "mm", "--up-axis", "y"
+        *("register", scan, "--name", "3rd floor", "--tag", "a", "--tag", "b", "--unit", "mm", "--up-axis", "y"),
+        *("--coordinate-system", "EPSG:25832", "--geoid-undulation", "-12.5"),
     )
     assert done.code == 0, done.err
     assert fake.parts["file"] == [scan.read_bytes()]
@@ -23,13 +24,9 @@ def test_the_scan_arrives_unchanged_with_its_options(panoloc: Panoloc, fake: Fak
         "unit": "mm",
         "up_axis": "y",
         "color_kind": "rgb",
+        "coordinate_system": "EPSG:25832",
+        "geoid_undulation_m": -12.5,
     }
-
-
-def test_a_coordinate_system_goes_along_where_it_is_given(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
-    panoloc("register", scan, "--coordinate-system", "EPSG:25832", "--geoid-undulation", "-12.5")
-    options = json.loads(fake.parts["options"][0])
-    assert (options["coordinate_system"], options["geoid_undulation_m"]) == ("EPSG:25832", -12.5)
 
 
 def test_the_name_defaults_to_that_of_the_file(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
@@ -52,25 +49,9 @@ def test_without_waiting_nothing_is_polled(panoloc: Panoloc, fake: FakeService, 
     assert done.documents[0]["status"] == "queued"
 
 
-def test_a_key_that_may_upload_and_not_read_has_registered_its_map(
-    panoloc: Panoloc, fake: FakeService, scan: Path
-) -> None:
-    answer = fake.handle
-    refusal = problem(403, "The API key or token may not do this", "expected a key with the scope 'read'")
-    fake.handle = lambda request: refusal if request.method == "GET" else answer(request)  # type: ignore[method-assign]
-    done = panoloc("register", scan, "--json")
-    assert done.code == 0
-    assert done.documents[0]["id"] == "map_1"
-    assert "goes on registering" in done.err
-
-
 def test_names_are_shown_as_they_are(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
     fake.polls = [{**READY_MAP, "name": "hall :x: [bold]b[/bold] :smile:"}]
     assert "hall :x: [bold]b[/bold] :smile:" in panoloc("register", scan).out
-
-
-def test_json_output_is_the_map_and_nothing_else(panoloc: Panoloc, scan: Path) -> None:
-    assert panoloc("register", scan, "--json").documents == [READY_MAP]
 
 
 def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
@@ -93,8 +74,10 @@ def test_who_waits_for_a_new_revision_hears_that_the_old_one_still_answers(fake:
     assert failed.value.serving_revision == 1
 
 
-@pytest.mark.slow
-def test_a_short_outage_while_waiting_is_sat_out(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
+def test_a_short_outage_while_waiting_is_sat_out(
+    panoloc: Panoloc, fake: FakeService, scan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.client.client.POLL_LONGEST_S", 0.0)
     outage = [problem(503, "No cache", "Redis is away", **{"retry-after": "0"})]
     answer = fake.handle
 
@@ -112,35 +95,33 @@ def test_a_missing_file_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None
     assert "does not exist" in done.err
 
 
-def test_ctrl_c_while_waiting_says_that_the_registration_goes_on(
-    panoloc: Panoloc, fake: FakeService, scan: Path
+@pytest.mark.parametrize(
+    ("end", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, ["map_1 goes on registering", "panoloc maps delete map_1"]),
+        (httpx.ConnectError("refused"), 5, ["map_1 is registered when the service runs again"]),
+        # A key that may upload and not read: nothing went wrong.
+        (problem(403, "Not allowed", "expected a key with the scope 'read'"), 0, ["goes on registering"]),
+    ],
+    ids=["ctrl-c", "service gone", "may not read"],
+)
+def test_whatever_ends_the_waiting_says_what_becomes_of_the_map(
+    panoloc: Panoloc, fake: FakeService, scan: Path, end: BaseException | httpx.Response, code: int, said: list[str]
 ) -> None:
     answer = fake.handle
 
-    def interrupted(request):  # type: ignore[no-untyped-def]
-        if request.method == "GET":
-            raise KeyboardInterrupt
-        return answer(request)
+    def ending(request: httpx.Request) -> httpx.Response:
+        if request.method != "GET":
+            return answer(request)
+        if isinstance(end, BaseException):
+            raise end
+        return end
 
-    fake.handle = interrupted  # type: ignore[method-assign]
+    fake.handle = ending  # type: ignore[method-assign]
     done = panoloc("register", scan)
-    assert done.code not in (0, None)
-    assert "map_1 goes on registering" in done.err
-    assert "panoloc maps delete map_1" in done.err
-
-
-def test_a_service_that_goes_away_while_waiting_leaves_the_id(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
-    answer = fake.handle
-
-    def gone(request):  # type: ignore[no-untyped-def]
-        if request.method == "GET":
-            raise httpx.ConnectError("connection refused")
-        return answer(request)
-
-    fake.handle = gone  # type: ignore[method-assign]
-    done = panoloc("register", scan)
-    assert done.code == 5
-    assert "map_1 is registered when the service runs again" in done.err
+    assert done.code == code
+    for words in said:
+        assert words in done.said
 
 
 def test_whoever_gives_up_waiting_knows_the_id_of_what_goes_on(panoloc: Panoloc, scan: Path) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 
 from core.geometry.pose import FRAMES, Pose
 from core.options import MAX_IMAGES, Frame
-from service.cli.transforms import TrackedImage, TransformsError, read_transforms, spread_evenly
+from service.cli.transforms import TransformsError, read_transforms
 from service.http.schemas import LocalizeOptions
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
@@ -121,19 +121,6 @@ def test_what_a_file_lacks_is_said_with_its_place(tmp_path: Path, document: Any,
         read_transforms(write(tmp_path, document), "ros")
     assert says in str(caught.value)
     assert "transforms.json" in str(caught.value)
-
-
-def test_an_ending_that_was_left_out_is_found(tmp_path: Path) -> None:
-    (found,) = read_transforms(write(tmp_path, one_frame(file_path="./0")), "ros")
-    assert found.path.name == "0.jpg"
-
-
-def test_frames_are_spread_evenly_from_the_first_to_the_last() -> None:
-    frames = [TrackedImage(Path(str(number)), {}) for number in range(100)]
-    chosen = [int(each.path.name) for each in spread_evenly(frames, MAX_IMAGES)]
-    assert (len(chosen), chosen[0], chosen[-1]) == (32, 0, 99)
-    assert set(np.diff(chosen)) <= {3, 4}
-    assert spread_evenly(frames[:32], MAX_IMAGES) == frames[:32]
 
 
 def walk(num_images: int) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def running(request: pytest.FixtureRequest) -> Iterator[PoolInThread]:
 
 
 def test_a_query_is_answered_by_another_process(running: PoolInThread) -> None:
-    figures = running.localize(query("first")).search
+    figures = running.localize(query("first")).answer.search
     assert figures["request_id"] == "first"
     assert figures["pid"] != os.getpid()
     state = running.pool.state()
@@ -54,23 +54,23 @@ def test_a_query_is_answered_by_another_process(running: PoolInThread) -> None:
 
 
 def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: PoolInThread) -> None:
-    pid = running.localize(query("before-kill")).search["pid"]
+    pid = running.localize(query("before-kill")).answer.search["pid"]
     jobs = [query(f"kill-{number}", until="go") for number in range(8)]
     begun = [running.begin(running.pool.localize(each)) for each in jobs]
     assert eventually(lambda: any(running.folder.glob("kill-*.started")), 30)
     os.kill(pid, signal.SIGKILL)
     (running.folder / "go").touch()
-    found = [each.result(240).search for each in begun]
+    found = [each.result(240).answer.search for each in begun]
     assert [figures["request_id"] for figures in found] == [each.request_id for each in jobs]
     assert any(figures["pid"] != pid for figures in found)
     assert running.pool.state().num_retries >= 1
 
 
 def test_a_query_that_kills_its_worker_is_tried_again_and_given_up_where_it_always_does(running: PoolInThread) -> None:
-    assert running.localize(query("crash", crash_once=True)).search["request_id"] == "crash"
+    assert running.localize(query("crash", crash_once=True)).answer.search["request_id"] == "crash"
     with pytest.raises(NoWorkerError, match="workers in a row were lost"):
         running.localize(query("crash-always", crash=True))
-    assert running.localize(query("after-crashes")).status == "localized"
+    assert running.localize(query("after-crashes")).answer.status == "localized"
 
 
 def test_what_the_worker_raises_on_purpose_is_raised_here_as_well(running: PoolInThread) -> None:
@@ -98,7 +98,7 @@ def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(runni
     with pytest.raises(DeadlineExceededError):
         running.localize(query("late", timeout_s=0.4))
     (running.folder / "slow-go").touch()
-    assert [each.result(60).status for each in first] == ["localized"] * 2
+    assert [each.result(60).answer.status for each in first] == ["localized"] * 2
     running.localize(query("after"))
     # Ray holds one query more than the worker computes.
     assert not (running.folder / "late.started").exists()
@@ -157,7 +157,7 @@ def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: Pool
         running.localize(query("too-late"))
     (running.folder / "last-go").touch()
     running.run(running.pool.stop(drain_s=60))
-    assert under_way.result(1).status == "localized"
+    assert under_way.result(1).answer.status == "localized"
     assert not [pid for pid in descendants(os.getpid()) if "service.pool" in command_of(pid)]
 
 

@@ -50,7 +50,7 @@ def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeyp
         (hung,) = workers()
         with pytest.raises(Exception, match="no answer within"):
             running.localize(query("hangs", until="never", timeout_s=0.2))
-        assert running.localize(query("next")).search["pid"] != hung
+        assert running.localize(query("next")).answer.search["pid"] != hung
         assert not is_running(hung)
 
 
@@ -63,7 +63,7 @@ def test_a_worker_beyond_its_memory_is_replaced_and_its_query_repeated_until_it_
         with pytest.raises(NoWorkerError, match="GiB of memory"):
             running.localize(query("greedy", take_mb=500, until="never"))
         assert running.pool.state().num_retries == 3
-        assert running.localize(query("modest")).status == "localized"
+        assert running.localize(query("modest")).answer.status == "localized"
 
 
 def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(folder: Path) -> None:
@@ -74,7 +74,7 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(fold
             running.localize(query("refused"))
         (folder / "no-worker-starts").unlink()
         running.wait_until_ready(60)
-        assert running.localize(query("answered")).status == "localized"
+        assert running.localize(query("answered")).answer.status == "localized"
 
 
 def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(folder: Path) -> None:
@@ -96,7 +96,7 @@ def test_of_two_workers_one_answers_while_the_other_one_is_replaced(folder: Path
         assert eventually(lambda: len(list(folder.glob("b-*.started"))) == 2, 30)
         os.kill(min(pids), signal.SIGKILL)
         (folder / "go").touch()
-        assert [each.result(60).status for each in both] == ["localized"] * 2
+        assert [each.result(60).answer.status for each in both] == ["localized"] * 2
         assert eventually(lambda: running.pool.state().num_workers == 2 and len(pids & set(workers())) == 1, 30)
 
 
@@ -105,13 +105,13 @@ def test_a_query_goes_to_the_worker_that_has_its_maps(folder: Path) -> None:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
         first = running.begin(running.pool.localize(query("a-1", maps=("map_a",), until="go")))
         assert eventually((folder / "a-1.started").exists, 30)
-        at_b = running.localize(query("b-1", maps=("map_b",))).search["pid"]
+        at_b = running.localize(query("b-1", maps=("map_b",))).answer.search["pid"]
         (folder / "go").touch()
-        at_a = first.result(60).search["pid"]
+        at_a = first.result(60).answer.search["pid"]
         assert at_a != at_b
         for number in range(3):
-            assert running.localize(query(f"a-{number}-again", maps=("map_a",))).search["pid"] == at_a
-            assert running.localize(query(f"b-{number}-again", maps=("map_b",))).search["pid"] == at_b
+            assert running.localize(query(f"a-{number}-again", maps=("map_a",))).answer.search["pid"] == at_a
+            assert running.localize(query(f"b-{number}-again", maps=("map_b",))).answer.search["pid"] == at_b
 
 
 def test_every_gpu_has_a_worker_which_sees_no_other(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,4 +155,4 @@ def test_a_worker_finds_the_code_of_its_service_beside_somebody_elses_core(
     with running_pool(folder) as running:
         began = time.monotonic()
         running.wait_until_ready(30)
-        assert running.localize(query("beside")).status == "localized", time.monotonic() - began
+        assert running.localize(query("beside")).answer.status == "localized", time.monotonic() - began

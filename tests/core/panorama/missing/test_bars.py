@@ -26,14 +26,6 @@ def test_bars_of_any_color_are_found_to_their_edges(
     assert sides in found.words[0]
 
 
-def test_one_bar_alone_is_found_and_the_other_side_stays() -> None:
-    color = scenery()
-    color[:80] = 0
-    found = find(as_jpeg(color))
-    assert found.missing[:80].all()
-    assert not found.missing[90:].any()
-
-
 def test_a_flat_ceiling_is_no_bar() -> None:
     # Its rim runs up and down as the rim of every room does that is not round.
     rim = 120 + 60 * np.abs(np.sin(np.arange(1024) / 1024 * 2 * np.pi * 2))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from core.panorama.missing.finding import find_missing
 from tests.core.panorama.missing.scenery import as_jpeg, find, scenery, shares
 
 ROW, COLUMN = np.mgrid[:512, :1024]
@@ -32,18 +31,6 @@ def test_a_void_over_the_seam_is_one_piece() -> None:
     covered = blob(200, 0, 100) | blob(200, 1023, 100)
     color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
     assert shares(find(as_jpeg(color)), covered)[0] > 0.97
-
-
-@pytest.mark.slow
-def test_many_small_holes_are_found_beside_a_large_one() -> None:
-    rng = np.random.default_rng(1)
-    covered = blob(60, 500, 60)
-    for row, column in rng.uniform((40, 40), (470, 980), (40, 2)):
-        covered |= blob(row, column, 14)
-    color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
-    share, lost = shares(find(as_jpeg(color, 90)), covered)
-    assert share > 0.9
-    assert lost < 0.1
 
 
 def test_a_black_wall_is_not_a_missing_pixel() -> None:
@@ -82,16 +69,6 @@ def test_labels_are_left_alone() -> None:
     color = codes[np.random.default_rng(1).integers(0, 12, (8, 16))].repeat(64, axis=0).repeat(64, axis=1)
     color[:120] = 0
     assert not find(color).missing.any()
-
-
-def test_what_is_transparent_is_not_called_void_again() -> None:
-    covered = blob(200, 500, 150)
-    color = np.where(covered[..., None], 0, scenery()).astype(np.uint8)
-    assert find_missing(color, ~covered, True).words == ()
-
-
-def test_a_picture_of_nothing_but_black_is_left_as_it_is() -> None:
-    assert not find(np.zeros((512, 1024, 3), np.uint8)).missing.any()
 
 
 @pytest.mark.slow

@@ -42,12 +42,6 @@ def test_a_cap_is_found_to_its_rim_and_named(kind: str, pole: str) -> None:
     assert f"{pole} pole" in found.words[0]
 
 
-def test_repeated_rows_count_as_blurred() -> None:
-    around = outwards("bottom")
-    found = find(capped(np.broadcast_to(around[ROWS], (ROWS, 1024, 3)), "bottom"))
-    assert found.missing[-ROWS + 6 :].all()
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_scenery_has_nothing_around_its_poles(seed: int) -> None:
     assert find(as_jpeg(scenery(seed=seed), 80)).words == ()
