@@ -45,7 +45,10 @@ def evaluate(
     points: Annotated[int | None, _case(min=1000, help="Points of a suite's scan.")] = None,
     cases: Annotated[list[Path] | None, _case(help="Folder with truth.json in it or one below; repeatable.")] = None,
     tags: Annotated[list[str] | None, _case("--tag", help="Only queries of --cases with it.")] = None,
-    limit: Annotated[int | None, _case(min=1, help="Queries per suite or case folder.")] = None,
+    dataset: Annotated[str | None, _case(help="omniscenes or stanford2d3ds.")] = None,
+    root: Annotated[Path | None, _case(help="Folder of the data set.")] = None,
+    splits: Annotated[list[str] | None, _case("--split", help="Split of the data set; repeatable.")] = None,
+    limit: Annotated[int | None, _case(min=1, help="Queries per suite, case folder or split.")] = None,
     methods: Annotated[list[str] | None, _method("--method", help=_METHODS)] = None,
     device: Annotated[str | None, _method(help="cpu or cuda.")] = None,
     timeout_s: Annotated[float | None, _method(min=0.1, help="Limit of one answer.")] = None,
@@ -80,6 +83,9 @@ def evaluate(
             spacing_m=spacing_m,
             cases=cases or (),
             tags=tags or (),
+            dataset=dataset,
+            root=root,
+            splits=splits or (),
             limit=limit,
         )
         options = RunOptions(device, cross, change_maps, timeout_s)

@@ -13,6 +13,7 @@ from rich.markup import escape
 from core.errors import OptionsError
 from lab.commands.evaluation_tables import evaluation_tables
 from lab.display import print_tables, progress
+from lab.evaluation.datasets import dataset_scans
 from lab.evaluation.known_cases import ScanCases, limited
 from lab.evaluation.methods import compared_method
 from lab.evaluation.photo_source import as_photos
@@ -37,6 +38,9 @@ def scans_of(
     spacing_m: float | None,
     cases: Sequence[Path],
     tags: Sequence[str],
+    dataset: str | None,
+    root: Path | None,
+    splits: Sequence[str],
     limit: int | None,
 ) -> list[ScanCases]:
     """Return the cases that the options of the command name; raises OptionsError when they name none."""
@@ -48,11 +52,15 @@ def scans_of(
             groups.append(
                 suite_scans(suite, numbers, families=families, width=width, num_points=num_points, spacing_m=spacing_m)
             )
-    for folder in cases:
-        scans = folder_scans(folder, tags=tuple(tags))
+    of_panoramas = [folder_scans(folder, tags=tuple(tags)) for folder in cases]
+    if dataset is not None:
+        if root is None:
+            raise OptionsError("dataset: expected --root with the folder of the data set beside --dataset")
+        of_panoramas += [dataset_scans(dataset, root, split) for split in splits or (None,)]
+    for scans in of_panoramas:
         groups += [as_photos(scans, camera, numbers, width) for camera in cameras] or [scans]
     if not groups:
-        raise OptionsError("cases: expected --suite or --cases; `panoloc evaluate --help` lists them")
+        raise OptionsError("cases: expected --suite, --cases or --dataset; `panoloc evaluate --help` lists them")
     return [scan for group in groups for scan in limited(group, limit)]
 
 

@@ -70,11 +70,12 @@ def test_tables_json_and_rows_are_written_and_a_second_run_reuses_the_rows(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "expected --suite or --cases"),
+        ((), "--suite, --cases or --dataset"),
         (("--suite", "castles"), "suite: expected one of rooms"),
         (("--suite", "rooms", "--seeds", "x"), "seeds: expected numbers"),
         (("--suite", "rooms", "--method", "slow"), "method: expected one of fast"),
         (("--suite", "rooms", "--within", "5"), "within: expected metres and degrees"),
+        (("--dataset", "omniscenes"), "expected --root"),
         (("--cases", "nowhere"), "nowhere: expected truth.json"),
     ],
 )
