@@ -1,37 +1,31 @@
-"""WGS 84 in plain numbers: geodetic and earth-centred positions, and turns between local axes, as quaternions. Needs no numpy."""
+"""WGS 84: geodetic and earth-centred positions by pyproj, and turns between local axes as quaternions."""
 
 import math
+from functools import lru_cache
+from typing import Any
 
 Position = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """x, y, z, w (Hamilton), of unit length."""
 
-_SEMI_MAJOR_M = 6_378_137.0
-_FLATTENING = 1 / 298.257223563
-_ECCENTRICITY_SQUARED = _FLATTENING * (2 - _FLATTENING)
-_NUM_STEPS = 6  # of the height; each makes the error a few hundred times smaller
+
+@lru_cache
+def _ecef_from_geodetic() -> Any:
+    from pyproj import Transformer
+
+    return Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
 
 
 def ecef_of(latitude_deg: float, longitude_deg: float, height_m: float) -> Position:
     """Return the earth-centred position in metres of a place. height_m: above the ellipsoid."""
-    latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
-    normal = _SEMI_MAJOR_M / math.sqrt(1 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2)
-    across = (normal + height_m) * math.cos(latitude)
-    along = (normal * (1 - _ECCENTRICITY_SQUARED) + height_m) * math.sin(latitude)
-    return across * math.cos(longitude), across * math.sin(longitude), along
+    x, y, z = _ecef_from_geodetic().transform(longitude_deg, latitude_deg, height_m)
+    return x, y, z
 
 
 def geodetic_of(ecef: Position) -> Position:
     """Return latitude and longitude in degrees and the height above the ellipsoid in metres of an earth-centred position."""
-    x, y, z = ecef
-    across = math.hypot(x, y)
-    sine_part, normal = z, _SEMI_MAJOR_M
-    for _ in range(_NUM_STEPS):
-        sine = sine_part / math.hypot(across, sine_part)
-        normal = _SEMI_MAJOR_M / math.sqrt(1 - _ECCENTRICITY_SQUARED * sine * sine)
-        sine_part = z + _ECCENTRICITY_SQUARED * normal * sine
-    latitude = math.atan2(sine_part, across)
-    return math.degrees(latitude), math.degrees(math.atan2(y, x)), math.hypot(across, sine_part) - normal
+    longitude, latitude, height = _ecef_from_geodetic().transform(*ecef, direction="INVERSE")
+    return latitude, longitude, height
 
 
 def ecef_from_enu(latitude_deg: float, longitude_deg: float) -> Quaternion:

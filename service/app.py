@@ -9,12 +9,10 @@ from service.cache import Cache
 from service.host.service_version import service_version
 from service.host_names import host_names
 from service.http.error_handlers import install_error_handlers
-from service.http.guards.caller_rates import CountedCallers
-from service.http.guards.foreign_pages import ForeignPages
-from service.http.guards.full_queue import FullQueue
+from service.http.guards.early_refusals import CallerRateCheck, QueueCheck
 from service.http.guards.head_requests import HeadRequests
-from service.http.guards.slow_bodies import SlowBodies
-from service.http.lingering import LingeringClose
+from service.http.guards.host_check import HostCheck
+from service.http.guards.slow_clients import SlowClients
 from service.http.openapi import install_openapi
 from service.http.recent_errors import RecentErrors
 from service.http.request_context import RequestContext
@@ -61,19 +59,13 @@ def create_app(
     app.state.services = services
     app.state.recent_errors = RecentErrors()
     app.add_middleware(HeadRequests)
+    app.add_middleware(QueueCheck, services=services, routes=QUERY_ROUTES)
+    app.add_middleware(CallerRateCheck, rates=services.rates)
     app.add_middleware(
-        SlowBodies,
-        timeout_s=settings.transfer_timeout_s,
-        bytes_per_s=settings.min_bytes_per_s,
-        note_refusal=services.metrics.note_refusal,
-    )
-    app.add_middleware(FullQueue, services=services, routes=QUERY_ROUTES)
-    app.add_middleware(CountedCallers, rates=services.rates)
-    app.add_middleware(LingeringClose)
-    app.add_middleware(
-        ForeignPages, allowed=host_names(settings.allowed_hosts), is_needed=lambda: not settings.keys.required
+        HostCheck, allowed=host_names(settings.allowed_hosts), is_needed=lambda: not settings.keys.required
     )
     app.add_middleware(RequestContext, metrics=services.metrics, errors=app.state.recent_errors)
+    app.add_middleware(SlowClients, note_refusal=services.metrics.note_refusal)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)

@@ -1,109 +1,141 @@
 """What can go wrong in `service`, one class per thing that a caller can act on.
 
     ServiceError
-    ├── RequestError                  the caller has to change the request
-    │   ├── MalformedRequestError     not multipart, not JSON, or a part is missing
-    │   ├── SlowBodyError             the body comes too slowly
-    │   ├── KeyMissingError           no key, or an unknown one
-    │   ├── ScopeMissingError         the key may not do this
-    │   ├── ForeignPageError          a page of somebody else made a browser ask
-    │   ├── MapNotFoundError          no map under this id or tag
-    │   ├── LocalizationNotFoundError no localization under this id, or its time is over
-    │   ├── NoPoseError               the image fits no place of which its protocol has a pose
-    │   ├── BatchNotFoundError        no batch under this id
-    │   ├── BatchLimitError           as many batches as allowed
-    │   ├── ArchiveError              an uploaded zip that cannot be unpacked, or must not be
-    │   ├── MapNotReadyError          the map is still being built
-    │   ├── MapUnusableError          the map could not be built and serves nothing
-    │   ├── MapLimitError             as many maps as allowed
-    │   ├── VersionConflictError      somebody else has changed the map since the caller read it
-    │   ├── RegistrationLimitError    the scan takes more time, memory or attempts than allowed
-    │   ├── UploadTooLargeError       too many bytes
-    │   └── InvalidOptionsError       options or query parameters out of their range; `fields` names them
-    │       └── UnwantedPartError     a part of an upload that nobody takes, or one too many
-    ├── TryAgainError                 nothing is wrong with the request; `retry_after_s` says when to come back
-    │   ├── QueueFullError            as many requests wait as may
-    │   ├── BytesInFlightError        as many bytes of uploads lie in memory as may
-    │   ├── UploadsError              as many uploads come as may
-    │   ├── RateError                 one caller asks too often, or sends too much
-    │   ├── WrongKeysError            many unknown API keys from one address
-    │   ├── NoWorkerError             no worker is up
-    │   ├── CacheDownError            Redis does not answer
-    │   ├── StorageFullError          the disk or the bucket is full
-    │   ├── StorageReadOnlyError      the data folder or the bucket cannot be written
-    │   └── StorageAwayError          the bucket does not answer, or lets nobody in
-    ├── StorageError                  what was stored cannot be read back
-    │   ├── StoredFileMissingError    nothing under this key
-    │   ├── StoredFileDamagedError    the bytes do not match their digest
-    │   └── StoredFileChangedError    something else is there than what was to be replaced
-    ├── ExportFailedError             the process that writes exports failed
-    └── WorkerError                   a worker met a fault that nobody raises on purpose
+    ├── RequestError       the caller has to change the request
+    ├── TryAgainError      nothing is wrong with the request; `retry_after_s` says when to come back
+    ├── StorageError       what was stored cannot be read back
+    ├── ExportFailedError  the process that writes exports failed
+    └── WorkerError        a worker met a fault that nobody raises on purpose
 
 What is wrong with a scan, an image or the options of a search is an exception of `core.errors`, in every process.
 
-Every message says what was expected, what came, and what to do. `service.problems` turns each class into an HTTP
-problem; a class without a row there fails a test.
+Every message says what was expected, what came, and what to do. Each class says which HTTP problem it is.
 """
 
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Self
 
 from core.errors import CoreError
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A kind of problem (RFC 9457). slug: stable, the end of its `type`. advice: for callers. part: the upload at fault."""
+
+    slug: str
+    title: str
+    status: int
+    advice: str
+    part: str | None = None
+
+    @property
+    def type(self) -> str:
+        """Return the URI of the kind, relative to the service, where it is explained."""
+        return f"/problems/{self.slug}"
+
+
+INTERNAL = Problem("internal-error", "The service failed", 500, "Report it with the request id; the log says more.")
+MALFORMED = Problem("malformed-request", "The request cannot be read", 400, "Send what the API's description asks for.")
+INVALID = Problem("invalid-options", "Options are out of their range", 422, "Correct the fields that are named.")
+_DAMAGED = Problem("storage-damaged", "A stored file cannot be used", 500, "Restore a backup or upload it again.")
+_LATER = "Send it again after Retry-After seconds."
 
 
 class ServiceError(Exception):
     """Base of everything that `service` raises on purpose."""
 
+    problem: ClassVar[Problem] = INTERNAL
+
 
 class RequestError(ServiceError):
     """The caller has to change the request."""
+
+    problem = MALFORMED
 
 
 class MalformedRequestError(RequestError):
     """The request is not multipart, not JSON, or a part of it is missing."""
 
+    problem = MALFORMED
+
 
 class SlowBodyError(RequestError):
     """The body of the request comes too slowly."""
 
+    problem = Problem("slow-body", "The request comes too slowly", 408, "Send it again over a faster connection.")
+
 
 class KeyMissingError(RequestError):
-    """The request bears no API key, or one that nobody knows."""
+    """The request has no API key, or an unknown one."""
+
+    problem = Problem("key-missing", "An API key or a token is needed", 401, "Send `Authorization: Bearer KEY`.")
 
 
 class ScopeMissingError(RequestError):
     """The API key may not do this."""
 
+    problem = Problem("scope-missing", "The API key or token may not do this", 403, "Use one with the scope named.")
 
-class ForeignPageError(RequestError):
-    """A page of somebody else made a browser ask."""
+
+class HostCheckError(RequestError):
+    """The page of another site made a browser ask, or the request names a host that is not ours."""
+
+    problem = Problem(
+        "foreign-page", "The request comes from the page of another site", 403, "Use an address or an allowed name."
+    )
 
 
 class MapNotFoundError(RequestError):
     """There is no map under this id or tag."""
 
+    problem = Problem("map-not-found", "There is no such map", 404, "List the maps with GET /maps.")
+
 
 class LocalizationNotFoundError(RequestError):
     """There is no localization under this id, or its time is over."""
+
+    problem = Problem(
+        "localization-not-found", "There is no such localization", 404, "Localize again; answers have a lifetime."
+    )
 
 
 class NoPoseError(RequestError):
     """The image fits no place, or none of which the protocol has a pose."""
 
+    problem = Problem(
+        "no-pose", "The image has no pose on Earth", 404, "Send another image, or POST /localize for a pose in a map."
+    )
+
 
 class BatchNotFoundError(RequestError):
     """There is no batch under this id."""
+
+    problem = Problem("batch-not-found", "There is no such batch", 404, "Send the images again.")
 
 
 class BatchLimitError(RequestError):
     """There are as many batches as allowed."""
 
+    problem = Problem("batch-limit", "There are as many batches as allowed", 409, "Delete a batch.")
+
 
 class ArchiveError(RequestError):
     """An uploaded zip cannot be unpacked, or must not be."""
 
+    problem = Problem(
+        "archive-unusable",
+        "The archive cannot be unpacked",
+        422,
+        "Pack the images alone into a zip, and send it again.",
+    )
+
 
 class MapNotReadyError(RequestError):
     """The map is still being built."""
+
+    problem = Problem(
+        "map-not-ready", "The map is still being built", 409, "Poll the map and try again once it is ready."
+    )
 
     def __init__(self, message: str, retry_after_s: int = 1) -> None:
         super().__init__(message)
@@ -113,40 +145,68 @@ class MapNotReadyError(RequestError):
 class MapUnusableError(RequestError):
     """The map could not be built and no earlier revision serves."""
 
+    problem = Problem("map-failed", "The map could not be built", 409, "Read the map's error; upload a new scan.")
+
 
 class MapLimitError(RequestError):
     """There are as many maps as allowed."""
+
+    problem = Problem("map-limit", "There are as many maps as allowed", 409, "Delete a map, or raise the limit.")
 
 
 class VersionConflictError(RequestError):
     """Somebody else has changed what the caller wants to change."""
 
+    problem = Problem(
+        "version-conflict", "Somebody else has changed the map", 412, "Read the map again, and send its version."
+    )
+
 
 class RegistrationLimitError(RequestError):
     """The registration of a scan took more time, memory or attempts than allowed."""
+
+    problem = Problem(
+        "registration-limit",
+        "The scan takes more time or memory than allowed",
+        422,
+        "Thin the scan, or export it in another format.",
+    )
 
 
 class UploadTooLargeError(RequestError):
     """The upload has more bytes than allowed."""
 
+    problem = Problem("upload-too-large", "The upload is too large", 413, "Send fewer bytes.")
+
 
 class InvalidOptionsError(RequestError):
     """Options or parameters are out of their range.
 
-    fields: one `{"field": "hints.radius_m", "message": "…"}` per mistake.
+    fields: one `{"field": "hints.radius_m", "message": "…"}` for each that is wrong.
     """
+
+    problem = INVALID
 
     def __init__(self, message: str, fields: list[dict[str, Any]] | None = None) -> None:
         super().__init__(message)
         self.fields = fields or []
 
+    @classmethod
+    def of(cls, field: str, message: str) -> Self:
+        """Return the error for one field."""
+        return cls(f"{field}: {message}", [{"field": field, "message": message}])
+
 
 class UnwantedPartError(InvalidOptionsError):
     """The upload has a part that nobody takes, or one too many; the rest of it is not read."""
 
+    problem = INVALID
+
 
 class TryAgainError(ServiceError):
     """Nothing is wrong with the request; it is worth sending again after `retry_after_s` seconds."""
+
+    problem = Problem("try-again", "The service cannot take this now", 503, _LATER)
 
     def __init__(self, message: str, retry_after_s: int = 2) -> None:
         super().__init__(message)
@@ -154,7 +214,9 @@ class TryAgainError(ServiceError):
 
 
 class QueueFullError(TryAgainError):
-    """As many requests wait as may, or those that wait take longer than this one can wait. limit: which of the two."""
+    """The queue is full, or those that wait take longer than this one can wait. limit: which of the two."""
+
+    problem = Problem("queue-full", "Too many requests wait", 429, _LATER)
 
     def __init__(self, message: str, retry_after_s: int = 2, limit: Literal["queue", "deadline"] = "queue") -> None:
         super().__init__(message, retry_after_s)
@@ -162,63 +224,97 @@ class QueueFullError(TryAgainError):
 
 
 class BytesInFlightError(TryAgainError):
-    """As many bytes of uploads lie in memory as may."""
+    """Uploads in memory have as many bytes as allowed."""
+
+    problem = Problem("bytes-in-flight", "Too many bytes of uploads are in memory", 503, _LATER)
 
 
 class UploadsError(TryAgainError):
-    """As many scans and batches are uploaded as may be at the same time."""
+    """There are as many uploads at the same time as allowed."""
+
+    problem = Problem("too-many-uploads", "Too many uploads at the same time", 503, _LATER)
 
 
 class RateError(TryAgainError):
     """One caller asks more often than callers may, or sends more."""
 
+    problem = Problem(
+        "too-often", "This caller asks for too much", 429, "Ask less often; wait for Retry-After seconds."
+    )
+
 
 class WrongKeysError(TryAgainError):
-    """One address sent many API keys that nobody knows."""
+    """One address sent many unknown API keys."""
+
+    problem = Problem(
+        "wrong-keys", "Too many unknown API keys", 429, "Ask the operator for a key; wait for Retry-After seconds."
+    )
 
 
 class NoWorkerError(TryAgainError):
     """No worker can take the request now."""
 
+    problem = Problem("no-worker", "No worker can take this now", 503, _LATER)
+
 
 class CacheDownError(TryAgainError):
     """Redis does not answer."""
+
+    problem = Problem("cache-down", "Redis does not answer", 503, _LATER)
 
 
 class StorageFullError(TryAgainError):
     """There is no space left for uploads."""
 
+    problem = Problem("storage-full", "There is no space left", 503, "Ask the operator for space; try again.")
+
 
 class StorageReadOnlyError(TryAgainError):
     """The data folder or the bucket cannot be written."""
+
+    problem = Problem("storage-read-only", "The storage cannot be written", 503, "Ask the operator; try again.")
 
 
 class StorageAwayError(TryAgainError):
     """The bucket does not answer, or lets nobody in."""
 
+    problem = Problem("storage-away", "The storage does not answer", 503, _LATER)
+
 
 class StorageError(ServiceError):
     """What was stored cannot be read back."""
+
+    problem = _DAMAGED
 
 
 class StoredFileMissingError(StorageError):
     """Nothing is stored under this key."""
 
+    problem = _DAMAGED
+
 
 class StoredFileDamagedError(StorageError):
     """The stored bytes do not match their digest."""
 
+    problem = _DAMAGED
+
 
 class StoredFileChangedError(StorageError):
-    """Something else is stored than what was to be replaced: somebody has been faster."""
+    """Something else is stored than what was to be replaced: another process has been faster."""
+
+    problem = _DAMAGED
 
 
 class ExportFailedError(ServiceError):
     """The process that writes exports failed."""
 
+    problem = INTERNAL
+
 
 class WorkerError(ServiceError):
     """A worker met a fault of its own. kind: the name of the exception's class; the message is the original one."""
+
+    problem = INTERNAL
 
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(message)
@@ -229,4 +325,4 @@ class WorkerError(ServiceError):
 
 
 EXPECTED_ERRORS = (ServiceError, CoreError)
-"""The bases of everything that is raised on purpose: what callers are told."""
+"""The bases of everything that is raised on purpose: their messages are for callers."""

@@ -87,7 +87,7 @@ class Metrics:
         self._uploads.set(number)
 
     def note_refusal(self, limit: str) -> None:
-        """Count what went beyond a limit; limit: one of `service.limits.connection_limits.Refusal`."""
+        """Count what went beyond a limit; limit: one of `service.limits.capacity.Refusal`."""
         self._refusals.labels(limit).inc()
 
     def text(self) -> bytes:

@@ -15,9 +15,7 @@ from service.host.process_resources import can_filter_system_calls
 from service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
 from service.host.secret_variables import remove_variables
 from service.host_names import is_loopback
-from service.http.draining_server import DrainingServer
-from service.http.guards.guarded_protocol import guarded_config
-from service.limits.connection_limits import ConnectionCount
+from service.http.server import DrainingServer, server_config
 from service.pool.local_workers import local_pool
 from service.pool.process_pool import ProcessPool
 from service.settings import Settings
@@ -117,9 +115,7 @@ def _serve(settings: Settings, storage: Storage, claim: BucketClaim | None) -> s
     pool = build_pool(settings, settings.redis_url)
     cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
     app = create_app(settings, pool, cache, storage)
-    count: ConnectionCount = app.state.services.connections
-    config = guarded_config(app, count, host=settings.host, port=settings.port, server_header=False)
-    server = DrainingServer(config, pool, settings.drain_s)
+    server = DrainingServer(server_config(app, host=settings.host, port=settings.port), pool, settings.drain_s)
     if claim is not None:
         claim.call_when_lost(server.end)
     server.run()

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from starlette.requests import HTTPConnection
 
 from service.batches.runs import BatchRuns
-from service.batches.store import BatchStore
+from service.batches.store import MOST_BATCHES, BatchStore
 from service.cache import Cache
 from service.host.demo_room import DemoRoom
 from service.host.redis_watch import watch_redis
 from service.jobs import WorkerPool
 from service.keys.audit_log import AuditLog
-from service.limits.bytes_in_flight import BytesInFlight
 from service.limits.caller_rates import CallerRates, RateLimits
-from service.limits.connection_limits import ConnectionCount
-from service.limits.uploads import UploadPlaces
+from service.limits.capacity import Capacity, bytes_in_flight, upload_places
 from service.limits.wrong_keys import WrongKeys
 from service.localizations import Localizations
 from service.maps.changes import ChangeLog
@@ -55,10 +53,9 @@ class Services:
     demo_room: DemoRoom
     batches: BatchStore
     batch_runs: BatchRuns
-    bytes_in_flight: BytesInFlight
-    connections: ConnectionCount
+    bytes_in_flight: Capacity
     rates: CallerRates
-    uploads: UploadPlaces
+    uploads: Capacity
     wrong_keys: WrongKeys
     audit: AuditLog
     locks: Locks
@@ -67,7 +64,7 @@ class Services:
     began: float = field(default_factory=time.monotonic)
     export_turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_MOST_EXPORTS))
     _watch: asyncio.Task[None] | None = None
-    _signing_keys: asyncio.Task[None] | None = None
+    _issuer_keys: asyncio.Task[None] | None = None
 
     @classmethod
     def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
@@ -75,9 +72,9 @@ class Services:
         locks = _locks_of(settings)
         registry = MapRegistry(storage, settings.max_maps, locks)
         metrics = Metrics(pool.state, registry.num_by_status)
-        changes = ChangeLog(storage, settings.changes_ttl_s)
+        changes = ChangeLog(storage)
         localizations = Localizations(settings, registry, pool, cache, storage, metrics, changes)
-        batches = BatchStore(storage, settings.max_batches, locks)
+        batches = BatchStore(storage, MOST_BATCHES, locks)
         batch_runs = BatchRuns(batches, localizations, pool, settings.max_pixels)
         registrations = Registrations(registry, pool, cache, metrics, settings.registration_limits)
         shared_folder = None
@@ -99,16 +96,13 @@ class Services:
             DemoRoom(storage),
             batches,
             batch_runs,
-            BytesInFlight(settings.max_bytes_in_flight, settings.max_bytes_in_flight_per_caller, metrics.note_refusal),
-            ConnectionCount(settings.connection_limits, metrics.note_refusal),
+            bytes_in_flight(settings.max_image_bytes, metrics.note_refusal),
             CallerRates(
                 settings.redis_url,
                 RateLimits(settings.max_requests_per_minute, settings.max_bytes_per_hour),
                 metrics.note_refusal,
             ),
-            UploadPlaces(
-                settings.max_uploads, settings.max_uploads_per_caller, metrics.note_refusal, metrics.note_num_uploads
-            ),
+            upload_places(metrics.note_refusal, metrics.note_num_uploads),
             WrongKeys(),
             AuditLog(settings.data_dir),
             locks,
@@ -127,13 +121,13 @@ class Services:
         if self.settings.redis_url is not None:
             self._watch = asyncio.create_task(watch_redis(self.cache, self.settings.redis_url))
         if (tokens := self.settings.keys.tokens) is not None:
-            self._signing_keys = asyncio.create_task(tokens.keys.follow())
+            self._issuer_keys = asyncio.create_task(tokens.keys.follow())
         self.started = True
 
     async def stop(self) -> None:
         """Let queries end within the drain time, then stop everything."""
         deadline = time.monotonic() + self.settings.drain_s
-        for task in (self._watch, self._signing_keys):
+        for task in (self._watch, self._issuer_keys):
             if task is not None:
                 task.cancel()
         if self.shared_folder is not None:

@@ -6,20 +6,22 @@ from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import AliasChoices, Field, field_validator, model_validator
-from pydantic_settings import SettingsConfigDict
+from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from core.options import MAX_PIXELS, Method, ScanOptions
 from service.host_names import host_names
 from service.jobs import PAPER_TIMEOUT_S
-from service.keys.key_ring import KeyRing
-from service.keys.setting import callers_of_setting
-from service.keys.token_settings import TokenSettings
-from service.limits.connection_limits import ConnectionLimits
+from service.keys.issuer_keys import IssuerKeys, is_url, read_keys
+from service.keys.key_ring import KeyRing, callers_of_setting
+from service.keys.tokens import TokenRules, Tokens
 from service.limits.registration_limits import RegistrationLimits
 from service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
+# Of files of a bucket that the data folder keeps, so that they need not be fetched again.
+_LOCAL_COPIES_BYTES = 4 * 2**30
 
-class Settings(TokenSettings):
+
+class Settings(BaseSettings):
     """Settings of one service. Arguments win over the environment; raises pydantic.ValidationError."""
 
     model_config = SettingsConfigDict(env_prefix="PANOLOC_", populate_by_name=True, frozen=True, extra="ignore")
@@ -35,14 +37,9 @@ class Settings(TokenSettings):
         description="Bucket for scans, map records and batches in place of the data folder: `s3://bucket/prefix`, `gs://bucket/prefix`, "
         "`az://container/prefix`; or another folder, `file:///folder`.",
     )
-    local_copies_bytes: int = Field(
-        4 * 2**30,
-        ge=0,
-        description="Bytes of files of a bucket that are kept in the data folder, so that they need not be fetched again.",
-    )
     shared: bool = Field(
         False,
-        description="Other services use the same data folder or bucket and the same Redis: several front doors behind a balancer.",
+        description="Other services use the same data folder or bucket and the same Redis: several API replicas behind a balancer.",
     )
     redis_url: str | None = Field(None, description="Redis to use; without it the service starts its own.")
     ray_address: str | None = Field(
@@ -56,17 +53,11 @@ class Settings(TokenSettings):
     num_registrations: int = Field(
         1, ge=1, description="Scans read at the same time; each takes the memory of a whole scan."
     )
-    registration_time_s: float = Field(
-        RegistrationLimits.time_s, gt=0, description="Seconds that a registration may take once it runs, of any scan."
-    )
-    registration_time_s_per_mb: float = Field(
-        RegistrationLimits.time_s_per_mb, ge=0, description="Seconds more for each megabyte of the scan."
-    )
     registration_memory_bytes: int = Field(
-        RegistrationLimits.memory_bytes, ge=2**28, description="Bytes that a registration may allocate, of any scan."
-    )
-    registration_memory_per_scan_byte: float = Field(
-        RegistrationLimits.memory_per_scan_byte, ge=0, description="Bytes more for each byte of the scan."
+        RegistrationLimits.memory_bytes,
+        ge=2**28,
+        description=f"Bytes that a registration may allocate, and {RegistrationLimits.memory_per_scan_byte:g} more for each byte of the "
+        "scan.",
     )
     max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
     max_image_bytes: int = Field(
@@ -81,43 +72,15 @@ class Settings(TokenSettings):
     max_points_used: int = Field(
         ScanOptions.max_points_used, ge=1, description="Points of a scan that remain after thinning."
     )
-    max_connections: int = Field(1024, ge=1, description="Connections at the same time; the next one gets 503.")
-    max_connections_per_address: int = Field(
-        256, ge=1, description="Connections of one address; a proxy in front has one address for all its clients."
-    )
-    max_header_bytes: int = Field(
-        16_384, ge=1024, description="Bytes of a request's path and headers together; beyond that 431."
-    )
-    header_timeout_s: float = Field(
-        10.0, gt=0, description="Seconds from the start of a connection or request to the end of its headers; then 408."
-    )
-    transfer_timeout_s: float = Field(
-        30.0, gt=0, description="Seconds that a body, or the reading of an answer, may be slower than the next setting."
-    )
-    min_bytes_per_s: float = Field(
-        1024.0,
-        gt=0,
-        description="Bytes per second of a body on average; slower ones get 408, slow readers are cut off.",
-    )
-    max_bytes_in_flight: int = Field(
-        512 * 2**20, ge=1, description="Bytes of the images of all queries that are not yet answered; beyond that 503."
-    )
-    max_bytes_in_flight_per_caller: int = Field(
-        384 * 2**20, ge=1, description="Of these, bytes of one caller: an API key where keys are set, else an address."
-    )
     max_requests_per_minute: int | None = Field(
         None,
         ge=1,
-        description="Requests of one caller in a minute, through all front doors; then 429. Health and the console's files are free.",
+        description="Requests of one caller in a minute, through all API replicas; then 429. Health and the console's files are free.",
     )
     max_bytes_per_hour: int | None = Field(
         None, ge=1, description="Bytes that one caller may send in an hour; the next upload after them gets 429."
     )
-    max_uploads: int = Field(16, ge=1, description="Uploads of scans and batches at the same time; beyond that 503.")
-    max_uploads_per_caller: int = Field(8, ge=1, description="Of these, uploads of one caller.")
-    export_time_s: float = Field(600.0, gt=0, description="Seconds that an export or a plan of a batch may take.")
     max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
-    max_batches: int = Field(100, ge=1, description="Batches at the same time; each lives until it is deleted.")
     max_batch_images: int = Field(2000, ge=1, description="Images of one batch.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
     default_timeout_s: float = Field(
@@ -128,11 +91,6 @@ class Settings(TokenSettings):
     )
     max_timeout_s: float = Field(PAPER_TIMEOUT_S, gt=0, description="Longest `timeout_s` that a query may ask for.")
     result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
-    changes_ttl_s: int = Field(
-        30 * 24 * 3600,
-        ge=0,
-        description="Seconds for which `GET /maps/{id}/changes` counts what an answer saw; 0 keeps none of it.",
-    )
     index_ttl_s: int = Field(
         30 * 24 * 3600, ge=60, description="Seconds for which Redis keeps a map index after its last use."
     )
@@ -145,22 +103,38 @@ class Settings(TokenSettings):
         "changing maps, `key:localize` for queries alone; separated by commas, each of at least 8 characters. Without any key none is "
         "asked for.",
     )
+    oidc_issuer: str | None = Field(
+        None,
+        description="Issuer (`iss`) of OpenID Connect tokens that open the service as keys do, verified without asking it; with the next "
+        "two.",
+    )
+    oidc_audience: str | None = Field(None, description="What these tokens are made for: their `aud`.")
+    oidc_keys: str | None = Field(
+        None,
+        description="Public keys of the issuer, a JWK set: a file, which is read again when it changes, or an `https://` URL.",
+    )
+    oidc_scopes_claim: str = Field(
+        "scope",
+        min_length=1,
+        description="Claim with the scopes: `panoloc:read`, `panoloc:localize`, `panoloc:write`, `panoloc:admin`, as a list or between "
+        "spaces; dots lead into claims.",
+    )
+    oidc_tenant_claim: str = Field(
+        "sub", min_length=1, description="Claim with the tenant, whose maps are seen; dots lead into claims."
+    )
     allowed_hosts: str = Field(
         "",
         description="Without keys: names under which the service is reached, besides addresses, `localhost` and the machine's own name, "
         "separated by commas; `*` for all.",
-    )
-    open_pages: bool = Field(
-        False,
-        description="With keys set: answer `/metrics`, `/docs`, `/openapi.json` and the details of `/health` without one.",
     )
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
 
     @field_validator(
-        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", mode="before"
-    )
+        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer", "oidc_audience",
+        "oidc_keys", mode="before",
+    )  # fmt: skip
     @classmethod
     def _empty_means_unset(cls, value: object) -> object:
         return None if value == "" else value
@@ -183,16 +157,40 @@ class Settings(TokenSettings):
     def _hosts_are_names(cls, value: str) -> str:
         return ",".join(host_names(value))
 
+    @field_validator("oidc_keys")
+    @classmethod
+    def _issuer_keys_can_be_read(cls, value: str | None) -> str | None:
+        try:
+            if value is not None and not is_url(value):
+                read_keys(value)
+        except OSError as error:
+            raise ValueError(f"expected a file that can be read, but {error}") from error
+        return value
+
+    @model_validator(mode="after")
+    def _tokens_can_be_verified(self) -> Self:
+        given = {"ISSUER": self.oidc_issuer, "AUDIENCE": self.oidc_audience, "KEYS": self.oidc_keys}
+        missing = [f"PANOLOC_OIDC_{name}" for name, value in given.items() if value is None]
+        if 0 < len(missing) < len(given):
+            raise ValueError(f"expected {' and '.join(missing)} as well: tokens are verified by all three")
+        return self
+
     @model_validator(mode="after")
     def _sharing_is_possible(self) -> Self:
         if self.shared and self.redis_url is None:
-            raise ValueError("expected PANOLOC_REDIS_URL with PANOLOC_SHARED: all front doors need the same Redis")
+            raise ValueError("expected PANOLOC_REDIS_URL with PANOLOC_SHARED: all API replicas need the same Redis")
         return self
 
     @cached_property
     def keys(self) -> KeyRing:
-        """Return what decides which key counts: those of `api_keys`, those that `panoloc keys` has made, and tokens."""
-        return KeyRing(self.api_keys, self.data_dir, self.tokens())
+        """Return the keys that count: those of `api_keys`, those that `panoloc keys` has made, and tokens."""
+        return KeyRing(self.api_keys, self.data_dir, self._tokens())
+
+    def _tokens(self) -> Tokens | None:
+        if self.oidc_issuer is None or self.oidc_audience is None or self.oidc_keys is None:
+            return None
+        rules = TokenRules(self.oidc_issuer, self.oidc_audience, self.oidc_scopes_claim, self.oidc_tenant_claim)
+        return Tokens(rules, IssuerKeys(self.oidc_keys))
 
     def timeout_s_of(self, method: Method, is_searching_field_of_view: bool = False) -> float:
         """Return the seconds for a query of this method that names none itself; more where a field of view is searched as well."""
@@ -201,26 +199,9 @@ class Settings(TokenSettings):
         return min(wanted, self.max_timeout_s)
 
     @property
-    def connection_limits(self) -> ConnectionLimits:
-        """Return what a connection may take."""
-        return ConnectionLimits(
-            self.max_connections,
-            self.max_connections_per_address,
-            self.max_header_bytes,
-            self.header_timeout_s,
-            self.transfer_timeout_s,
-            self.min_bytes_per_s,
-        )
-
-    @property
     def registration_limits(self) -> RegistrationLimits:
         """Return what a registration may take."""
-        return RegistrationLimits(
-            self.registration_time_s,
-            self.registration_time_s_per_mb,
-            self.registration_memory_bytes,
-            self.registration_memory_per_scan_byte,
-        )
+        return RegistrationLimits(memory_bytes=self.registration_memory_bytes)
 
     @property
     def storage_url(self) -> str:
@@ -246,4 +227,4 @@ class Settings(TokenSettings):
         if not self.has_bucket:
             return None
         variables = variables_of(self.storage_url, os.environ)
-        return BucketAccess(str(self.data_dir.resolve()), self.local_copies_bytes, variables)
+        return BucketAccess(str(self.data_dir.resolve()), _LOCAL_COPIES_BYTES, variables)

@@ -154,8 +154,7 @@ async def _run(module: str, *arguments: str, time_s: float) -> None:
             _, messages = await process.communicate()
     except TimeoutError as error:
         raise ExportFailedError(
-            f"expected an export within {time_s:g} s (PANOLOC_EXPORT_TIME_S), got none; "
-            "export fewer photos, or let the operator allow more"
+            f"expected an export within {time_s:g} s, got none; export fewer photos"
         ) from error
     finally:
         if process.returncode is None:

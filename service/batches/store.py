@@ -23,6 +23,7 @@ from service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 
+MOST_BATCHES = 1000
 _ID = re.compile(r"batch_[0-9a-f]{16}")
 
 
@@ -137,8 +138,7 @@ class BatchStore:
         """Raise BatchLimitError when there are as many batches as allowed."""
         if len(self._batches) + self._num_coming >= self._max_batches:
             raise BatchLimitError(
-                f"expected fewer than {self._max_batches} batches (PANOLOC_MAX_BATCHES), got as many; "
-                "delete one you do not need"
+                f"expected fewer than {self._max_batches} batches, got as many; delete one you do not need"
             )
 
     async def add(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:

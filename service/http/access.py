@@ -1,6 +1,6 @@
 """Asks callers for an API key or a token, when there are any, and says which maps and batches a caller sees."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 from fastapi import Request, Security
 from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
@@ -38,33 +38,18 @@ def require(scope: Scope) -> Callable[..., Awaitable[None]]:
         bearer: HTTPAuthorizationCredentials | None = Security(_bearer),  # noqa: B008
         header: str | None = Security(_header),
     ) -> None:
-        if scope not in caller_of(request).scopes:
-            await _learn_new_signing_keys(request)
+        key = _presented(request)
+        if key is not None and scope not in caller_of(request).scopes:
+            await _learn_new_issuer_keys(request, key)
         if scope in caller_of(request).scopes:
             await _find_what_is_named(request)
             return
-        key = _presented(request)
         if key is None:
             raise KeyMissingError("expected an API key, got none; send the header `Authorization: Bearer KEY`")
         await _refuse_unknown(request, key)
         raise ScopeMissingError(_scope_missing(request, scope))
 
     return check
-
-
-async def require_for_details(
-    request: Request,
-    bearer: HTTPAuthorizationCredentials | None = Security(_bearer),  # noqa: B008
-    header: str | None = Security(_header),
-) -> None:
-    """Let through to metrics, documentation and details of health who may read, or everybody where the operator says so."""
-    if not services_of(request).settings.open_pages:
-        await _check_read(request, bearer, header)
-
-
-async def sees_details(request: Request) -> bool:
-    """Tell whether a caller of readiness gets more than a word: probes bring no key."""
-    return services_of(request).settings.open_pages or "read" in caller_of(request).scopes
 
 
 def maps_seen(request: Request) -> VisibleMaps:
@@ -88,12 +73,18 @@ def own_batch(request: Request, batch_id: str) -> BatchRecord:
 
 
 def note_change(request: Request, change: Change, what: str) -> None:
-    """Write down who changed what."""
+    """Write into the audit log who changed what."""
     services_of(request).audit.note(caller_of(request).id, change, what, request.state.request_id)
 
 
+async def hold_upload_place(request: Request) -> AsyncIterator[None]:
+    """Depend on this, after the scope, where scans or batches are uploaded: a place is held until the answer. Raises UploadsError."""
+    with services_of(request).uploads.place(caller_of(request).id):
+        yield
+
+
 async def _find_what_is_named(request: Request) -> None:
-    """Look for a map or batch in the path that another front door may just have made."""
+    """Look for a map or batch in the path that another API replica may just have made."""
     services, named = services_of(request), request.path_params
     if "map_id" in named:
         await services.registry.find([named["map_id"]])
@@ -101,19 +92,18 @@ async def _find_what_is_named(request: Request) -> None:
         await services.batches.find(named["batch_id"])
 
 
-async def _learn_new_signing_keys(request: Request) -> None:
+async def _learn_new_issuer_keys(request: Request, key: str) -> None:
     """Ask the issuer of tokens for its keys where this token names one that is not known yet."""
-    keys, key = services_of(request).settings.keys, _presented(request)
+    keys = services_of(request).settings.keys
     try:
-        if key is not None:
-            keys.caller_of(key)
+        keys.caller_of(key)
     except TokenRefusedError as error:
         if error.may_be_new and keys.tokens is not None:
-            await keys.tokens.keys.fetch()
+            await keys.tokens.keys.refresh()
 
 
 async def _refuse_unknown(request: Request, key: str) -> None:
-    """Raise KeyMissingError for a key that opens nothing. Who has been given a token, and comes too late with it, guesses no keys."""
+    """Raise KeyMissingError for a key that opens nothing. Callers whose genuine token has expired do not wait: they guess no keys."""
     try:
         services_of(request).settings.keys.caller_of(key)
     except TokenRefusedError as error:
@@ -134,6 +124,3 @@ def _presented(request: Request) -> str | None:
     if scheme.lower() == "bearer" and credentials.strip():
         return credentials.strip()
     return request.headers.get("X-API-Key") or None
-
-
-_check_read = require("read")

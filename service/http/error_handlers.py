@@ -1,4 +1,4 @@
-"""Turns every exception that a request may end with into a response with a problem document."""
+"""Maps exceptions to responses with a problem document."""
 
 from typing import Any
 
@@ -10,20 +10,9 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Match
 
-from service.errors import (
-    EXPECTED_ERRORS,
-    BytesInFlightError,
-    KeyMissingError,
-    MalformedRequestError,
-    MapNotReadyError,
-    SlowBodyError,
-    TryAgainError,
-    UnwantedPartError,
-    UploadTooLargeError,
-    WorkerError,
-)
-from service.http.validation import mistakes_error
-from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, Problem, document_with, problem_document, problem_of
+from service.errors import EXPECTED_ERRORS, KeyMissingError, MapNotReadyError, Problem, TryAgainError, WorkerError
+from service.http.validation import validation_error
+from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, document_with, problem_document, problem_of
 
 _METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _log = structlog.get_logger(__name__)
@@ -31,12 +20,8 @@ _CLIENT_CLOSED_REQUEST = 499
 _RETRY_AFTER_S = 2
 
 
-# Raised while the body is read: the rest of it is not.
-_UNREAD = (UploadTooLargeError, MalformedRequestError, UnwantedPartError, SlowBodyError, BytesInFlightError)
-
-
 def install_error_handlers(app: FastAPI) -> None:
-    """Register the handlers; what none of them takes becomes a 500 in `service.http.request_context`."""
+    """Register the handlers; `service.http.request_context` answers 500 to any other exception."""
     handlers: dict[type[Exception], Any] = {
         **dict.fromkeys(EXPECTED_ERRORS, _expected_error),
         RequestValidationError: _validation_error,
@@ -57,30 +42,27 @@ def problem_response(error: BaseException, request_id: str) -> JSONResponse:
         headers["Retry-After"] = str(_RETRY_AFTER_S)
     if isinstance(error, KeyMissingError):
         headers["WWW-Authenticate"] = 'Bearer realm="panoloc"'
-    if isinstance(error, _UNREAD) or problem.status in (413, 415):
-        # The rest of the body is not read.
-        headers["Connection"] = "close"
     return JSONResponse(problem_document(error, request_id), problem.status, headers, MEDIA_TYPE)
 
 
 def plain_problem_response(
     problem: Problem, detail: str, request: Request, headers: dict[str, str] | None = None
 ) -> JSONResponse:
-    """Return the response for a problem without an exception of ours behind it."""
+    """Return the response for a problem that is no exception of ours."""
     document = document_with(problem, detail, request.state.request_id)
     return JSONResponse(document, problem.status, headers, MEDIA_TYPE)
 
 
 async def _expected_error(request: Request, error: Exception) -> Response:
     if problem_of(error).status == 500:
-        # What callers are not told, the log has to say.
+        # The log says what callers are not told.
         kind = error.kind if isinstance(error, WorkerError) else type(error).__name__
         _log.error("the service failed", kind=kind, error=str(error))
     return problem_response(error, request.state.request_id)
 
 
 async def _validation_error(request: Request, error: RequestValidationError) -> Response:
-    return problem_response(mistakes_error(error.errors(), skip=1), request.state.request_id)
+    return problem_response(validation_error(error.errors(), skip=1), request.state.request_id)
 
 
 async def _http_exception(request: Request, error: HTTPException) -> Response:
@@ -96,7 +78,7 @@ async def _http_exception(request: Request, error: HTTPException) -> Response:
 
 
 def _methods_at(request: Request) -> list[str]:
-    """Return the methods that a path knows; the exception has those of one of its routes."""
+    """Return the methods that a path has; the exception knows those of one route alone."""
     scopes = [{**request.scope, "method": method} for method in _METHODS]
     return [s["method"] for s in scopes if any(each.matches(s)[0] is Match.FULL for each in request.app.routes)]
 

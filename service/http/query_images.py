@@ -15,10 +15,14 @@ _POSE = "session_from_camera"
 def query_images(images: Sequence[bytes], masks: Sequence[bytes], options: LocalizeOptions) -> tuple[QueryImage, ...]:
     """Put together what belongs to each image. Raises InvalidOptionsError."""
     if not images:
-        raise _mistake("image", "expected an image in a part of this name, got none; send -F image=@photo.jpg")
+        raise InvalidOptionsError.of(
+            "image", "expected an image in a part of this name, got none; send -F image=@photo.jpg"
+        )
     if len(masks) not in (0, 1, len(images)):
         wanted = "one or none" if len(images) == 1 else f"none, one for all, or one per image ({len(images)})"
-        raise _mistake("mask", f"expected {wanted}, got {len(masks)}; send them in the order of the images")
+        raise InvalidOptionsError.of(
+            "mask", f"expected {wanted}, got {len(masks)}; send them in the order of the images"
+        )
     cameras = _cameras(options, len(images))
     poses = _poses(options, cameras)
     return tuple(
@@ -40,9 +44,11 @@ def _cameras(options: LocalizeOptions, num_images: int) -> Sequence[Camera | Non
         return given
     if len(given) > 1:
         wanted = "one entry" if num_images == 1 else f"one entry for all images, or one per image ({num_images})"
-        raise _mistake("cameras", f"expected {wanted}, got {len(given)}; send them in the order of the images")
+        raise InvalidOptionsError.of(
+            "cameras", f"expected {wanted}, got {len(given)}; send them in the order of the images"
+        )
     if given[0].session_from_camera is not None:
-        raise _mistake(
+        raise InvalidOptionsError.of(
             f"cameras.0.{_POSE}",
             f"expected a pose of its own for each of the {num_images} images, got one for all; send one entry of `cameras` per image",
         )
@@ -55,15 +61,15 @@ def _poses(options: LocalizeOptions, cameras: Sequence[Camera | None]) -> list[T
         for camera in cameras
     ]
     if len(poses) > 1 and None in poses:
-        # Which entry lacks it can be said only where there is one per image.
+        # The entry without a pose is known only where there is one entry per image.
         at = f"cameras.{poses.index(None)}.{_POSE}" if len(options.cameras or ()) == len(poses) else "cameras"
-        raise _mistake(
+        raise InvalidOptionsError.of(
             at,
             f"expected {_POSE} for each of the {len(poses)} images, got {len(poses) - poses.count(None)} of them; send the poses that "
             "the device's tracking gives, one entry of `cameras` per image, or send each image as a query of its own",
         )
     if poses == [None] and options.session is not None and options.session.up == "known":
-        raise _mistake(
+        raise InvalidOptionsError.of(
             "session.up",
             f"expected {_POSE} beside it, got an image without a pose, of which no axis is known; send its pose, or hints.upright for a "
             "camera that is level",
@@ -76,11 +82,7 @@ def _poses(options: LocalizeOptions, cameras: Sequence[Camera | None]) -> list[T
 
 def _check_distance(number: int, distance_m: float) -> None:
     if distance_m > MAX_SESSION_SPAN_M:
-        raise _mistake(
+        raise InvalidOptionsError.of(
             f"cameras.{number}.{_POSE}.position_m",
             f"expected at most {MAX_SESSION_SPAN_M:g} m from the first image, got {distance_m:g} m; send metres, and images of one place",
         )
-
-
-def _mistake(field: str, message: str) -> InvalidOptionsError:
-    return InvalidOptionsError(f"{field}: {message}", [{"field": field, "message": message}])

@@ -1,21 +1,24 @@
-"""Around every request: its id, a log line, metrics, and a problem document for what nobody expected."""
+"""Around every request: its id, a log line, metrics, and a problem document for heads too large and for unexpected faults."""
 
 import re
 import time
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.http.error_handlers import problem_response
+from service.http.error_handlers import plain_problem_response, problem_response
 from service.http.recent_errors import RecentErrors
 from service.jobs import new_id
 from service.metrics import Metrics
+from service.problems import HTTP_PROBLEMS
 
 _log = structlog.get_logger("service.requests")
 _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._~:+/=-]{1,128}")
 _HEADER = "X-Request-ID"
 _UNMATCHED = "unmatched"
+_MOST_HEAD_BYTES = 16 * 1024  # of the path and all headers
 
 
 class RequestContext:
@@ -49,8 +52,13 @@ class RequestContext:
                 self._errors.note(scope["method"], scope["path"], content_type, message.get("body", b""))
             await send(message)
 
+        app = self._app
+        if _num_head_bytes(scope) > _MOST_HEAD_BYTES:
+            self._metrics.note_refusal("header-bytes")
+            detail = f"expected at most {_MOST_HEAD_BYTES:,} bytes of path and headers, got more; send long values in the body"
+            app = plain_problem_response(HTTP_PROBLEMS[431], detail, Request(scope))
         try:
-            await self._app(scope, receive, send_with_id)
+            await app(scope, receive, send_with_id)
         except Exception as error:
             _log.exception("a request met an unexpected fault")
             if status:
@@ -72,3 +80,8 @@ class RequestContext:
             status=status,
             duration_s=round(duration_s, 4),
         )
+
+
+def _num_head_bytes(scope: Scope) -> int:
+    path = len(scope.get("raw_path") or b"") + len(scope["query_string"])
+    return path + sum(len(name) + len(value) for name, value in scope["headers"])

@@ -1,4 +1,4 @@
-"""Files on their way into the storage: a file in the spool folder, hashed and looked at while it is written."""
+"""Files on their way into the storage: each is written to the spool folder, hashed and checked while it arrives."""
 
 import contextlib
 import hashlib
@@ -16,17 +16,17 @@ MAX_FIELD_BYTES = 64 * 1024
 
 
 def check_scan_head(head: bytes, name: str) -> None:
-    """Raise ScanFormatError, and what else `format_of` raises, for what is no scan."""
+    """Raise what `format_of` raises for a file that is no scan."""
     format_of(head, extension_of(name))
 
 
 @dataclass(frozen=True)
 class PartRule:
-    """What a part of a form may be.
+    """What parts of one name may be.
 
-    max_bytes: of one. setting: the name of that limit. spooled: goes to a file. max_parts: how often it may come. max_full_parts: of
-    them may be as large as `max_bytes`; all together take no more bytes than these. check_head: raises for a spooled file that
-    begins, under its name, as none that is wanted.
+    max_bytes: of one part. setting: the name of that limit. spooled: written to a file. max_parts: how often it may come. max_full_parts:
+    how many of them may have `max_bytes`; all together have no more bytes than these. check_head: raises for a spooled file with the
+    first bytes, or the name, of an unwanted format.
     """
 
     max_bytes: int = MAX_FIELD_BYTES
@@ -41,6 +41,17 @@ class PartRule:
         """Return the bytes of all parts of this name together."""
         return self.max_bytes * self.max_full_parts
 
+    def too_large(self, name: str, got: str = "more", together: bool = False) -> UploadTooLargeError:
+        """Return the error for a part that is larger than allowed, or for parts of one name that are so together."""
+        most, whose = self.max_bytes, ""
+        limit = f" ({self.setting})" if self.setting else ""
+        if together:
+            most, whose = self.max_total_bytes, " in all parts of this name together"
+            limit = f" ({self.max_full_parts} times {self.setting})" if self.setting else ""
+        return UploadTooLargeError(
+            f"{name}: expected at most {most:,} bytes{whose}{limit}, got {got}; send smaller files"
+        )
+
 
 @dataclass
 class SpooledFile:
@@ -53,7 +64,7 @@ class SpooledFile:
 
 
 class Spool:
-    """Collects a part in a file; bytes wait in memory until `write_out`, which may run in another thread."""
+    """Writes a part to a file; bytes wait in memory until `write_out`, which may run in another thread."""
 
     def __init__(self, folder: Path, name: str, rule: PartRule, part: str) -> None:
         self._name, self._rule, self._part = name, rule, part
@@ -74,7 +85,7 @@ class Spool:
         """Take more bytes. Raises UploadTooLargeError, and what `format_of` raises as soon as the head is there."""
         self._num_bytes += len(data)
         if self._num_bytes > self._rule.max_bytes:
-            raise too_large(self._part, self._rule)
+            raise self._rule.too_large(self._part)
         self._waiting += data
         if not self._head_checked and self._num_bytes >= HEAD_BYTES:
             self._check_head()
@@ -87,7 +98,7 @@ class Spool:
         self._waiting.clear()
 
     def finish(self) -> SpooledFile:
-        """Close the file and say what is in it. Raises as `write_out` does."""
+        """Close the file and return what is in it. Raises as `write_out` does."""
         if not self._head_checked:
             self._check_head()
         self.write_out()
@@ -106,20 +117,3 @@ class Spool:
     def _check_head(self) -> None:
         self._rule.check_head(bytes(self._waiting[:HEAD_BYTES]), self._name)
         self._head_checked = True
-
-
-def too_large(name: str, rule: PartRule, got: str = "more") -> UploadTooLargeError:
-    """Return the error for a part that is larger than its rule allows."""
-    limit = f" ({rule.setting})" if rule.setting else ""
-    return UploadTooLargeError(
-        f"{name}: expected at most {rule.max_bytes:,} bytes{limit}, got {got}; send a smaller file"
-    )
-
-
-def too_large_together(name: str, rule: PartRule, got: str = "more") -> UploadTooLargeError:
-    """Return the error for parts of one name that are together larger than their rule allows."""
-    limit = f" ({rule.max_full_parts} times {rule.setting})" if rule.setting else ""
-    return UploadTooLargeError(
-        f"{name}: expected at most {rule.max_total_bytes:,} bytes in all parts of this name together{limit}, got {got}; "
-        "send fewer or smaller files"
-    )

@@ -1,4 +1,4 @@
-"""Reads multipart uploads while they stream in: a limit that is passed ends the request at once, unread.
+"""Reads multipart uploads while they stream in: passing a limit ends the request at once, with its rest unread.
 
 Scans, archives and the images of a batch go to files in the storage's spool folder, hashed on the way; the images of a query and
 fields stay in memory.
@@ -16,15 +16,15 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
-from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile, too_large, too_large_together
-from service.limits.bytes_in_flight import HeldBytes
+from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile
+from service.limits.capacity import Held
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_PARTS = 128
-"""Of one upload, whatever their names."""
-# What surrounds the parts: boundaries and headers.
+"""Of one upload, of all names together."""
+# Of boundaries and headers around the parts.
 _ENVELOPE_BYTES = 64 * 1024
 _WRITE_BYTES = 2**20
 
@@ -70,8 +70,7 @@ class Form:
         try:
             return [value.decode() for value in self.fields.get(name, [])]
         except UnicodeDecodeError as error:
-            message = "expected UTF-8 text, got bytes that are none; send text"
-            raise InvalidOptionsError(f"{name}: {message}", [{"field": name, "message": message}]) from error
+            raise InvalidOptionsError.of(name, "expected UTF-8 text, got other bytes; send text") from error
 
 
 async def read_form(
@@ -79,15 +78,14 @@ async def read_form(
     headers: Mapping[str, str],
     rules: Mapping[str, PartRule],
     spool_folder: Path | None = None,
-    held: HeldBytes | None = None,
+    held: Held | None = None,
     max_parts: int = MAX_PARTS,
 ) -> Form:
     """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in memory. max_parts:
-    whatever their names.
+    of all names together.
 
-    Raises MalformedRequestError, UploadTooLargeError, InvalidOptionsError (a part that no rule names), StorageFullError,
-    BytesInFlightError, SlowBodyError,
-    and what `format_of` raises as soon as the head of a scan is there.
+    Raises MalformedRequestError, UploadTooLargeError, UnwantedPartError, StorageFullError, BytesInFlightError, SlowBodyError, and what
+    `format_of` raises as soon as the head of a scan is there.
     """
     _check_length(headers, rules)
     reader = _FormReader(_boundary(headers), rules, spool_folder, held, max_parts)
@@ -116,7 +114,7 @@ class _FormReader:
         boundary: bytes,
         rules: Mapping[str, PartRule],
         spool_folder: Path | None,
-        held: HeldBytes | None,
+        held: Held | None,
         max_parts: int,
     ) -> None:
         self._rules = rules
@@ -201,10 +199,11 @@ class _FormReader:
         self._name = options.get(b"name", b"").decode("utf-8", "replace")
         rule = self._rules.get(self._name)
         if rule is None:
-            raise _unwanted(self._name, f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}")
+            expected = f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}"
+            raise UnwantedPartError.of(self._name[:80], expected)
         self._num_seen[self._name] += 1
         if self._num_seen[self._name] > rule.max_parts:
-            raise _unwanted(self._name, _too_many(rule))
+            raise UnwantedPartError.of(self._name[:80], _too_many(rule))
         self._rule, self._value = rule, bytearray()
         if rule.spooled:
             assert self._spool_folder is not None
@@ -219,10 +218,10 @@ class _FormReader:
                 self._held.take(end - start)
             self._value += data[start:end]
             if len(self._value) > self._rule.max_bytes:
-                raise too_large(self._name, self._rule)
+                raise self._rule.too_large(self._name)
         self._num_bytes[self._name] += end - start
         if self._num_bytes[self._name] > self._rule.max_total_bytes:
-            raise too_large_together(self._name, self._rule)
+            raise self._rule.too_large(self._name, together=True)
 
     def _end_part(self) -> None:
         if self._rule.spooled and self._spool is not None:
@@ -250,15 +249,10 @@ def _check_length(headers: Mapping[str, str], rules: Mapping[str, PartRule]) -> 
     name, largest = max(rules.items(), key=lambda item: item[1].max_total_bytes)
     allowed = sum(rule.max_total_bytes for rule in rules.values()) + _ENVELOPE_BYTES
     if declared.isdigit() and int(declared) > allowed:
-        refusal = too_large if largest.max_full_parts == 1 else too_large_together
-        raise refusal(name, largest, f"a request of {int(declared):,}")
+        raise largest.too_large(name, f"a request of {int(declared):,}", together=largest.max_full_parts > 1)
 
 
 def _too_many(rule: PartRule) -> str:
     if rule.max_parts == 1:
         return "expected one part of this name, got several"
     return f"expected at most {rule.max_parts} parts of this name, got more; send fewer"
-
-
-def _unwanted(name: str, message: str) -> UnwantedPartError:
-    return UnwantedPartError(f"{name[:80]}: {message}", [{"field": name[:80], "message": message}])

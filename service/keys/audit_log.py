@@ -34,7 +34,7 @@ class AuditLog:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
             try:
-                # Where several front doors share the folder, on a file system that appends for one machine at a time.
+                # Several API replicas may share the folder, on a file system that appends for one machine at a time.
                 fcntl.flock(file, fcntl.LOCK_EX)
                 os.write(file, (json.dumps(line) + "\n").encode())
             finally:

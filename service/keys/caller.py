@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 Scope = Literal["read", "localize", "write", "admin"]
-"""read: maps and what the service tells of itself. localize: queries and batches. write: to add, change and delete maps. admin: all of
+"""read: maps, health, metrics and documentation. localize: queries and batches. write: to add, change and delete maps. admin: all of
 this with the maps and batches of every tenant."""
 
 ALL_SCOPES: frozenset[Scope] = frozenset(get_args(Scope))

@@ -1,8 +1,9 @@
-"""The file of keys in the data folder: of each its digest and what it may do, never the key itself."""
+"""The file of keys in the data folder: the digest of each key and what it may do, never the key itself."""
 
 import contextlib
 import dataclasses
 import fcntl
+import hashlib
 import json
 import os
 import secrets
@@ -13,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.setting import digest_of
 
 NAME = "keys.json"
 _FORMAT = 1
@@ -79,7 +79,7 @@ class KeyFile:
         return made, text
 
     def revoke(self, key_id: str) -> StoredKey:
-        """Let a key open nothing any more. Raises KeyFileError for an unknown one."""
+        """Revoke a key. Raises KeyFileError for an unknown one."""
         revoked: list[StoredKey] = []
 
         def without(keys: list[StoredKey]) -> list[StoredKey]:
@@ -109,7 +109,7 @@ class KeyFile:
                 part.replace(self.path)
             except OSError as error:
                 part.unlink(missing_ok=True)
-                # What fails while it is written, as on a full disk, names no file of its own.
+                # An error while writing, as on a full disk, names no file.
                 error.filename = error.filename or str(part)
                 raise
 
@@ -125,6 +125,11 @@ def _key(stored: dict[str, Any]) -> StoredKey:
     if not set(key.scopes) <= ALL_SCOPES:
         raise ValueError(f"{key.id} has the scopes {key.scopes}")
     return key
+
+
+def digest_of(key: str) -> str:
+    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is enough."""
+    return hashlib.sha256(key.encode()).hexdigest()
 
 
 def _now() -> str:

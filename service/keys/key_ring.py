@@ -1,4 +1,4 @@
-"""The one place that decides which key counts: those of the setting, those of the keys file as it is now, and tokens."""
+"""The keys that count: those of `PANOLOC_API_KEYS`, those of the keys file as it is now, and tokens."""
 
 import logging
 import os
@@ -6,15 +6,39 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from service.keys.caller import Caller
-from service.keys.key_file import KeyFile, KeyFileError
-from service.keys.setting import callers_of_setting, digest_of
+from service.keys.caller import ALL_SCOPES, Caller, Scope
+from service.keys.key_file import KeyFile, KeyFileError, digest_of
 from service.keys.tokens import TokenRefusedError, Tokens
 
 _log = logging.getLogger(__name__)
 
 # A key that was revoked opens nothing after this.
 _LOOK_S = 1.0
+_SHORTEST_KEY = 8
+_SCOPES: dict[str, frozenset[Scope]] = {
+    "read": frozenset({"read", "localize"}),
+    "localize": frozenset({"localize"}),
+    "write": frozenset({"read", "localize", "write"}),
+}
+
+
+def callers_of_setting(text: str) -> Mapping[str, Caller]:
+    """Read `key` and `key:scope` entries separated by commas; return callers by the digests of their keys. They see all tenants.
+
+    Raises ValueError without quoting a key.
+    """
+    found: dict[str, Caller] = {}
+    for number, entry in enumerate(filter(None, (part.strip() for part in text.split(","))), start=1):
+        key, colon, scope = entry.partition(":")
+        if colon and scope not in _SCOPES:
+            raise ValueError(
+                f"key {number}: expected `key`, or `key:` and one of {', '.join(_SCOPES)}, got another scope"
+            )
+        if len(key) < _SHORTEST_KEY or not key.isascii() or not key.isprintable():
+            raise ValueError(f"key {number}: expected at least {_SHORTEST_KEY} printable ASCII characters")
+        digest = digest_of(key)
+        found[digest] = Caller(f"key setting-{digest[:8]}", _SCOPES[scope] if colon else ALL_SCOPES)
+    return found
 
 
 class KeyRing:

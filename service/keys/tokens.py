@@ -1,4 +1,4 @@
-"""Tokens of an OpenID Connect issuer: verified here, with its public keys, so that nobody is asked about a single one."""
+"""Tokens of an OpenID Connect issuer, verified here with its public keys: the issuer is asked about no token."""
 
 import re
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ from typing import Any, get_args
 import jwt
 
 from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.signing_keys import SIGNING_ALGORITHMS, SigningKeys
+from service.keys.issuer_keys import ALGORITHMS, IssuerKeys
 
-# Of clocks that do not agree.
+# Between clocks that do not agree.
 _LEEWAY_S = 30.0
 # Other scopes of the same token are for other services: `read` alone may mean anything.
 _SCOPE = re.compile(rf"panoloc[:.]({'|'.join(get_args(Scope))})")
@@ -19,7 +19,7 @@ _CLAIMS = ["exp", "iss", "aud", "sub"]
 
 
 class TokenRefusedError(ValueError):
-    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: with a key that may only just have been published."""
+    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may only just have been published."""
 
     def __init__(self, message: str, *, is_genuine: bool = False, may_be_new: bool = False) -> None:
         super().__init__(message)
@@ -40,7 +40,7 @@ class TokenRules:
 class Tokens:
     """Used from one event loop."""
 
-    def __init__(self, rules: TokenRules, keys: SigningKeys) -> None:
+    def __init__(self, rules: TokenRules, keys: IssuerKeys) -> None:
         self.rules = rules
         self.keys = keys
 
@@ -58,33 +58,33 @@ class Tokens:
             header = jwt.get_unverified_header(token)
         except jwt.PyJWTError as error:
             raise TokenRefusedError("expected a known API key or a token, got neither") from error
-        key_id, algorithm = header.get("kid"), str(header.get("alg"))
-        if algorithm not in SIGNING_ALGORITHMS:
+        algorithm = str(header.get("alg"))
+        if algorithm not in ALGORITHMS:
             raise TokenRefusedError(
-                f"expected a token signed by {', '.join(SIGNING_ALGORITHMS)}, got one with the algorithm {algorithm[:20]!r}"
+                f"expected a token signed by {', '.join(ALGORITHMS)}, got one with the algorithm {algorithm[:20]!r}"
             )
-        candidates = self.keys.that_may_have_signed(key_id, algorithm)
-        if not candidates:
+        keys = [each for each in self.keys.of(header.get("kid")) if each.algorithm_name == algorithm]
+        if not keys:
             raise TokenRefusedError(
-                f"expected a token that is signed with a key of {self.rules.issuer}, got one of an unknown key, or one that "
-                f"does not sign with {algorithm}",
+                f"expected a token that is signed with a key of {self.rules.issuer}, got one of an unknown key, or one that does not "
+                f"sign with {algorithm}",
                 may_be_new=True,
             )
-        for candidate in candidates:
+        for key in keys:
             try:
-                return self._decoded(token, candidate.key, algorithm)
+                return self._decoded(token, key)
             except jwt.InvalidSignatureError:
                 continue
         raise TokenRefusedError(
             f"expected a token that {self.rules.issuer} has signed, got one whose signature is wrong"
         )
 
-    def _decoded(self, token: str, key: jwt.PyJWK, algorithm: str) -> dict[str, Any]:
+    def _decoded(self, token: str, key: jwt.PyJWK) -> dict[str, Any]:
         try:
             return jwt.decode(
                 token,
-                key.key,
-                algorithms=[algorithm],  # one of this key's own, see SigningKeys
+                key,
+                algorithms=[key.algorithm_name],
                 issuer=self.rules.issuer,
                 audience=self.rules.audience,
                 leeway=_LEEWAY_S,
@@ -92,21 +92,17 @@ class Tokens:
             )
         except jwt.InvalidSignatureError:
             raise
-        except jwt.ExpiredSignatureError as error:
-            raise TokenRefusedError("expected a token that is still valid, got one that has expired; ask for a new one",
-                                    is_genuine=True) from error  # fmt: skip
-        except jwt.InvalidAudienceError as error:
-            raise TokenRefusedError(f"expected a token for the audience {self.rules.audience!r}, got one for others",
-                                    is_genuine=True) from error  # fmt: skip
-        except jwt.InvalidIssuerError as error:
-            raise TokenRefusedError(f"expected a token of the issuer {self.rules.issuer!r}, got one of another",
-                                    is_genuine=True) from error  # fmt: skip
-        except jwt.ImmatureSignatureError as error:
-            raise TokenRefusedError(f"expected a token that is valid now, but {error}", is_genuine=True) from error
         except jwt.PyJWTError as error:
-            raise TokenRefusedError(
-                f"expected a token with the claims {_CLAIMS}, but {error}", is_genuine=True
-            ) from error
+            raise TokenRefusedError(f"expected a token {self._reason(error)}", is_genuine=True) from error
+
+    def _reason(self, error: jwt.PyJWTError) -> str:
+        if isinstance(error, jwt.ExpiredSignatureError):
+            return "that is still valid, got one that has expired; ask for a new one"
+        if isinstance(error, jwt.InvalidAudienceError):
+            return f"for the audience {self.rules.audience!r}, got one for others"
+        if isinstance(error, jwt.InvalidIssuerError):
+            return f"of the issuer {self.rules.issuer!r}, got one of another"
+        return f"that is valid now and has the claims {_CLAIMS}, but {error}"
 
 
 def _claim(claims: Mapping[str, Any], name: str) -> Any:

@@ -1,4 +1,4 @@
-"""How much one caller may ask for over time: counted in Redis, for all front doors together."""
+"""How much one caller may ask for over time: counted in Redis, for all API replicas together."""
 
 import logging
 import math
@@ -9,12 +9,12 @@ from typing import TypeVar
 
 from limits import RateLimitItemPerHour, RateLimitItemPerMinute
 from limits.aio.storage import MemoryStorage, RedisStorage
-from limits.aio.strategies import FixedWindowRateLimiter, SlidingWindowCounterRateLimiter
+from limits.aio.strategies import FixedWindowRateLimiter, RateLimiter, SlidingWindowCounterRateLimiter
 from redis.asyncio import ConnectionPool
 from redis.exceptions import RedisError
 
 from service.errors import RateError
-from service.limits.connection_limits import Refusal
+from service.limits.capacity import Refusal
 
 _T = TypeVar("_T")
 
@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 _PREFIX = "rate"
 _TIMEOUT_S = 1.0
-# A Redis that does not answer is not asked by every request how it is.
+# After a failure, requests do not try Redis for so long.
 _PAUSE_S = 5.0
 
 
@@ -38,7 +38,7 @@ class CallerRates:
     """Used from one event loop. While Redis is away each process counts for itself."""
 
     def __init__(self, redis_url: str | None, limits: RateLimits, note_refusal: Callable[[Refusal], None]) -> None:
-        """redis_url: None to count for this process alone. note_refusal: told which limit refused something."""
+        """redis_url: None to count for this process alone. note_refusal: called with the limit that was hit."""
         self.limits = limits
         self._note_refusal = note_refusal
         self._alone = _Counts(MemoryStorage(), limits)
@@ -56,21 +56,24 @@ class CallerRates:
         return self.limits != RateLimits(None, None)
 
     async def take(self, caller: str, brings_bytes: bool) -> None:
-        """Count a request. Raises RateError where there were too many of them, or one that brings bytes comes after too many."""
+        """Count a request. Raises RateError for too many requests, and for one that brings bytes after too many bytes."""
         refused = await self._counted(lambda counts: counts.refusal(caller, brings_bytes))
         if refused is None:
             return
         limit, wait_s = refused
         retry_after_s = max(1, math.ceil(wait_s))
         self._note_refusal(limit)
-        told = (
-            f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour (PANOLOC_MAX_BYTES_PER_HOUR), got more; send "
-            f"smaller images or fewer, and the next upload in {retry_after_s} s; what brings no bytes is answered"
-            if limit == "byte-rate"
-            else f"expected at most {self.limits.requests_per_minute:,} requests of one caller in a minute "
-            f"(PANOLOC_MAX_REQUESTS_PER_MINUTE), got more; ask less often, the next time in {retry_after_s} s"
+        if limit == "byte-rate":
+            raise RateError(
+                f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour (PANOLOC_MAX_BYTES_PER_HOUR), got more; "
+                f"send smaller images or fewer, and the next upload in {retry_after_s} s; requests without bytes are answered",
+                retry_after_s,
+            )
+        raise RateError(
+            f"expected at most {self.limits.requests_per_minute:,} requests of one caller in a minute "
+            f"(PANOLOC_MAX_REQUESTS_PER_MINUTE), got more; ask less often, the next time in {retry_after_s} s",
+            retry_after_s,
         )
-        raise RateError(told, retry_after_s)
 
     async def spend(self, caller: str, num_bytes: int) -> None:
         """Count the bytes that a request brought."""
@@ -96,31 +99,33 @@ class _Counts:
     """What callers have asked for, in one storage."""
 
     def __init__(self, storage: MemoryStorage | RedisStorage, limits: RateLimits) -> None:
-        self._requests, self._bytes = limits.requests_per_minute, limits.bytes_per_hour
-        # Requests evenly, so that a minute's worth of them is not followed at once by that of the next; of bytes one upload may be
-        # more than the limit, which only whole windows can count.
-        self._of_requests, self._of_bytes = SlidingWindowCounterRateLimiter(storage), FixedWindowRateLimiter(storage)
+        requests, num_bytes = limits.requests_per_minute, limits.bytes_per_hour
+        # A sliding window spreads requests over the minute. Of bytes, one upload may be more than the limit, which only fixed windows
+        # can count.
+        self._sliding, self._fixed = SlidingWindowCounterRateLimiter(storage), FixedWindowRateLimiter(storage)
+        self._requests = None if requests is None else RateLimitItemPerMinute(requests)
+        self._bytes = None if num_bytes is None else RateLimitItemPerHour(num_bytes)
 
     async def refusal(self, caller: str, brings_bytes: bool) -> tuple[Refusal, float] | None:
         """Count a request, or return which limit is against it, and for how many seconds."""
-        if self._bytes is not None and brings_bytes:
-            bytes_item = RateLimitItemPerHour(self._bytes)
-            if not await self._of_bytes.test(bytes_item, caller):
-                return "byte-rate", (await self._of_bytes.get_window_stats(bytes_item, caller)).reset_time - time.time()
-        if self._requests is not None:
-            item = RateLimitItemPerMinute(self._requests)
-            if not await self._of_requests.hit(item, caller):
-                return "request-rate", (await self._of_requests.get_window_stats(item, caller)).reset_time - time.time()
+        if self._bytes is not None and brings_bytes and not await self._fixed.test(self._bytes, caller):
+            return "byte-rate", await _wait_s(self._fixed, self._bytes, caller)
+        if self._requests is not None and not await self._sliding.hit(self._requests, caller):
+            return "request-rate", await _wait_s(self._sliding, self._requests, caller)
         return None
 
     async def spend(self, caller: str, num_bytes: int) -> None:
         """Count bytes."""
         if self._bytes is not None:
-            await self._of_bytes.hit(RateLimitItemPerHour(self._bytes), caller, cost=num_bytes)
+            await self._fixed.hit(self._bytes, caller, cost=num_bytes)
+
+
+async def _wait_s(limiter: RateLimiter, item: RateLimitItemPerHour | RateLimitItemPerMinute, caller: str) -> float:
+    return (await limiter.get_window_stats(item, caller)).reset_time - time.time()
 
 
 def _storage(redis_url: str, pool: ConnectionPool) -> RedisStorage:
-    # The library wants a URL of its own kind, although the pool is what is used.
+    # The library wants a URL of its own kind, although it uses the pool.
     scheme, _, rest = redis_url.partition("://")
     url = f"async+{'redis+unix' if scheme == 'unix' else scheme}://{rest}"
     return RedisStorage(url, implementation="redispy", key_prefix=_PREFIX, connection_pool=pool)  # type: ignore[arg-type]

@@ -1,17 +1,17 @@
-"""How long a registration may take, and how much memory: more for a larger scan, and never without end."""
+"""How long a registration may take, and how much memory: more for a larger scan."""
 
 from dataclasses import dataclass
 
 MAX_COUNTED_BYTES = 4 * 2**30
-"""That an archive may announce for its limits, as many as the largest upload has by default: announced bytes cost nobody anything."""
+"""The unpacked bytes of an archive that raise its limits, at most: as many as the largest upload has by default."""
 
 MAX_ATTEMPTS = 5
-"""Attempts of one registration, also over restarts of the service: a scan that ends its process will do it again."""
+"""Attempts of one registration, counted over restarts of the service: a scan that ends its process does so again."""
 
 
 @dataclass(frozen=True)
 class RegistrationLimits:
-    """Limits that grow with the bytes of the scan's file, of an archive with what it unpacks to.
+    """Limits that grow with the bytes of the scan's file, or of an archive's content.
 
     The largest scan that was measured, 50 million points in 750 MB, takes minutes and less than 2 GB; a small one seconds.
     """

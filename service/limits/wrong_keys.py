@@ -1,4 +1,4 @@
-"""Slows down whoever tries keys: the wrong ones of an address are answered one after the other, with a pause before each."""
+"""Slows down callers who try keys: the wrong ones of an address are answered one after the other, with a pause before each."""
 
 import asyncio
 from collections import Counter
@@ -11,26 +11,26 @@ _MOST_WAITING = 8
 
 
 class WrongKeys:
-    """Used from one event loop. Right keys never wait, also of an address that many share."""
+    """Used from one event loop. Right keys never wait, even of an address that many share."""
 
     def __init__(self, pause_s: float = _PAUSE_S, most_waiting: int = _MOST_WAITING) -> None:
         self._pause_s = pause_s
         self._most_waiting = most_waiting
-        self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._waiting: Counter[str] = Counter()
 
     async def wait(self, address: str) -> None:
-        """Wait before a wrong key of this address is called wrong. Raises WrongKeysError where many wait already."""
+        """Wait before a wrong key of this address is refused. Raises WrongKeysError where many wait already."""
         if self._waiting[address] >= self._most_waiting:
             raise WrongKeysError(
                 f"expected a known API key, got {self._most_waiting} unknown ones from this address within seconds; ask the "
                 "operator for a key",
                 round(self._most_waiting * self._pause_s) or 1,
             )
-        turn = self._turns.setdefault(address, asyncio.Lock())
+        lock = self._locks.setdefault(address, asyncio.Lock())
         self._waiting[address] += 1
         try:
-            async with turn:
+            async with lock:
                 await asyncio.sleep(self._pause_s)
         finally:
             self._waiting[address] -= 1

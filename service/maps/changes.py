@@ -25,6 +25,7 @@ from service.storage import Storage
 MOST_ANSWERS = 200
 """Of a map; older ones make room."""
 
+_LIFETIME_S = 30 * 24 * 3600
 Cell = tuple[int, int, int]
 
 
@@ -34,7 +35,7 @@ class ChangeLog:
     lifetime_s: seconds for which an answer counts; 0: nothing is kept.
     """
 
-    def __init__(self, storage: Storage, lifetime_s: int) -> None:
+    def __init__(self, storage: Storage, lifetime_s: int = _LIFETIME_S) -> None:
         self._storage = storage
         self._lifetime_s = lifetime_s
 

@@ -152,7 +152,7 @@ def _within_memory(work: Callable[[], Result]) -> Result:
         if not isinstance(error, MemoryError) and "can't allocate memory" not in str(error):
             raise
         raise RegistrationLimitError(
-            "expected a scan that takes less memory than allowed (PANOLOC_REGISTRATION_MEMORY_BYTES and ..._PER_SCAN_BYTE), but there "
+            "expected a scan that takes less memory than allowed (PANOLOC_REGISTRATION_MEMORY_BYTES), but there "
             "was none left; thin the scan, or let the operator allow more"
         ) from error
 

@@ -7,12 +7,15 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
+from unittest import mock
 from urllib.parse import urlsplit
 
 import httpx
 
 from service.host.embedded_redis import EmbeddedRedis
 from service.host.lifeline import Lifeline
+from service.http import server
+from service.http.guards import slow_clients
 from tests.campaign.damage import damaged
 from tests.campaign.outcome import Outcome, quantile
 from tests.service.http.running_service import SCAN, listening, png_of
@@ -30,7 +33,11 @@ def hostile_requests(num_cases: int, seed: int) -> Outcome:
         redis = EmbeddedRedis(Path(folder), lifeline)
         redis.start()
         try:
-            with listening(Path(folder), redis.url, header_timeout_s=0.5, transfer_timeout_s=0.5) as url:
+            with (
+                mock.patch.object(server, "_HEAD_TIMEOUT_S", 0.5),
+                mock.patch.object(slow_clients, "TIMEOUT_S", 0.5),
+                listening(Path(folder), redis.url) as url,
+            ):
                 seeds = _seeds(url)
                 for number in range(num_cases):
                     chance = random.Random(f"{seed}-{number}")

@@ -1,1 +1,1 @@
-"""What stands before requests: connections, slow bodies, pages of others that ask in the name of a browser, and requests for heads."""
+"""ASGI middleware that stands before the routes: slow clients, hosts and origins, rates and the queue, requests for heads."""

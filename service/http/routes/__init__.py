@@ -5,20 +5,17 @@ from fastapi.routing import APIRoute
 
 from service.http.routes import (
     batches,
-    console,
     demo,
-    documentation,
     geopose,
-    health,
     localizations,
     localize,
     map_files,
     maps,
-    metrics,
     new_batches,
     new_scans,
     openflame,
-    problems,
+    operations,
+    pages,
 )
 
 ROUTERS: tuple[APIRouter, ...] = tuple(
@@ -32,13 +29,10 @@ ROUTERS: tuple[APIRouter, ...] = tuple(
         geopose,
         new_batches,
         batches,
-        health,
-        metrics,
+        operations,
         demo,
-        documentation,
-        problems,
         openflame,
-        console,
+        pages,
     )
 )
 
@@ -48,4 +42,4 @@ QUERY_ROUTES: tuple[APIRoute, ...] = tuple(
     for route in module.router.routes
     if isinstance(route, APIRoute) and "POST" in (route.methods or ())
 )
-"""Those that wait for a worker: whether it has a place for them is looked at before their body."""
+"""Routes that wait for a worker: whether the queue has room is checked before the body is read."""

@@ -22,7 +22,9 @@ from service.services import Services, services_of
 
 router = APIRouter(tags=["batches"])
 
+_MapId = Annotated[str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)]
 _MAX_IGNORED = 100
+_EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
 _IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
@@ -99,9 +101,7 @@ async def get_export(
     include: Annotated[
         Literal["ambiguous"] | None, Query(description="Write photos that fit several places, too, at the likeliest.")
     ] = None,
-    map_id: Annotated[
-        str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)
-    ] = None,
+    map_id: _MapId = None,
 ) -> Response:
     """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
     services = services_of(request)
@@ -112,7 +112,7 @@ async def get_export(
             results = await services.batches.results(batch_id, range(len(record.names)))
             wanted = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
             place = await _map_seen(request, wanted.map_id)
-            return await open_export(services.storage, wanted, place, services.settings.export_time_s)
+            return await open_export(services.storage, wanted, place, _EXPORT_TIME_S)
 
     file = await while_connected(request, export())
     headers = {
@@ -132,9 +132,7 @@ async def get_export(
 async def get_plan(
     request: Request,
     batch_id: str,
-    map_id: Annotated[
-        str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)
-    ] = None,
+    map_id: _MapId = None,
 ) -> Response:
     """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are further places
     that an ambiguous one fits.
@@ -147,7 +145,7 @@ async def get_plan(
             results = await services.batches.results(batch_id, range(len(record.names)))
             drawn = map_of(record, results, map_id)
             place = await _map_seen(request, drawn)
-            return await draw_plan(services.storage, record, results, drawn, place, services.settings.export_time_s)
+            return await draw_plan(services.storage, record, results, drawn, place, _EXPORT_TIME_S)
 
     picture = await while_connected(request, draw())
     return Response(picture, media_type="image/png", headers={"Cache-Control": "private, no-cache"})
@@ -202,7 +200,7 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
 
 
 async def _map_seen(request: Request, map_id: str) -> MapRecord | None:
-    """Return a map, None where it was deleted, or is none of those that the caller sees, whoever named it."""
+    """Return a map, None where it was deleted or the caller does not see it."""
     await services_of(request).registry.find([map_id])
     maps = maps_seen(request)
     return maps.get(map_id) if maps.has(map_id) else None
@@ -225,7 +223,7 @@ def _first_of(cursor: str | None) -> int:
     if cursor.isascii() and cursor.isdigit():
         return int(cursor)
     message = f"expected the next_cursor of an earlier page, got {cursor!r}; begin again without a cursor"
-    raise InvalidOptionsError(f"cursor: {message}", [{"field": "cursor", "message": message}])
+    raise InvalidOptionsError.of("cursor", message)
 
 
 async def _blocks(file: BinaryIO) -> AsyncIterator[bytes]:

@@ -26,7 +26,7 @@ from service.http.schemas.geopose import (
 from service.http.schemas.localization import LocalizeOptions
 from service.http.validation import limited_by, parse_json
 from service.jobs import QueryImage
-from service.limits.bytes_in_flight import HeldBytes
+from service.limits.capacity import Held
 from service.localizations import LocalizeRequest
 from service.maps.on_earth import Place, maps_around
 from service.maps.selection import MapChoice
@@ -85,7 +85,7 @@ async def post_geopose(
     return JSONResponse(_reply(asked, answer), media_type=_MEDIA_TYPE)
 
 
-async def _body(request: Request, settings: Settings, held: HeldBytes) -> bytes:
+async def _body(request: Request, settings: Settings, held: Held) -> bytes:
     most = int(settings.max_image_bytes * _BASE64) + _ENVELOPE_BYTES
     data = bytearray()
     async for chunk in request.stream():

@@ -26,7 +26,7 @@ from service.http.spool import PartRule
 from service.http.uploads import MAX_PARTS, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import QueryOptions
-from service.limits.bytes_in_flight import HeldBytes
+from service.limits.capacity import Held
 from service.localizations import LocalizeRequest
 from service.maps.selection import MapChoice
 from service.problems import error_responses
@@ -102,7 +102,7 @@ async def localize(
         raise
 
 
-async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Response:
+async def _answer(request: Request, prefer: str | None, held: Held) -> Response:
     services = services_of(request)
     query = await _query(request, services.settings, held)
     if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
@@ -114,7 +114,7 @@ async def _answer(request: Request, prefer: str | None, held: HeldBytes) -> Resp
     return JSONResponse(answer)
 
 
-async def _query(request: Request, settings: Settings, held: HeldBytes) -> LocalizeRequest:
+async def _query(request: Request, settings: Settings, held: Held) -> LocalizeRequest:
     max_bytes, setting = settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
     rules = {
         "image": PartRule(max_bytes, setting, max_parts=MAX_IMAGES, max_full_parts=_MAX_FULL_IMAGES),

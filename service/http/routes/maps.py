@@ -64,7 +64,7 @@ async def list_maps(
 async def get_map(request: Request, map_id: str) -> Response:
     """Return one map."""
     services = services_of(request)
-    # Whoever polls a map behind a balancer comes to another front door each time.
+    # Behind a balancer each poll may come to another API replica.
     try:
         await services.registry.refresh(map_id)
     except StorageAwayError as error:
@@ -93,7 +93,7 @@ async def patch_map(
 ) -> Response:
     """Change the fields that are given; the others stay as they are.
 
-    With `If-Match` only while nobody else has changed the map since it was read: 412 otherwise.
+    With `If-Match` only where the map is as it was when it was read: 412 otherwise.
     """
     services = services_of(request)
     own_map(request, map_id)
@@ -116,11 +116,11 @@ async def delete_map(request: Request, map_id: str) -> Response:
     """Delete a map; a registration under way ends. There is no way back."""
     services = services_of(request)
     own_map(request, map_id)
-    # Without Redis its entries would stay: then nothing is deleted, and the caller tries again.
+    # Without Redis its entries would stay: nothing is deleted then, and the caller tries again.
     await services.cache.check()
     await services.registry.remove(map_id)
     note_change(request, "map deleted", map_id)
-    # Not before: from now on no registration of it begins.
+    # Only now, because no registration of it begins from here on.
     await services.registrations.cancel(map_id)
     await asyncio.shield(services.cache.forget_map(map_id))
     await asyncio.shield(services.changes.forget(map_id))
@@ -139,7 +139,7 @@ def _wanted_version(if_match: str | None) -> int | None:
     if version.isascii() and version.isdigit():
         return int(version)
     message = f"expected the ETag of a map, or *, got {if_match!r}; GET /maps/{{id}} has it"
-    raise InvalidOptionsError(f"If-Match: {message}", [{"field": "If-Match", "message": message}])
+    raise InvalidOptionsError.of("If-Match", message)
 
 
 async def documents(services: Services, records: Sequence[MapRecord]) -> list[dict[str, Any]]:

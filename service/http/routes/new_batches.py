@@ -10,13 +10,12 @@ from core.panorama.image_header import KNOWN_FORMATS
 from service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
 from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
-from service.http.access import caller_of, note_change, require
+from service.http.access import caller_of, hold_upload_place, note_change, require
 from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
 from service.http.routes.batches import batch_document, batch_overview
 from service.http.routes.localize import checked_options
 from service.http.schemas.batches import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE, Batch, BatchOptions, BatchPage
 from service.http.spool import PartRule
-from service.http.upload_place import hold_upload_place
 from service.http.uploads import MAX_PARTS, Form, read_form
 from service.http.validation import parse_json
 from service.jobs import new_id, now
@@ -130,8 +129,9 @@ async def post_batch(request: Request) -> Response:
 
 
 def _with_all_the_time(options: BatchOptions, settings: Settings) -> BatchOptions:
-    """Return the options with as much time as a query may have, where none is named: nobody waits for an image of a batch, and a service
-    that is busy with other work must not fail it for good."""
+    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a batch, and a busy
+    service must not fail it for good.
+    """
     if options.timeout_s is not None:
         return options
     return options.model_copy(update={"timeout_s": settings.max_timeout_s})
@@ -162,7 +162,7 @@ def _rules(settings: Settings) -> dict[str, PartRule]:
 
 
 def _any_head(head: bytes, name: str) -> None:
-    """Take everything: what is no image is told of that image alone."""
+    """Take every file: one that is no image fails alone."""
 
 
 def _check_zip(head: bytes, name: str) -> None:
@@ -176,10 +176,8 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
     images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files_of("image")]
     if bool(images) == bool(archives):
         got = "both" if images else "neither"
-        message = (
-            f"expected either images in parts of this name or a zip as archive, got {got}; send -F image=@photo.jpg"
-        )
-        raise InvalidOptionsError(f"image: {message}", [{"field": "image", "message": message}])
+        message = f"expected either images in parts of this name or a zip as archive, got {got}"
+        raise InvalidOptionsError.of("image", f"{message}; send -F image=@photo.jpg")
     if not archives:
         return images, []
     settings = services.settings

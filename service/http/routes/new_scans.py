@@ -12,13 +12,12 @@ from core.scan.format_detection import KNOWN_FORMATS, extension_of
 from core.scan.ply.header import check_ply_file
 from core.zip_opening import unpacked_bytes
 from service.errors import InvalidOptionsError
-from service.http.access import caller_of, note_change, own_map, require
+from service.http.access import caller_of, hold_upload_place, note_change, own_map, require
 from service.http.openapi import accepted_headers, binary_part, json_part, multipart
 from service.http.schemas import Map, MapOptions, ScanOptions
 from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
 from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
 from service.http.spool import PartRule, SpooledFile
-from service.http.upload_place import hold_upload_place
 from service.http.uploads import Form, read_form
 from service.http.validation import limited_by, parse_json
 from service.jobs import MapRef, RegisterOptions, new_id, now
@@ -143,8 +142,9 @@ async def _read(request: Request, services: Services) -> Form:
 
 async def _checked_scan(form: Form, services: Services) -> SpooledFile:
     if form.scan is None:
-        message = "expected the scan in a part of this name, got none; send -F file=@scan.ply"
-        raise InvalidOptionsError(f"file: {message}", [{"field": "file", "message": message}])
+        raise InvalidOptionsError.of(
+            "file", "expected the scan in a part of this name, got none; send -F file=@scan.ply"
+        )
     with limited_by("PANOLOC_MAX_POINTS"):
         await asyncio.to_thread(
             check_ply_file, form.scan.path, options.ScanOptions(max_points=services.settings.max_points)

@@ -35,7 +35,7 @@ class MapChanges(Answer):
 
     map_id: str
     revision: int = Field(description="Of the scan that answers queries; answers to others do not count.")
-    lifetime_s: int = Field(description="Seconds for which an answer counts (PANOLOC_CHANGES_TTL_S); 0: none is kept.")
+    lifetime_s: int = Field(description="Seconds for which an answer counts.")
     cell_m: float | None = Field(description="Edge of a cell, metres; null without answers.")
     answers: list[AnswerWithChange] = Field(description="Newest first.")
     cells: list[ChangedCell] = Field(description="Those that most answers saw changed first.")

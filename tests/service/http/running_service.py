@@ -10,15 +10,14 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import httpx
-import uvicorn
 from fastapi import FastAPI
 
 from service.app import create_app
 from service.cache import Cache, WorkerCache
-from service.http.guards.guarded_protocol import guarded_config
+from service.http.server import DrainingServer, server_config
 from service.settings import Settings
 from service.storage import Storage, open_storage
 from tests.service.http.fake_pool import FakePool, ply_of
@@ -93,15 +92,22 @@ async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> Asy
 @contextmanager
 def listening(folder: Path, redis_url: str, **changes: Any) -> Iterator[str]:
     """Serve the application on a port of its own, in a thread, and yield its URL."""
+    with listening_server(folder, redis_url, **changes) as (url, _):
+        yield url
+
+
+@contextmanager
+def listening_server(folder: Path, redis_url: str, **changes: Any) -> Iterator[tuple[str, DrainingServer]]:
+    """Serve the application as `listening` does; yield its URL and its server."""
     pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
     app = create_app(Settings(**{"data_dir": folder, "redis_url": redis_url, "drain_s": 0.1, **changes}), pool)
-    server = uvicorn.Server(guarded_config(app, app.state.services.connections, port=0))
+    server = DrainingServer(server_config(app, port=0), cast(Any, pool), drain_s=0.0)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     while not server.started:
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
-    yield f"http://127.0.0.1:{port}"
+    yield f"http://127.0.0.1:{port}", server
     server.should_exit = True
     thread.join()
 

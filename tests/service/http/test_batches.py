@@ -443,9 +443,14 @@ async def test_what_is_no_batch_is_refused_and_leaves_nothing(
 
 
 async def test_limits_of_batches_and_of_their_images_are_named(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path,
+    redis_server: EmbeddedRedis,
+    redis_client: object,
+    anyio_backend: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    limits = {"max_batches": 1, "max_batch_images": 2, "max_image_bytes": 1000}
+    monkeypatch.setattr("service.services.MOST_BATCHES", 1)
+    limits = {"max_batch_images": 2, "max_image_bytes": 1000}
     async with running_service(tmp_path, redis_server.url, **limits) as running:
         map_id = await running.ready_map()
         reply = await post(running, map_id, ["a.png", "b.png", "c.png"])
@@ -459,13 +464,18 @@ async def test_limits_of_batches_and_of_their_images_are_named(
         assert (reply.status_code, "PANOLOC_MAX_BATCH_IMAGES" in reply.text) == (413, True)
         assert (await post(running, map_id, ["a.png"])).status_code == 202
         reply = await post(running, map_id, ["a.png"])
-        assert (reply.status_code, "PANOLOC_MAX_BATCHES" in reply.text) == (409, True)
+        assert (reply.status_code, "fewer than 1 batches" in reply.text) == (409, True)
 
 
 async def test_uploads_at_the_same_time_make_no_more_batches_than_allowed(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path,
+    redis_server: EmbeddedRedis,
+    redis_client: object,
+    anyio_backend: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    async with running_service(tmp_path, redis_server.url, max_batches=2) as running:
+    monkeypatch.setattr("service.services.MOST_BATCHES", 2)
+    async with running_service(tmp_path, redis_server.url) as running:
         map_id = await running.ready_map()
         replies = await asyncio.gather(*(post(running, map_id, ["a.png"]) for _ in range(5)))
         assert sorted(reply.status_code for reply in replies) == [202, 202, 409, 409, 409]

@@ -61,7 +61,7 @@ async def test_of_each_caller_so_many_requests_are_let_through(rates_of: RatesOf
     assert 1 <= told.value.retry_after_s <= 60
 
 
-async def test_front_doors_count_together(rates_of: RatesOf) -> None:
+async def test_replicas_count_together(rates_of: RatesOf) -> None:
     first, second = (rates_of(RateLimits(6, None)) for _ in range(2))
     assert await num_let_through(first, 4, "key shared") == 4
     assert await num_let_through(second, 4, "key shared") == 2

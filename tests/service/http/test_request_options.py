@@ -68,13 +68,6 @@ def test_a_name_that_stands_twice_is_refused_whichever_a_reader_would_take(text:
     assert "2 times" in str(refused)
 
 
-@pytest.mark.parametrize("value", ["true", '"2"', "0", "2.5"])
-def test_a_number_of_poses_is_a_whole_number_and_no_word(value: str) -> None:
-    refused = refusal_of(LocalizeOptions, f'{{"top_k": {value}}}'.encode())
-    assert isinstance(refused, InvalidOptionsError)
-    assert refused.fields[0]["field"] == "top_k"
-
-
 @given(st.tuples(COORDINATE, COORDINATE, COORDINATE), st.tuples(COORDINATE, COORDINATE, COORDINATE))
 def test_a_region_has_min_below_max_on_every_axis(low: tuple[float, ...], high: tuple[float, ...]) -> None:
     text = json.dumps({"hints": {"region": {"min": low, "max": high}}}).encode()

@@ -103,13 +103,7 @@ async def test_a_token_that_was_made_up_waits_like_a_wrong_key(
 
 
 async def test_a_key_that_the_issuer_has_just_published_opens_at_the_first_request(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
+    running: RunningService, tmp_path: Path
 ) -> None:
-    keys = running.app.state.services.settings.keys.tokens.keys
-
-    async def fetch() -> bool:
-        keys._take(json.dumps(ISSUED.jwks("rsa", "ec")).encode())
-        return True
-
-    monkeypatch.setattr(keys, "fetch", fetch)
+    ISSUED.publish(tmp_path / "jwks.json", "rsa", "ec")
     assert (await ask(running, ISSUED.token("ec", org="museum"), "GET", "/maps")).status_code == 200

@@ -11,6 +11,7 @@ import pytest
 from service.batches import export
 from service.errors import ExportFailedError
 from service.host.embedded_redis import EmbeddedRedis
+from service.limits import capacity
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
@@ -28,18 +29,19 @@ async def upload(running: RunningService, may_go_on: asyncio.Event, has_begun: a
     return await running.client.post("/maps", content=held_body(may_go_on, has_begun), headers=headers)
 
 
-@pytest.mark.parametrize("limit", ["max_uploads", "max_uploads_per_caller"])
+@pytest.mark.parametrize(("limit", "whose"), [("_UPLOADS", "of all callers"), ("_UPLOADS_OF_CALLER", "of one caller")])
 async def test_one_upload_too_many_is_refused_until_another_is_done(
-    tmp_path: Path, redis_server: EmbeddedRedis, limit: str
+    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, limit: str, whose: str
 ) -> None:
-    async with running_service(tmp_path, redis_server.url, **{limit: 1}) as running:
+    monkeypatch.setattr(capacity, limit, 1)
+    async with running_service(tmp_path, redis_server.url) as running:
         may_go_on, has_begun = asyncio.Event(), asyncio.Event()
         first = asyncio.create_task(upload(running, may_go_on, has_begun))
         await has_begun.wait()
         assert "panoloc_uploads 1.0" in (await running.client.get("/metrics")).text
         refused = await running.upload()
         assert (refused.status_code, refused.json()["type"]) == (503, "/problems/too-many-uploads")
-        assert f"PANOLOC_{limit.upper()}" in refused.json()["detail"]
+        assert f"at most 1 uploads of scans and batches {whose}" in refused.json()["detail"]
         assert int(refused.headers["retry-after"]) >= 1
         may_go_on.set()
         assert (await first).status_code < 500
@@ -70,7 +72,7 @@ async def pid_of(begun: Path) -> int:
 async def test_an_export_that_takes_too_long_is_killed(endless: Path) -> None:
     task = asyncio.create_task(export._run("endless", time_s=3.0))
     pid = await pid_of(endless)
-    with pytest.raises(ExportFailedError, match="PANOLOC_EXPORT_TIME_S"):
+    with pytest.raises(ExportFailedError, match="expected an export within 3 s"):
         await task
     assert not Path(f"/proc/{pid}").exists()
 

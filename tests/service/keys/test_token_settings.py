@@ -1,5 +1,6 @@
 """What an operator says of tokens, and what he is told where it cannot be right."""
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ def given(tmp_path: Path, **settings: Any) -> Settings:
 def test_tokens_close_a_service_and_open_it(tmp_path: Path) -> None:
     keys = given(tmp_path).keys
     assert keys.required
+    assert keys.tokens is not None
+    asyncio.run(keys.tokens.keys.refresh())
     assert keys.find(ISSUED.token()) is not None
     assert not Settings(data_dir=tmp_path, oidc_issuer="", oidc_audience="", oidc_keys="").keys.required
 

@@ -4,7 +4,7 @@ import asyncio
 import base64
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from threading import Thread
@@ -16,8 +16,8 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from service.keys.caller import ALL_SCOPES, Caller
+from service.keys.issuer_keys import IssuerKeys, read_keys
 from service.keys.key_ring import KeyRing
-from service.keys.signing_keys import SigningKeys, keys_of
 from service.keys.tokens import TokenRefusedError, TokenRules, Tokens
 from tests.service.keys.issuer import AUDIENCE, ISSUER, Issuer
 
@@ -26,21 +26,23 @@ RULES = TokenRules(ISSUER, AUDIENCE, "scope", "sub")
 
 
 @pytest.fixture
-def keys(tmp_path: Path) -> SigningKeys:
-    return SigningKeys(str(ISSUED.publish(tmp_path / "jwks.json")), look_s=0.0)
+def keys(tmp_path: Path) -> IssuerKeys:
+    found = IssuerKeys(str(ISSUED.publish(tmp_path / "jwks.json")))
+    asyncio.run(found.refresh())
+    return found
 
 
-def caller(keys: SigningKeys, token: str, rules: TokenRules = RULES) -> Caller:
+def caller(keys: IssuerKeys, token: str, rules: TokenRules = RULES) -> Caller:
     return Tokens(rules, keys).caller_of(token)
 
 
 @pytest.mark.parametrize("key_id", ["rsa", "ec", "ed"])
-def test_a_token_opens_what_its_scopes_say_for_its_tenant(keys: SigningKeys, key_id: str) -> None:
+def test_a_token_opens_what_its_scopes_say_for_its_tenant(keys: IssuerKeys, key_id: str) -> None:
     token = ISSUED.token(key_id, scope="openid panoloc:read panoloc.localize panoloc:fly read")
     assert caller(keys, token) == Caller("token anna", frozenset({"read", "localize"}), "anna")
 
 
-def test_scopes_and_tenants_are_read_where_the_issuer_puts_them(keys: SigningKeys) -> None:
+def test_scopes_and_tenants_are_read_where_the_issuer_puts_them(keys: IssuerKeys) -> None:
     roles: dict[str, Any] = {
         "resource_access": {"panoloc": {"roles": ["panoloc:write", 7, "offline"]}},
         "org": {"id": "museum"},
@@ -55,7 +57,7 @@ def test_scopes_and_tenants_are_read_where_the_issuer_puts_them(keys: SigningKey
     assert caller(keys, ISSUED.token(scope="panoloc:admin")) == Caller("token anna", ALL_SCOPES, None)
 
 
-def test_a_token_may_be_for_several_audiences_and_name_no_key(keys: SigningKeys) -> None:
+def test_a_token_may_be_for_several_audiences_and_name_no_key(keys: IssuerKeys) -> None:
     algorithm, key = ISSUED.keys["ec"]
     claims = {"iss": ISSUER, "aud": ["other", AUDIENCE], "sub": "anna", "exp": time.time() + 9}
     assert caller(keys, jwt.encode(claims, key, algorithm)).id == "token anna"
@@ -111,43 +113,53 @@ BAD: dict[str, tuple[Callable[[], str], str, bool]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_token_opens_nothing_that_is(name: str, keys: SigningKeys) -> None:
+def test_a_token_opens_nothing_that_is(name: str, keys: IssuerKeys) -> None:
     make, said, is_genuine = BAD[name]
     with pytest.raises(TokenRefusedError, match=said) as refused:
         caller(keys, make())
     assert refused.value.is_genuine == is_genuine
 
 
-def test_keys_of_a_file_are_those_that_are_in_it_now(keys: SigningKeys, caplog: pytest.LogCaptureFixture) -> None:
+def test_keys_of_a_file_are_those_that_are_in_it_now(keys: IssuerKeys, caplog: pytest.LogCaptureFixture) -> None:
     path = Path(keys.place)
     ISSUED.publish(path, "ec")
+    asyncio.run(keys.refresh())
     assert caller(keys, ISSUED.token("ec")).id == "token anna"
     with pytest.raises(TokenRefusedError, match="unknown key"):
         caller(keys, ISSUED.token("rsa"))
     path.write_text("{}")
+    asyncio.run(keys.refresh())
     assert caller(keys, ISSUED.token("ec")).id == "token anna"
     assert "cannot be read" in caplog.text
-    ISSUED.publish(path, "rsa")
-    assert caller(keys, ISSUED.token("rsa")).id == "token anna"
 
 
-def test_of_a_set_only_public_keys_that_sign_are_used() -> None:
+def test_of_a_set_only_public_keys_that_sign_are_used(tmp_path: Path) -> None:
     def usable(*listed: Any) -> list[str | None]:
-        return [key.id for key in keys_of(json.dumps({"keys": listed}).encode())]
+        path = tmp_path / "jwks.json"
+        path.write_text(json.dumps({"keys": listed}))
+        return [key.key_id for key in read_keys(str(path))]
 
     secret = {"kty": "oct", "k": "c2VjcmV0", "kid": "secret", "alg": "HS256"}
-    assert usable(secret, ISSUED.jwk("rsa"), ISSUED.jwk("ec") | {"use": "enc"}, {"kty": "new"}) == ["rsa"]
-    (private,) = keys_of(json.dumps({"keys": [ISSUED.jwk("rsa", private=True)]}).encode())
-    assert isinstance(private.key.key, rsa.RSAPublicKey)
-    for listed in ([], [secret], [{"kty": "RSA"}], [7]):
+    private = ISSUED.jwk("ed", private=True)
+    assert usable(secret, private, ISSUED.jwk("rsa"), ISSUED.jwk("ec") | {"use": "enc"}, {"kty": "new"}) == ["rsa"]
+    for listed in ([], [secret], [private], [{"kty": "RSA"}], [7]):
         with pytest.raises(ValueError, match="JWK set"):
             usable(*listed)
 
 
+@pytest.mark.parametrize("document", [b"", b"{", b"[]", b"7", b"[" * 100_000, b"\xff", b'{"keys": 7}'])
+def test_a_damaged_set_is_refused(tmp_path: Path, document: bytes) -> None:
+    (tmp_path / "jwks.json").write_bytes(document)
+    with pytest.raises(ValueError, match="expected a JWK set"):
+        read_keys(str(tmp_path / "jwks.json"))
+
+
 class _Published(BaseHTTPRequestHandler):
     document = b""
+    num_asked = 0
 
     def do_GET(self) -> None:
+        _Published.num_asked += 1
         self.send_response(200 if self.document else 503)
         self.end_headers()
         self.wfile.write(self.document)
@@ -156,39 +168,54 @@ class _Published(BaseHTTPRequestHandler):
         pass
 
 
-@pytest.mark.slow
-@pytest.mark.anyio
-async def test_keys_of_a_url_are_fetched_again_for_a_token_that_names_a_new_one() -> None:
+@pytest.fixture
+def url() -> Iterator[str]:
+    _Published.document, _Published.num_asked = b"", 0
     with HTTPServer(("127.0.0.1", 0), _Published) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        try:
-            keys = SigningKeys(f"http://127.0.0.1:{server.server_port}/jwks", shortest_pause_s=0.0)
-            assert not await keys.fetch()
-            with pytest.raises(TokenRefusedError) as refused:
-                caller(keys, ISSUED.token("ec"))
-            assert refused.value.may_be_new
-            _Published.document = json.dumps(ISSUED.jwks("ec")).encode()
-            assert await keys.fetch()
-            assert caller(keys, ISSUED.token("ec")).id == "token anna"
-            _Published.document = b"[" * 2**21
-            assert not await keys.fetch()
-            assert caller(keys, ISSUED.token("ec")).id == "token anna"
-            _Published.document = json.dumps(ISSUED.jwks("rsa")).encode()
-            keys._shortest_pause_s = 60.0
-            assert not await keys.fetch(), "asked again at once"
-            following = SigningKeys(keys.place)
-            task = asyncio.create_task(following.follow())
-            for _ in range(500):
-                if following.that_may_have_signed("rsa", "RS256"):
-                    break
-                await asyncio.sleep(0.01)
-            task.cancel()
-            assert caller(following, ISSUED.token("rsa")).id == "token anna"
-        finally:
-            server.shutdown()
+        Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/jwks"
+        server.shutdown()
 
 
-def test_keys_and_tokens_open_the_same_service(tmp_path: Path, keys: SigningKeys) -> None:
+def test_keys_of_a_url_are_fetched_again_and_those_that_are_known_stay(url: str) -> None:
+    async def run() -> None:
+        keys = IssuerKeys(url, pause_s=0.0)
+        await keys.refresh()
+        with pytest.raises(TokenRefusedError) as refused:
+            caller(keys, ISSUED.token("ec"))
+        assert refused.value.may_be_new
+        _Published.document = json.dumps(ISSUED.jwks("ec")).encode()
+        await keys.refresh()
+        for document in (b"[" * 10_000, b""):
+            _Published.document = document
+            await keys.refresh()
+            assert caller(keys, ISSUED.token("ec")).id == "token anna"
+
+    asyncio.run(run())
+
+
+def test_tokens_of_unknown_keys_make_no_flood_of_requests_to_the_issuer(url: str) -> None:
+    async def run() -> None:
+        keys = IssuerKeys(url)
+        await asyncio.gather(*(keys.refresh() for _ in range(10)))
+
+    asyncio.run(run())
+    assert _Published.num_asked == 1
+
+
+def test_keys_are_there_as_soon_as_they_are_followed(url: str) -> None:
+    async def run() -> None:
+        _Published.document = json.dumps(ISSUED.jwks("rsa")).encode()
+        keys = IssuerKeys(url)
+        following = asyncio.create_task(keys.follow())
+        while not keys.of("rsa"):
+            await asyncio.sleep(0.01)
+        following.cancel()
+
+    asyncio.run(asyncio.wait_for(run(), 10))
+
+
+def test_keys_and_tokens_open_the_same_service(tmp_path: Path, keys: IssuerKeys) -> None:
     ring = KeyRing("written-down.with.dots", tmp_path, Tokens(RULES, keys))
     assert ring.required
     assert ring.find("written-down.with.dots") is not None

@@ -327,14 +327,12 @@ def test_a_scan_that_finds_no_memory_is_told_which_limit_it_met(
 @pytest.mark.slow
 def test_the_limits_of_the_process_grow_with_the_scan(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[tuple[int, float]] = []
-    settings = WorkerSettings.of(
-        Settings(registration_memory_bytes=2**28, registration_memory_per_scan_byte=3), "redis://"
-    )
+    settings = WorkerSettings.of(Settings(registration_memory_bytes=2**28), "redis://")
     catalog = MapCatalog(FolderStorage(place.folder / "data"))
     registrar = Registrar(settings, catalog, place.registrar._cache, lambda *limits: given.append(limits))
     registrar.register(place.job)
     scan_bytes = len(FolderStorage(place.folder / "data").read(place.job.scan_key))
-    assert [num_bytes for num_bytes, _ in given] == [2**28 + 3 * scan_bytes]
+    assert [num_bytes for num_bytes, _ in given] == [2**28 + 8 * scan_bytes]
     assert all(cpu_s >= settings.registration_limits.seconds(scan_bytes) for _, cpu_s in given)
 
 

@@ -1,16 +1,18 @@
-"""Whether the process lives, whether it serves, and details for people."""
+"""For operators and their tools: health, metrics, and what each kind of problem means."""
 
 import asyncio
 import time
 
 from fastapi import APIRouter, Depends, Request
+from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.responses import JSONResponse, Response
 
 from service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
 from service.host.service_version import service_version
-from service.http.access import caller_of, require_for_details, sees_details
+from service.http.access import caller_of, require
+from service.http.error_handlers import plain_problem_response
 from service.http.schemas import Health, Liveness, Readiness
-from service.problems import error_responses
+from service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from service.services import Services, services_of
 
 router = APIRouter(tags=["operations"])
@@ -46,11 +48,12 @@ async def live() -> Response:
 async def ready(request: Request) -> Response:
     """Answer 200 when Redis takes values, the storage can be written, a worker is up and start-up is over.
 
-    With keys set, a caller without one learns no more than that.
+    With keys set, a caller without one learns no more than that: probes bring no key.
     """
-    details = await _details(services_of(request), caller_of(request).tenant)
+    caller = caller_of(request)
+    details = await _details(services_of(request), caller.tenant)
     is_ready = details["status"] == "ready"
-    if not await sees_details(request):
+    if "read" not in caller.scopes:
         details = {"status": details["status"]}
     if is_ready:
         return JSONResponse(details)
@@ -60,22 +63,49 @@ async def ready(request: Request) -> Response:
 @router.get(
     "/health",
     summary="Details for people",
-    dependencies=[Depends(require_for_details)],
+    dependencies=[Depends(require("read"))],
     response_model=None,
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
     """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a problem."""
     services = services_of(request)
-    details = await _details(services, caller_of(request).tenant)
-    # Problems name maps and batches: who does not see those of all tenants does not see their problems either.
-    sees_all = caller_of(request).tenant is None
-    errors = request.app.state.recent_errors.newest(services.registry.failed()) if sees_all else []
+    tenant = caller_of(request).tenant
+    details = await _details(services, tenant)
+    # Problems name maps and batches, so only callers who see those of all tenants see problems.
+    errors = request.app.state.recent_errors.newest(services.registry.failed()) if tenant is None else []
     return JSONResponse({**details, "recent_errors": errors})
 
 
-async def _details(services: Services, tenant: str | None = None) -> dict[str, object]:
-    """Return what is told of health. tenant: whose maps are counted, None for all."""
+@router.get(
+    "/metrics",
+    summary="Metrics for Prometheus",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses={
+        200: {"description": "Prometheus text format.", "content": {"text/plain": {"schema": {"type": "string"}}}},
+        **error_responses(401, 403, 429),
+    },
+)
+async def metrics(request: Request) -> Response:
+    """Return requests, stages, queue, workers, index loads and resident bytes."""
+    return Response(services_of(request).metrics.text(), headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+
+@router.get(
+    "/problems/{slug}", summary="What a kind of problem means", response_model=None, responses=error_responses(404)
+)
+async def problem(request: Request, slug: str) -> Response:
+    """Explain the `type` of a problem document."""
+    found = known_problems().get(slug)
+    if found is None:
+        detail = f"expected the end of a problem's type, got {slug[:80]!r}; one of {', '.join(known_problems())}"
+        return plain_problem_response(HTTP_PROBLEMS[404], detail, request)
+    return JSONResponse({"type": found.type, "title": found.title, "status": found.status, "advice": found.advice})
+
+
+async def _details(services: Services, tenant: str | None) -> dict[str, object]:
+    """Return the details of health. tenant: whose maps are counted, None for all."""
     pool = services.pool.state()
     redis_is_up = await _redis_is_up(services)
     waiting_for = [] if services.started else ["the end of the start-up"]

@@ -1,4 +1,4 @@
-"""A page of somebody else cannot use a browser to reach a service that asks for no key."""
+"""The page of another site cannot use a browser to reach a service that asks for no key."""
 
 import socket
 from pathlib import Path
@@ -51,7 +51,7 @@ async def test_addresses_and_names_of_this_machine_are_served(running: RunningSe
 @pytest.mark.parametrize(
     "headers", [{"Origin": "https://evil.example"}, {"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}], ids=str
 )
-async def test_a_page_of_others_changes_nothing(running: RunningService, headers: dict[str, str]) -> None:
+async def test_the_page_of_another_site_changes_nothing(running: RunningService, headers: dict[str, str]) -> None:
     map_id = await running.ready_map()
     upload = {"file": ("office.ply", SCAN)}
     for reply in (

@@ -1,12 +1,17 @@
-"""The console: the page that people open, built from `service/console` by `scripts/install`. No key is asked for it: what it
-shows it fetches with the key that its user enters."""
+"""Pages for people: the console, built from `service/console` by `scripts/install`, and the description of the API.
+
+The console asks for no key: it fetches what it shows with the key that its user enters.
+"""
 
 import re
 from pathlib import Path
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Depends, Request
 from starlette.exceptions import HTTPException
-from starlette.responses import FileResponse, HTMLResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+
+from service.http.access import require
+from service.http.api_page import HEADERS, api_page
 
 router = APIRouter(include_in_schema=False)
 
@@ -14,7 +19,7 @@ BUILT = Path(__file__).parents[2] / "console" / "built"
 _ASSET = re.compile(r"[\w-]+\.(?P<suffix>js|css|svg)")
 _MEDIA_TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 _SECURITY = {
-    # Nothing but what the service itself sends runs or is shown; pictures and photos are shown from memory.
+    # Only what the service itself sends runs or is shown; pictures and photos are shown from memory.
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -27,13 +32,13 @@ _NOT_BUILT = """<!doctype html>
 <title>panoloc</title>
 <h1>panoloc</h1>
 <p>The service runs, but its console was not built: run <code>scripts/install</code> where the sources are, then reload this page.
-The <a href="/docs">HTTP API</a> works as ever.</p>
+The <a href="/docs">HTTP API</a> works.</p>
 </html>
 """
 
 
 @router.get("/")
-async def page() -> Response:
+async def console() -> Response:
     """Return the console, or say how to build it."""
     index = BUILT / "index.html"
     headers = {**_SECURITY, "Cache-Control": "no-cache"}
@@ -44,7 +49,7 @@ async def page() -> Response:
 
 @router.get("/favicon.ico")
 async def icon() -> Response:
-    """Return the mark of the page where browsers look for it by themselves: beside pictures and documents, which name none."""
+    """Return the icon where browsers look for it beside pictures and documents, which name none."""
     mark = next((BUILT / "console").glob("mark-*.svg"), None)
     headers = {**_SECURITY, "Cache-Control": "public, max-age=86400"}
     if mark is None:
@@ -54,10 +59,22 @@ async def icon() -> Response:
 
 @router.get("/console/{name}")
 async def asset(name: str) -> Response:
-    """Return a script, a style sheet or a picture of the console; their names change with what is in them."""
+    """Return a script, a style sheet or a picture of the console; a name changes with its content."""
     known = _ASSET.fullmatch(name)
     file = BUILT / "console" / name
     if known is None or not file.is_file():
         raise HTTPException(404)
     headers = {**_SECURITY, "Cache-Control": "public, max-age=31536000, immutable"}
     return FileResponse(file, media_type=_MEDIA_TYPES[known["suffix"]], headers=headers)
+
+
+@router.get("/openapi.json", dependencies=[Depends(require("read"))])
+async def openapi_document(request: Request) -> Response:
+    """Return the OpenAPI document."""
+    return JSONResponse(request.app.openapi())
+
+
+@router.get("/docs", dependencies=[Depends(require("read"))])
+async def documentation(request: Request) -> Response:
+    """Show the OpenAPI document."""
+    return HTMLResponse(api_page(request.app.openapi()), headers=HEADERS)

@@ -1,4 +1,4 @@
-"""Two front doors in this process, over one folder or bucket and one Redis: what one does the other knows, and nothing is done twice."""
+"""Two API replicas in this process, over one folder or bucket and one Redis: each knows what the other does, and nothing is done twice."""
 
 import asyncio
 import itertools
@@ -16,9 +16,10 @@ from tests.service.storage.bucket_server import BUCKET
 
 pytestmark = pytest.mark.anyio
 
-Doors = tuple[RunningService, RunningService]
+Replicas = tuple[RunningService, RunningService]
 
 
+_LOOK_S = 0.1
 Opened = Callable[[], AbstractAsyncContextManager[RunningService]]
 
 
@@ -26,15 +27,16 @@ Opened = Callable[[], AbstractAsyncContextManager[RunningService]]
 def opened(
     request: pytest.FixtureRequest, tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
 ) -> Opened:
-    """Return what opens another front door: on the folder of the others, or on a machine of its own that shares a bucket with them."""
+    """Return what opens another API replica: on the folder of the others, or on a machine of its own that shares a bucket with them."""
     numbers = itertools.count()
+    request.getfixturevalue("monkeypatch").setattr("service.services.LOOK_S", _LOOK_S)
     if request.param == "folder":
         return lambda: running_service(tmp_path, redis_server.url, shared=True)
     server, prefix = request.getfixturevalue("bucket_server"), request.getfixturevalue("prefix")
     patch = request.getfixturevalue("monkeypatch")
     for name, value in server.variables.items():
         patch.setenv(name, value)
-    if request.node.callspec.params.get("is_told") is False:
+    if request.node.callspec.params.get("is_notified") is False:
         patch.setattr("service.services._LOOK_INTO_BUCKET_S", 0.5)
 
     def on_its_own_machine() -> AbstractAsyncContextManager[RunningService]:
@@ -45,17 +47,17 @@ def opened(
 
 
 @pytest.fixture
-async def doors(opened: Opened, anyio_backend: str) -> AsyncIterator[Doors]:
+async def replicas(opened: Opened, anyio_backend: str) -> AsyncIterator[Replicas]:
     async with opened() as first, opened() as second:
         yield first, second
 
 
 @contextmanager
-def taking_nothing_up(door: RunningService) -> Iterator[None]:
-    """Let a front door wait for its workers, so that what comes in is the other one's."""
-    door.pool.is_ready = False
+def taking_nothing_up(replica: RunningService) -> Iterator[None]:
+    """Let a API replica wait for its workers, so that what comes in is the other one's."""
+    replica.pool.is_ready = False
     yield
-    door.pool.is_ready = True
+    replica.pool.is_ready = True
 
 
 async def until(holds: Callable[[], bool]) -> None:
@@ -65,8 +67,8 @@ async def until(holds: Callable[[], bool]) -> None:
             await asyncio.sleep(0.01)
 
 
-async def test_a_map_posted_through_one_is_served_by_the_other_at_once(doors: Doors) -> None:
-    first, second = doors
+async def test_a_map_posted_through_one_is_served_by_the_other_at_once(replicas: Replicas) -> None:
+    first, second = replicas
     map_id = (await first.upload()).json()["id"]
     assert (await second.client.get(f"/maps/{map_id}")).status_code == 200
     assert (await second.settled(map_id))["status"] == "ready"
@@ -75,21 +77,21 @@ async def test_a_map_posted_through_one_is_served_by_the_other_at_once(doors: Do
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_told", [True, False])
+@pytest.mark.parametrize("is_notified", [True, False])
 async def test_what_one_changes_the_other_shows(
-    doors: Doors, is_told: bool, redis_client: "redis.Redis", monkeypatch: pytest.MonkeyPatch
+    replicas: Replicas, is_notified: bool, redis_client: "redis.Redis", monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second = doors
+    first, second = replicas
     map_id = await first.ready_map()
     await second.settled(map_id)
-    if not is_told:
+    if not is_notified:
 
-        async def say_nothing(signal: ChangeSignal, map_id: str) -> None:
+        async def publish_nothing(signal: ChangeSignal, map_id: str) -> None:
             """Be a Redis that is away."""
 
-        for door in doors:
-            registry = door.app.state.services.registry
-            registry.call_on_change(say_nothing.__get__(registry))
+        for replica in replicas:
+            registry = replica.app.state.services.registry
+            registry.call_on_change(publish_nothing.__get__(registry))
         redis_client.flushall()
     assert (await first.client.patch(f"/maps/{map_id}", json={"name": "changed"})).status_code == 200
     # The list is what is known: nothing is looked at for it.
@@ -99,8 +101,9 @@ async def test_what_one_changes_the_other_shows(
     assert (await second.localize(map_id)).status_code == 404
 
 
-async def test_what_another_has_just_made_is_found_by_its_id_before_any_word_of_it(doors: Doors) -> None:
-    first, second = doors
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
+async def test_what_another_has_just_made_is_found_by_its_id_before_it_is_announced(replicas: Replicas) -> None:
+    first, second = replicas
     await second.app.state.services.shared_folder.stop()
     map_id = await first.ready_map()
     assert (await second.localize(map_id)).json()["status"] == "localized"
@@ -114,67 +117,71 @@ async def test_what_another_has_just_made_is_found_by_its_id_before_any_word_of_
     assert (await second.client.get(f"/batches/{batch}")).status_code == 200
 
 
-async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_other_is_told(doors: Doors) -> None:
-    first, second = doors
+async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_other_is_notified(
+    replicas: Replicas,
+) -> None:
+    first, second = replicas
     map_id = await first.ready_map()
     tag = (await second.client.get(f"/maps/{map_id}")).headers["etag"]
     replies = await asyncio.gather(
         *(
-            door.client.patch(f"/maps/{map_id}", json={"name": name}, headers={"If-Match": tag})
-            for door, name in zip(doors, ("one", "two"), strict=True)
+            replica.client.patch(f"/maps/{map_id}", json={"name": name}, headers={"If-Match": tag})
+            for replica, name in zip(replicas, ("one", "two"), strict=True)
         )
     )
     assert sorted(reply.status_code for reply in replies) == [200, 412]
-    (won,), (told,) = ([reply for reply in replies if reply.status_code == status] for status in (200, 412))
-    assert told.json()["type"] == "/problems/version-conflict"
+    (won,), (refused,) = ([reply for reply in replies if reply.status_code == status] for status in (200, 412))
+    assert refused.json()["type"] == "/problems/version-conflict"
     assert won.headers["etag"] != tag
-    for door in doors:
-        await door.eventually(f"/maps/{map_id}", lambda body: body == won.json())
+    for replica in replicas:
+        await replica.eventually(f"/maps/{map_id}", lambda body: body == won.json())
     again = await second.client.patch(
         f"/maps/{map_id}", json={"name": "three"}, headers={"If-Match": won.headers["etag"]}
     )
     assert again.status_code == 200
 
 
-async def test_changes_at_once_of_different_fields_all_hold(doors: Doors) -> None:
-    map_id = await doors[0].ready_map()
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
+async def test_changes_at_once_of_different_fields_all_hold(replicas: Replicas) -> None:
+    map_id = await replicas[0].ready_map()
     changes = [{"name": "named"}, {"tags": ["a"]}, {"coordinate_system": "EPSG:25832"}]
     replies = await asyncio.gather(
-        *(door.client.patch(f"/maps/{map_id}", json=change) for change in changes for door in doors)
+        *(replica.client.patch(f"/maps/{map_id}", json=change) for change in changes for replica in replicas)
     )
     assert {reply.status_code for reply in replies} == {200}
-    for door in doors:
-        shown = await door.eventually(f"/maps/{map_id}", lambda body: body["version"] >= 6)
+    for replica in replicas:
+        shown = await replica.eventually(f"/maps/{map_id}", lambda body: body["version"] >= 6)
         assert (shown["name"], shown["tags"], shown["coordinate_system"]) == ("named", ["a"], "EPSG:25832")
 
 
-async def test_a_version_that_is_none_is_refused(doors: Doors) -> None:
-    map_id = await doors[0].ready_map()
-    reply = await doors[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": '"abc"'})
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
+async def test_a_version_that_is_none_is_refused(replicas: Replicas) -> None:
+    map_id = await replicas[0].ready_map()
+    reply = await replicas[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": '"abc"'})
     assert reply.status_code == 422
     assert "If-Match" in reply.json()["detail"]
-    reply = await doors[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": "*"})
+    reply = await replicas[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": "*"})
     assert reply.status_code == 200
 
 
 @pytest.mark.slow
-async def test_a_registration_is_done_by_one_of_them(doors: Doors) -> None:
-    for door in doors:
-        door.pool.register_gate.clear()
-    map_ids = {(await door.upload()).json()["id"] for door in doors for _ in range(3)}
-    # More than one look of each.
-    await asyncio.sleep(0.7)
-    for door in doors:
-        door.pool.register_gate.set()
+async def test_a_registration_is_done_by_one_of_them(replicas: Replicas) -> None:
+    for replica in replicas:
+        replica.pool.register_gate.clear()
+    map_ids = {(await replica.upload()).json()["id"] for replica in replicas for _ in range(3)}
+    # Time for each to look more than once.
+    await asyncio.sleep(3 * _LOOK_S)
+    for replica in replicas:
+        replica.pool.register_gate.set()
     for map_id in map_ids:
-        assert (await doors[0].settled(map_id))["status"] == "ready"
-    await asyncio.sleep(0.7)
-    registered = [job.map.id for door in doors for job in door.pool.registrations]
+        assert (await replicas[0].settled(map_id))["status"] == "ready"
+    await asyncio.sleep(3 * _LOOK_S)
+    registered = [job.map.id for replica in replicas for job in replica.pool.registrations]
     assert sorted(registered) == sorted(map_ids)
 
 
 @pytest.mark.slow
-async def test_a_front_door_that_leaves_hands_its_registrations_over(opened: Opened) -> None:
+async def test_a_replica_that_leaves_hands_its_registrations_over(opened: Opened) -> None:
     async with opened() as stays:
         async with opened() as leaves:
             leaves.pool.register_gate.clear()
@@ -186,8 +193,8 @@ async def test_a_front_door_that_leaves_hands_its_registrations_over(opened: Ope
         assert [job.map.id for job in stays.pool.registrations] == [map_id]
 
 
-async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(doors: Doors) -> None:
-    first, second = doors
+async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
+    first, second = replicas
     first.pool.register_gate.clear()
     with taking_nothing_up(second):
         map_id = (await first.upload()).json()["id"]
@@ -198,17 +205,22 @@ async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(
     assert first.app.state.services.registry.all() == []
 
 
-async def test_scans_of_a_map_that_come_through_both_at_once_are_revisions_of_their_own(doors: Doors) -> None:
-    map_id = await doors[0].ready_map()
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
+async def test_scans_of_a_map_that_come_through_both_at_once_are_revisions_of_their_own(replicas: Replicas) -> None:
+    map_id = await replicas[0].ready_map()
     replies = await asyncio.gather(
-        *(door.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)}) for door in doors for _ in "ab")
+        *(
+            replica.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+            for replica in replicas
+            for _ in "ab"
+        )
     )
     assert [reply.status_code for reply in replies] == [202] * 4
-    shown = await doors[0].eventually(f"/maps/{map_id}", lambda body: body["status"] == "ready")
+    shown = await replicas[0].eventually(f"/maps/{map_id}", lambda body: body["status"] == "ready")
     newest = shown["revision"]
     assert shown["serving_revision"] == newest
-    await until(lambda: doors[0].storage.names(f"maps/{map_id}") == [str(newest), "map.json"])
-    await doors[1].eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == newest)
+    await until(lambda: replicas[0].storage.names(f"maps/{map_id}") == [str(newest), "map.json"])
+    await replicas[1].eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == newest)
 
 
 @pytest.mark.slow
@@ -229,8 +241,8 @@ async def test_one_that_starts_leaves_what_others_are_storing(opened: Opened) ->
 
 
 @pytest.mark.slow
-async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> None:
-    first, second = doors
+async def test_a_batch_is_worked_on_by_one_and_shown_by_both(replicas: Replicas) -> None:
+    first, second = replicas
     map_id = await first.ready_map()
     files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(6)]
     first.pool.localize_gate.clear()
@@ -238,7 +250,7 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> No
         batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
         assert (await second.client.get(f"/batches/{batch}")).json()["num_images"] == 6
         await until(lambda: bool(first.pool.jobs))
-    await asyncio.sleep(0.7)
+    await asyncio.sleep(3 * _LOOK_S)
     first.pool.localize_gate.set()
     shown = await second.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
     assert shown["counts"]["localized"] == 6
@@ -247,7 +259,7 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(doors: Doors) -> No
 
 
 @pytest.mark.slow
-async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(opened: Opened) -> None:
+async def test_a_batch_of_a_replica_that_leaves_goes_on_where_it_was(opened: Opened) -> None:
     files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
     async with AsyncExitStack() as stack:
         stays = await stack.enter_async_context(opened())
@@ -263,9 +275,10 @@ async def test_a_batch_of_a_front_door_that_leaves_goes_on_where_it_was(opened: 
         assert len(stays.pool.jobs) == 4 - num_done
 
 
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
 @pytest.mark.slow
-async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(doors: Doors) -> None:
-    first, second = doors
+async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
+    first, second = replicas
     map_id = await first.ready_map()
     files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
     first.pool.localize_gate.clear()
@@ -279,8 +292,9 @@ async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(doors: Doors
     assert first.storage.names("batches") == []
 
 
-async def test_a_result_that_comes_after_another_deleted_its_batch_is_not_written(doors: Doors) -> None:
-    first, second = doors
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
+async def test_a_result_that_comes_after_another_deleted_its_batch_is_not_written(replicas: Replicas) -> None:
+    first, second = replicas
     map_id = await first.ready_map()
     files = [("image", ("a.png", png_of(8, 4)))]
     first.pool.localize_gate.clear()
@@ -291,8 +305,9 @@ async def test_a_result_that_comes_after_another_deleted_its_batch_is_not_writte
     assert first.storage.names("batches") == []
 
 
-async def test_answers_can_be_fetched_through_the_other(doors: Doors) -> None:
-    first, second = doors
+@pytest.mark.parametrize("opened", ["folder"], indirect=True)
+async def test_answers_can_be_fetched_through_the_other(replicas: Replicas) -> None:
+    first, second = replicas
     map_id = await first.ready_map()
     reply = await first.localize(map_id, headers={"Prefer": "respond-async"})
     assert reply.status_code == 202
@@ -300,11 +315,13 @@ async def test_answers_can_be_fetched_through_the_other(doors: Doors) -> None:
     assert answer["map_id"] == map_id
 
 
-# The kernel takes no lock from anybody who lives.
+# The kernel takes no file lock from a process that lives.
 @pytest.mark.slow
 @pytest.mark.parametrize("opened", ["bucket"], indirect=True)
-async def test_a_registration_whose_lease_another_has_ends_here(doors: Doors, redis_client: "redis.Redis") -> None:
-    first, second = doors
+async def test_a_registration_whose_lease_another_has_ends_here(
+    replicas: Replicas, redis_client: "redis.Redis"
+) -> None:
+    first, second = replicas
     first.pool.register_gate.clear()
     with taking_nothing_up(second):
         map_id = (await first.upload()).json()["id"]

@@ -1,10 +1,8 @@
-"""Queries for which there is no place are refused by their head, and their callers can ask again on the same connection."""
+"""Queries are refused by their head while the queue is full, and their callers can ask again on the same connection."""
 
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +11,10 @@ import pytest
 
 from service.errors import QueueFullError
 from service.host.embedded_redis import EmbeddedRedis
-from service.http.guards.guarded_protocol import guarded_config
-from service.http.guards.refusals import RefusalPace
+from service.http.guards import slow_clients
+from service.http.guards.early_refusals import RefusalPace
 from service.keys.caller import Scope
 from service.keys.key_file import KeyFile
-from tests.service.http import running_service as running_service_module
 from tests.service.http.fake_pool import FakePool
 from tests.service.http.running_service import listening, running_service
 
@@ -87,7 +84,7 @@ def counted(url: str, name: str) -> float:
 
 
 @pytest.mark.parametrize("path", ["/localize", "/geopose", "/map_1a/localize/image"])
-def test_they_are_refused_before_a_byte_of_their_body(
+def test_queries_are_refused_before_a_byte_of_their_body(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, path: str
 ) -> None:
     with full(monkeypatch, tmp_path, redis_server) as (url, connection):
@@ -112,63 +109,16 @@ def test_a_caller_who_sends_the_rest_asks_again_on_the_same_connection(
         assert connection.answer()[0] == 200
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("length", ["Content-Length: 2000000", "Transfer-Encoding: chunked"])
 def test_the_connection_is_closed_before_a_body_that_is_large_or_does_not_say(
     tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, length: str
 ) -> None:
+    monkeypatch.setattr(slow_clients, "_LINGER_S", 0.05)
     with full(monkeypatch, tmp_path, redis_server) as (_, connection):
         connection.send(head(length))
         status, headers = connection.answer()
         assert (status, headers["connection"]) == (429, "close")
         assert connection.is_closed()
-
-
-@pytest.mark.slow
-def test_a_rest_that_does_not_come_ends_the_connection(
-    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    limits = {"transfer_timeout_s": 0.2, "min_bytes_per_s": 1000.0}
-    with full(monkeypatch, tmp_path, redis_server, **limits) as (url, connection):
-        connection.send(head("Content-Length: 300000"))
-        assert connection.answer()[0] == 429
-        for _ in range(3):  # fast enough for as long as it lasts
-            connection.send(b"x" * 1000)
-            time.sleep(0.1)
-        assert connection.is_closed()
-        assert counted(url, 'panoloc_refusals_total{limit="slow-body"}') == 1
-
-
-@contextmanager
-def soon_idle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, redis_server: EmbeddedRedis) -> Iterator[Connection]:
-    """Yield a connection that is idle after a second, refused with 3,000 bytes of its body to come."""
-    monkeypatch.setattr(running_service_module, "guarded_config", partial(guarded_config, timeout_keep_alive=1))
-    with full(monkeypatch, tmp_path, redis_server) as (_, connection):
-        connection.send(head("Content-Length: 3000"))
-        assert connection.answer()[0] == 429
-        yield connection
-
-
-@pytest.mark.slow
-def test_an_idle_connection_is_closed_although_its_answer_came_before_its_body(
-    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with soon_idle(monkeypatch, tmp_path, redis_server) as connection:
-        connection.send(b"x" * 3000)
-        began = time.monotonic()
-        assert connection.is_closed()
-        assert 0.9 < time.monotonic() - began < 20
-
-
-@pytest.mark.slow
-def test_one_whose_next_request_has_begun_with_the_rest_of_the_last_is_not_idle(
-    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with soon_idle(monkeypatch, tmp_path, redis_server) as connection:
-        connection.send(b"x" * 3000 + head("Content-Length: 6", "/maps") + b"--b")
-        time.sleep(1.5)
-        connection.send(b"\r\nX")
-        assert connection.answer()[0] == 400
 
 
 async def test_who_may_not_ask_is_told_so_first(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
@@ -183,7 +133,7 @@ async def test_who_may_not_ask_is_told_so_first(tmp_path: Path, redis_server: Em
     assert statuses == [401, 403, 429]
 
 
-async def test_pages_of_others_are_told_so_first(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+async def test_pages_of_other_sites_are_told_so_first(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
     async with running_service(tmp_path, redis_server.url) as running:
         running.pool.full = FULL
         reply = await running.client.post("/localize", headers={"Origin": "http://elsewhere.example"})

@@ -1,4 +1,4 @@
-"""Every mistake in options is told in the words of the service, not in those of its libraries."""
+"""Messages about wrong options use the words of the service, not those of its libraries."""
 
 import pytest
 
@@ -50,7 +50,7 @@ from service.http.validation import parse_json
         (MapPatch, '{"coordinate_system": "EPSG:1"}', "coordinate_system: expected a projected coordinate system"),
     ],
 )
-def test_a_mistake_says_what_was_expected_and_what_came(
+def test_a_message_says_what_was_expected_and_what_came(
     model: type[LocalizeOptions] | type[MapOptions] | type[MapPatch], text: str, said: str
 ) -> None:
     with pytest.raises(InvalidOptionsError) as caught:

@@ -1,7 +1,7 @@
-"""Refuses what pages of others make a browser ask of a service that asks nobody for a key.
+"""Checks the host and origin of requests to a service that asks for no key.
 
-A browser sends requests of any page to any address that it reaches, this machine included. Two things give such a request away: the
-name that it thinks it speaks to, which is the other page's where its DNS was pointed here (DNS rebinding), and the `Origin` of the page.
+A browser sends requests of any page to any address that it reaches, this machine included. Two headers give such a request away: `Host`
+names the other site where its DNS points here (DNS rebinding), and `Origin` names the page.
 """
 
 import ipaddress
@@ -12,13 +12,13 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.errors import ForeignPageError
+from service.errors import HostCheckError
 from service.http.error_handlers import problem_response
 
 _HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
-class ForeignPages:
+class HostCheck:
     """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed: while no key is."""
 
     def __init__(self, app: ASGIApp, allowed: Collection[str], is_needed: Callable[[], bool]) -> None:
@@ -29,33 +29,33 @@ class ForeignPages:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
         if scope["type"] == "http" and "*" not in self._allowed and self._is_needed():
-            error = self._fault_of(scope["method"], Headers(scope=scope))
+            error = self._error_of(scope["method"], Headers(scope=scope))
             if error is not None:
                 await problem_response(error, scope["state"]["request_id"])(scope, receive, send)
                 return
         await self._app(scope, receive, send)
 
-    def _fault_of(self, method: str, headers: Headers) -> ForeignPageError | None:
+    def _error_of(self, method: str, headers: Headers) -> HostCheckError | None:
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
-        strange = [host for host in hosts if host and not self._is_allowed(_name_of(host))]
-        if strange or len(hosts) > 1:
-            told = ", ".join(strange or hosts)[:80]
-            return ForeignPageError(
-                f"expected a request to an address or to one name of this service, got one to {told!r}; let the operator add the name to "
+        unknown = [host for host in hosts if host and not self._is_allowed(_name_of(host))]
+        if unknown or len(hosts) > 1:
+            got = ", ".join(unknown or hosts)[:80]
+            return HostCheckError(
+                f"expected a request to an address or to one name of this service, got one to {got!r}; let the operator add the name to "
                 "PANOLOC_ALLOWED_HOSTS, or set API keys"
             )
         host = hosts[0].lower() if hosts else ""
         is_foreign = any(urlsplit(origin).netloc.lower() != host for origin in origins)
         if method not in _HARMLESS and (is_foreign or headers.get("sec-fetch-site") in ("cross-site", "same-site")):
-            told = (", ".join(origins) or "another page")[:80]
-            return ForeignPageError(
-                f"expected a change from a program or from a page of this service, got one from {told!r}; set API keys where pages of "
-                "others may use the service"
+            got = (", ".join(origins) or "another page")[:80]
+            return HostCheckError(
+                f"expected a change from a program or from a page of this service, got one from {got!r}; set API keys where pages of other "
+                "sites may use the service"
             )
         return None
 
     def _is_allowed(self, name: str) -> bool:
-        # An address cannot be pointed elsewhere.
+        # DNS cannot point an address elsewhere.
         return name in self._allowed or name.endswith(".localhost") or _is_address(name)
 
 
