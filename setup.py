@@ -13,7 +13,9 @@ CONSOLE = "service/console/built/index.html"
 def require_console() -> None:
     """Raise FileError where nobody has built the console."""
     if not any(Path(folder, CONSOLE).exists() for folder in (".", "panoloc")):
-        raise FileError(f"expected the built console in {CONSOLE}, found none: run scripts/build-console, then this again")
+        raise FileError(
+            f"expected the built console in {CONSOLE}, found none: run scripts/build-console, then this again"
+        )
 
 
 class BuildWithConsole(build_py):

@@ -18,7 +18,7 @@ KUBERNETES = DOCKER / "kubernetes"
 COMPOSE = sorted(DOCKER.glob("compose*.yaml"))
 
 
-class Compose(yaml.SafeLoader):  # type: ignore[misc]  # there are no types for yaml here
+class Compose(yaml.SafeLoader):  # type: ignore[misc,name-defined]  # there are no types for yaml here
     """Reads compose files, which may take back what another one sets."""
 
 
