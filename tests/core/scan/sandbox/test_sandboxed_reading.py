@@ -48,7 +48,7 @@ def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: P
         ("silent", SandboxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
         ("nesting", SandboxLimits(), ScanDamagedError, "nests too deeply"),
         ("writing", SandboxLimits(), ScanDamagedError, "its reader failed"),
-        ("babbling", SandboxLimits(), ScanDamagedError, "wrote nonsense"),
+        ("babbling", SandboxLimits(), ScanDamagedError, "wrote no message"),
     ],
 )
 def test_what_goes_wrong_in_a_reader_becomes_the_error_of_its_scan(
