@@ -10,7 +10,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 
-_STORED_MAPS = ("tests/service/maps/test_map_registry.py", "tests/service/http/test_changes_at_once.py")
+_STORED_MAPS = (
+    "tests/service/maps/test_map_registry.py",
+    "tests/service/maps/test_registry_without_locks.py",
+    "tests/service/http/test_changes_at_once.py",
+)
 _POOL = (
     "tests/service/ray/test_pool.py",
     "tests/service/ray/test_joined_pool.py",
