@@ -1,4 +1,4 @@
-"""Two processes whose locks have run out without their knowledge: no change is lost, and nothing that was deleted comes back."""
+"""Processes whose locks have expired unnoticed: no change is lost, and nothing that was deleted comes back."""
 
 import asyncio
 from collections.abc import Callable
