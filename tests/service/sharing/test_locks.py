@@ -1,4 +1,4 @@
-"""Locks of API replicas: one holder at a time, none for long after its process has ended, and no doubt that is not seen."""
+"""Locks of API replicas: one holder at a time, none for long after its process has ended, and every doubt is seen."""
 
 import asyncio
 import subprocess
