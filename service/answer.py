@@ -59,7 +59,7 @@ class PoseAnswer(ResponseModel):
     elevation_deg: float = Field(description="Of the image centre, positive above the horizon.", ge=-90, le=90)
     camera_roll_deg: float = Field(description="Positive where the camera's right side is down.")
     north: Literal["map", "true"] = Field(
-        description="What `heading_deg` counts from: the map's y axis, or true north where the map has a georeference."
+        description="Zero direction of `heading_deg`: the map's y axis, or true north if the map has a georeference."
     )
 
 
@@ -114,16 +114,16 @@ class ImageCamera(ResponseModel):
     """What an image was taken for."""
 
     model: CameraModel
-    hfov_deg: float = Field(description="How wide it is; 360: a full panorama, or a full turn.")
+    hfov_deg: float = Field(description="Horizontal field of view; 360: a full panorama, or a full turn.")
 
 
 class ImageAnswer(ResponseModel):
     """One image of the query."""
 
-    pose: PoseAnswer | None = Field(description="Where it was taken; null where the query is `not_localized`.")
+    pose: PoseAnswer | None = Field(description="Pose of the image; null if the query is `not_localized`.")
     agreement: float | None = Field(
-        description="Correlation of what it shows with the scan seen from there, -1 to 1; of the best guess where the query is "
-        "`not_localized`; null where it is unknown."
+        description="Correlation of the image with the scan rendered at its pose, -1 to 1; for the best guess if the "
+        "query is `not_localized`; null if unknown."
     )
     camera: ImageCamera
 
@@ -137,13 +137,13 @@ class Localization(ResponseModel):
     map_revision: int | None
     pose: PoseAnswer | None = Field(description="Of the first image.")
     map_from_session: RigidMotion | None = Field(
-        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. Of one image without a pose the session "
-        "is its own camera. Null where the query is `not_localized`."
+        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. For one image "
+        "without a pose, the session frame is the camera frame. Null if the query is `not_localized`."
     )
     images: list[ImageAnswer] = Field(description="One per image, in their order.")
     geopose: GeoPose | None = Field(
-        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null without a pose, for a map "
-        "without a georeference, and where its heights are not above the ellipsoid."
+        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null "
+        "without a pose, for a map without a georeference, and if its heights are not above the ellipsoid."
     )
     confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
     accuracy: Accuracy | None
@@ -152,7 +152,7 @@ class Localization(ResponseModel):
     timings_s: dict[str, float] = Field(description="Seconds per stage; `queue` and `total` as the caller sees them.")
     search: dict[str, Any]
     warnings: list[str]
-    artifacts: dict[str, str] = Field(description="Paths of the pictures that were asked for.")
+    artifacts: dict[str, str] = Field(description="Paths of the requested pictures.")
 
     def as_waited_for(self, total_s: float, warnings: Iterable[str]) -> "Localization":
         """Return the answer with the waiting time and the warnings of the HTTP process.
@@ -166,7 +166,8 @@ class Localization(ResponseModel):
 
     def without_copies(self) -> "Localization":
         """Return the answer without links to pictures, for a Redis that cannot keep them."""
-        lost = "Redis cannot keep this answer: it cannot be fetched again, and its pictures are lost; localize again for them"
+        lost = "Redis cannot store this answer: it cannot be fetched again, and its pictures are lost; localize "
+        "again to get them"
         return self.model_copy(update={"artifacts": {}, "warnings": [*self.warnings, lost]})
 
 

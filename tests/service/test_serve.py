@@ -118,7 +118,7 @@ def test_a_folder_of_files_elsewhere_has_one_service_at_a_time_too(
     other = lock_folder(tmp_path / "scans", is_shared=False)
     assert run_service(Settings(data_dir=tmp_path / "data", storage=f"file://{tmp_path}/scans")) == 1
     other.close()
-    assert f"{tmp_path}/scans: expected a data folder of its own" in capfd.readouterr().err
+    assert f"{tmp_path}/scans: expected an unused data folder" in capfd.readouterr().err
 
 
 @pytest.mark.slow

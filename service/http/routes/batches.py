@@ -22,25 +22,25 @@ from service.services import Services, services_of
 
 router = APIRouter(tags=["batches"])
 
-_MapId = Annotated[str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)]
+_MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100
 _EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
 _IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
 _IMAGE_RESPONSE: dict[str, Any] = {
-    "description": "The bytes as they were uploaded.",
+    "description": "The bytes as uploaded.",
     "content": {kind: {"schema": {"type": "string", "format": "binary"}} for _, kind in _IMAGE_HEADS},
 }
 _ZIP_RESPONSE: dict[str, Any] = {
-    "description": "A zip of the files of the format, with `unplaced.txt` and `export.json`.",
+    "description": "A zip with the files of the format, `unplaced.txt` and `export.json`.",
     "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
 }
 
 
 @router.get(
     "/batches/{batch_id}",
-    summary="Show a batch and what became of its images",
+    summary="Show a batch and the results of its images",
     dependencies=[Depends(require("localize"))],
     response_model=None,
     responses={
@@ -52,7 +52,7 @@ async def get_batch(
     request: Request,
     batch_id: str,
     limit: Annotated[int, Query(ge=0, le=200, description="Images on a page; 0 for the counts alone.")] = 50,
-    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=20)] = None,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the previous page.", max_length=20)] = None,
 ) -> Response:
     """Return counts and progress, and the images page by page."""
     services = services_of(request)
@@ -79,7 +79,7 @@ async def get_image(
     record = own_batch(request, batch_id)
     if number >= len(record.names):
         raise BatchNotFoundError(
-            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have them"
+            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
         )
     data = await services.batches.image(batch_id, number)
     media_type = next((kind for head, kind in _IMAGE_HEADS if data.startswith(head)), "application/octet-stream")
@@ -99,7 +99,7 @@ async def get_export(
     batch_id: str,
     format: Annotated[ExportFormat, Query(description="See docs/exports.md.")],
     include: Annotated[
-        Literal["ambiguous"] | None, Query(description="Write photos that fit several places, too, at the likeliest.")
+        Literal["ambiguous"] | None, Query(description="Also export ambiguous photos, at the most likely place.")
     ] = None,
     map_id: _MapId = None,
 ) -> Response:
@@ -124,7 +124,7 @@ async def get_export(
 
 @router.get(
     "/batches/{batch_id}/plan.png",
-    summary="The scan from above, with the photos that are placed so far",
+    summary="The scan from above, with the photos placed so far",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses={200: picture_response("The picture."), **error_responses(401, 403, 404, 422)},
@@ -153,11 +153,11 @@ async def get_plan(
 
 @router.delete(
     "/batches/{batch_id}",
-    summary="Delete a batch with its images; one under way is cancelled",
+    summary="Delete a batch with its images; a running batch is cancelled",
     dependencies=[Depends(require("localize"))],
     status_code=204,
     response_model=None,
-    responses={204: {"description": "Nothing of it is left."}, **error_responses(401, 403, 404)},
+    responses={204: {"description": "The batch is deleted completely."}, **error_responses(401, 403, 404)},
 )
 async def delete_batch(request: Request, batch_id: str) -> Response:
     """Cancel what is under way and delete images and results. There is no way back."""

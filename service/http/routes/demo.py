@@ -21,7 +21,7 @@ def _file(description: str, media_type: str) -> dict[int | str, dict[str, Any]]:
 
 @router.get(
     "/demo/room.ply",
-    summary="The scan of a made-up room",
+    summary="The scan of a synthetic room",
     response_class=Response,
     responses=_file("A coloured point cloud.", "application/ply"),
 )
@@ -32,7 +32,7 @@ async def get_room(request: Request) -> Response:
 
 @router.get(
     "/demo/panorama.jpg",
-    summary="A panorama of the made-up room, taken after furniture was moved",
+    summary="A panorama of the synthetic room, taken after furniture was moved",
     response_class=Response,
     responses=_file("An equirectangular panorama.", "image/jpeg"),
 )

@@ -76,11 +76,11 @@ async def get_points(
     request: Request,
     map_id: str,
     max_points: Annotated[
-        int, Query(ge=1, le=MAX_SAMPLE_POINTS, description=f"Points at most; as JSON {_MOST_JSON_POINTS:,}.")
+        int, Query(ge=1, le=MAX_SAMPLE_POINTS, description=f"Largest number of points; as JSON {_MOST_JSON_POINTS:,}.")
     ] = 100_000,
     format: Annotated[
         Literal["ply", "json"] | None,
-        Query(description="Wins over `Accept`, where `application/ply` is the default and `application/json` known."),
+        Query(description="Overrides `Accept`, which accepts `application/ply` (default) and `application/json`."),
     ] = None,
 ) -> Response:
     """Return a fair sample of the map's points as binary PLY, or as JSON when asked for.
@@ -117,7 +117,7 @@ async def get_starts(request: Request, map_id: str) -> Response:
 
 @router.get(
     "/maps/{map_id}/changes",
-    summary="What changed since the scan, as answers saw it",
+    summary="Changes since the scan, as seen by answers",
     response_model=None,
     responses={
         200: {"model": MapChanges, "content": {"application/json": {"example": CHANGES_EXAMPLE}}},

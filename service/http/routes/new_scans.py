@@ -85,7 +85,7 @@ async def post_map(request: Request) -> Response:
 
 @router.put(
     "/maps/{map_id}/scan",
-    summary="Replace a map's scan by a newer one",
+    summary="Replace a map's scan with a newer one",
     dependencies=[Depends(require("write")), Depends(hold_upload_place)],
     status_code=202,
     response_model=None,

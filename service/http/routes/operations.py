@@ -22,7 +22,7 @@ _RETRY_AFTER_S = 2
 
 @router.get(
     "/health/live",
-    summary="Does the process run?",
+    summary="Check that the process runs",
     response_model=None,
     responses={200: {"model": Liveness}, **error_responses()},
 )
@@ -33,13 +33,13 @@ async def live() -> Response:
 
 @router.get(
     "/health/ready",
-    summary="Are requests served?",
+    summary="Check that requests are served",
     response_model=None,
     responses={
         200: {"model": Health | Readiness},
         503: {
             "model": Health | Readiness,
-            "description": "Not yet; `waiting_for` says what is missing.",
+            "description": "Not yet; `waiting_for` lists the missing parts.",
             "headers": {"Retry-After": {"required": True, "schema": {"type": "integer"}}},
         },
         **error_responses(),
@@ -62,7 +62,7 @@ async def ready(request: Request) -> Response:
 
 @router.get(
     "/health",
-    summary="Details for people",
+    summary="Show details for people",
     dependencies=[Depends(require("read"))],
     response_model=None,
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
@@ -93,7 +93,7 @@ async def metrics(request: Request) -> Response:
 
 
 @router.get(
-    "/problems/{slug}", summary="What a kind of problem means", response_model=None, responses=error_responses(404)
+    "/problems/{slug}", summary="Explain a kind of problem", response_model=None, responses=error_responses(404)
 )
 async def problem(request: Request, slug: str) -> Response:
     """Explain the `type` of a problem document."""
