@@ -173,7 +173,7 @@ class Settings(BaseSettings):
         given = {"ISSUER": self.oidc_issuer, "AUDIENCE": self.oidc_audience, "KEYS": self.oidc_keys}
         missing = [f"PANOLOC_OIDC_{name}" for name, value in given.items() if value is None]
         if 0 < len(missing) < len(given):
-            raise ValueError(f"expected {' and '.join(missing)} as well: tokens are verified by all three")
+            raise ValueError(f"expected {' and '.join(missing)} as well: verifying tokens needs all three")
         return self
 
     @model_validator(mode="after")

@@ -46,7 +46,7 @@ def make(
     data_dir: DataDirOption = _DEFAULT_FOLDER,
     json: JsonOption = False,
 ) -> int:
-    """Make a key and show it once: only its digest is stored. From then on the service requires a key of every caller."""
+    """Make a key and show it once: only its digest is stored. From then on the service requires a key from callers."""
     session: Session = ctx.obj
     # A key is a file in the data folder; what a service stores there is in folders.
     is_used = data_dir.is_dir() and any(each.is_dir() for each in data_dir.iterdir())

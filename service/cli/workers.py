@@ -23,7 +23,7 @@ def workers(
 ) -> int:
     """Start the workers on a Ray cluster, or change their number, and return once they are up.
 
-    API replicas (panoloc serve with PANOLOC_RAY_ADDRESS) find them by name. Set PANOLOC_REDIS_URL as on the API replicas,
+    API replicas (panoloc serve with PANOLOC_RAY_ADDRESS) find them by name. Set PANOLOC_REDIS_URL as on the replicas,
     and also PANOLOC_STORAGE, or PANOLOC_DATA_DIR on a disk that all machines share.
     """
     session: Session = ctx.obj

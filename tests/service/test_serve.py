@@ -85,7 +85,7 @@ def test_workers_get_the_key_of_the_bucket_with_their_plan(
     [
         ("s3://no-such-bucket/x", False, "NoSuchBucket"),
         (f"s3://{BUCKET}/x", True, "the key and its rights"),
-        ("az://container", False, "expected variables that say how az://container is reached"),
+        ("az://container", False, "expected variables for the access to az://container"),
     ],
 )
 def test_a_bucket_that_cannot_be_used_ends_the_start_with_one_line(
@@ -136,4 +136,4 @@ def test_a_bucket_has_one_service_at_a_time(
         monkeypatch.setenv(name, value)
     assert run_service(Settings(data_dir=tmp_path / "data", storage=f"s3://{BUCKET}/{prefix}")) == 1
     other.release()
-    assert "expected a bucket of its own, but the service with process id" in capfd.readouterr().err
+    assert "expected an unused bucket prefix, but the service with process id" in capfd.readouterr().err

@@ -13,10 +13,11 @@ class AnswerWithChange(ResponseModel):
     """One of the answers that are counted."""
 
     id: str | None = Field(
-        description="Of the localization, whose answer may have expired; null for keys of a tenant, who may share the map with others."
+        description="Id of the localization, whose answer may have expired; null for keys of a tenant, because "
+        "tenants may share the map."
     )
     created_at: datetime
-    position_m: Vector = Field(description="Where the photo was taken.")
+    position_m: Vector = Field(description="Position of the photo.")
     confidence: float
     panorama_changed_fraction: float | None
     map_changed_fraction: float | None
@@ -35,13 +36,11 @@ class MapChanges(ResponseModel):
     """What changed since the scan, by the answers of the last `lifetime_s` seconds."""
 
     map_id: str
-    revision: int = Field(
-        description="Revision of the scan that answers queries; answers from other revisions do not count."
-    )
+    revision: int = Field(description="Serving revision of the scan; answers from other revisions do not count.")
     lifetime_s: int = Field(description="Seconds for which an answer counts.")
-    cell_m: float | None = Field(description="Edge of a cell, metres; null without answers.")
+    cell_m: float | None = Field(description="Edge length of a cell in metres; null without answers.")
     answers: list[AnswerWithChange] = Field(description="Newest first.")
-    cells: list[ChangedCell] = Field(description="Those that changed in most answers first.")
+    cells: list[ChangedCell] = Field(description="Cells, those with the most changes first.")
 
 
 CHANGES_EXAMPLE: dict[str, Any] = {

@@ -68,7 +68,9 @@ class CameraReading(_Lenient):
         """Return the camera; None: from the image's metadata. Raises InvalidOptionsError."""
         turned = self.imageOrientation
         if turned is not None and (turned.mirrored or turned.rotation % 360 != 0):
-            raise _mistake("imageOrientation", "expected an upright image, got a turned or mirrored one; turn it first")
+            raise _mistake(
+                "imageOrientation", "expected an upright image, got a rotated or mirrored one; rotate it first"
+            )
         model = (self.params.model if self.params and self.params.model else "").upper()
         if model in _NO_CAMERA:
             return None
@@ -102,7 +104,8 @@ class SensorReadings(_Lenient):
         images = [each for each in self.cameraReadings if (each.imageFormat or "").upper() != _DEPTH]
         if len(images) != 1:
             raise _mistake(
-                "cameraReadings", f"expected one image besides depth, got {len(images)}; send one, or POST /localize"
+                "cameraReadings",
+                f"expected one image besides depth, got {len(images)}; send one image, or use POST /localize",
             )
         return images[0]
 

@@ -44,9 +44,7 @@ class Map(ResponseModel):
     name: str
     tags: list[str]
     revision: int = Field(ge=1, description="The newest revision of the scan.")
-    serving_revision: int | None = Field(
-        description="The revision that answers queries; null before the first is ready."
-    )
+    serving_revision: int | None = Field(description="The serving revision; null until the first is ready.")
     status: MapStatus
     stage: str | None = Field(description="Current step of the registration, for people.")
     progress: float = Field(ge=0, le=1)
@@ -57,7 +55,8 @@ class Map(ResponseModel):
     diagnostics: list[Diagnostic]
     georeference: dict[str, Any] | None
     coordinate_system: str | None = Field(
-        description="Of positions in the map, by EPSG code or WKT: as given, else from the scan's file; null: neither."
+        description="Coordinate system of positions, as an EPSG code or WKT: as given, else from the scan's file; "
+        "null: none."
     )
     geoid_undulation_m: float | None = Field(
         None, description="Height of the geoid above the ellipsoid at the map, metres, as given."
@@ -67,7 +66,7 @@ class Map(ResponseModel):
     version: int = Field(
         0,
         ge=0,
-        description="Grows with each change; sent as `If-Match`, a change needs this version.",
+        description="Increases with each change; a change with `If-Match` requires this version.",
     )
 
 

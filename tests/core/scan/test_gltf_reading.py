@@ -154,10 +154,10 @@ def test_a_mesh_without_any_colour_is_refused(scan_file: ScanFile) -> None:
 
 
 BROKEN: dict[str, tuple[dict[str, Any], str]] = {
-    "a node below itself": ({"nodes": [{"mesh": 0, "children": [0]}]}, "below itself; expected a tree"),
+    "a node below itself": ({"nodes": [{"mesh": 0, "children": [0]}]}, "its own descendant; expected a tree"),
     "nodes in a ring": (
         {"nodes": [{"children": [1]}, {"children": [2]}, {"children": [1], "mesh": 0}]},
-        "below itself; expected a tree",
+        "its own descendant; expected a tree",
     ),
     "a node that is not there": ({"scenes": [{"nodes": [7]}]}, "contradicts itself"),
     "a negative reference": ({"nodes": [{"mesh": -1}]}, "refers to entry -1"),

@@ -43,7 +43,7 @@ def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: P
         ("refusing", SandboxLimits(), ScanDamagedError, "^line 7 is odd$"),
         ("crashing", SandboxLimits(), ScanDamagedError, r"its reader failed \(SIGSEGV\)"),
         ("exiting", SandboxLimits(), ScanDamagedError, r"its reader failed \(exit code 3\)"),
-        ("greedy", SandboxLimits(), ScanContentError, "more than the 6 GiB of memory"),
+        ("greedy", SandboxLimits(), ScanContentError, "more than 6 GiB, the memory limit"),
         ("endless", SandboxLimits(cpu_s=1), ScanContentError, "takes longer than 1 s"),
         ("silent", SandboxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
         ("nesting", SandboxLimits(), ScanDamagedError, "nests too deeply"),

@@ -129,7 +129,7 @@ def test_photos_that_are_gone_are_told_of_when_they_are_exported(
     assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
     (photos / "hall.jpg").unlink()
     assert panoloc("export", out, "--export", "tum").code == 0
-    assert (out / "tum" / "unplaced.txt").read_text().startswith("hall.jpg\twas placed, but is no longer in ")
+    assert (out / "tum" / "unplaced.txt").read_text().startswith("hall.jpg\tit was placed, but is no longer in ")
     photos.rename(tmp_path / "moved")
     outcome = panoloc("export", out, "--export", "tum")
     assert (outcome.code, "put them back" in outcome.said) == (EXIT_USAGE, True)
