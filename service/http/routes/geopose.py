@@ -106,11 +106,8 @@ def _image(reading: CameraReading, settings: Settings) -> QueryImage:
         encoded = "".join(reading.imageBytes.rpartition(",")[2].split())
         data = base64.b64decode(encoded, validate=True)
     except (binascii.Error, ValueError) as error:
-        at, message = (
-            "sensorReadings.cameraReadings.0.imageBytes",
-            f"expected base64, but {error}; encode the image file",
-        )
-        raise InvalidOptionsError(f"{at}: {message}", [{"field": at, "message": message}]) from error
+        at = "sensorReadings.cameraReadings.0.imageBytes"
+        raise InvalidOptionsError.of(at, f"expected base64, but {error}; encode the image file") from error
     if len(data) > settings.max_image_bytes:
         raise UploadTooLargeError(
             f"image: expected at most {settings.max_image_bytes:,} bytes (PANOLOC_MAX_IMAGE_BYTES), got {len(data):,}; scale it down"

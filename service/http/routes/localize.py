@@ -142,11 +142,11 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
     is_searching_field_of_view = any(camera.hfov_range_deg for camera in given.cameras or ())
     options = given.to_options(settings.timeout_s_of(given.method, is_searching_field_of_view))
     if options.timeout_s > settings.max_timeout_s:
-        message = (
-            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; ask for less, or let the operator "
-            "raise PANOLOC_MAX_TIMEOUT_S where the service runs"
+        raise InvalidOptionsError.of(
+            "timeout_s",
+            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; ask for less, or let the "
+            "operator raise PANOLOC_MAX_TIMEOUT_S",
         )
-        raise InvalidOptionsError(f"timeout_s: {message}", [{"field": "timeout_s", "message": message}])
     return options
 
 

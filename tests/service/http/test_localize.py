@@ -109,7 +109,7 @@ async def test_the_worker_gets_every_option_and_a_deadline(running: RunningServi
     ],
 )
 def test_a_query_without_a_timeout_has_the_time_that_its_method_takes(
-    options: dict[str, Any], settings: dict[str, float], timeout_s: float
+    options: dict[str, Any], settings: dict[str, Any], timeout_s: float
 ) -> None:
     given = LocalizeOptions.model_validate(options)
     assert checked_options(given, Settings(**settings)).timeout_s == timeout_s
