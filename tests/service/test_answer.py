@@ -120,7 +120,7 @@ def test_the_search_of_an_answer_has_the_figures_of_the_search_the_best_pose_and
     }
 
 
-def test_without_a_fitting_pose_the_best_guess_leads_the_alternatives() -> None:
+def test_without_a_fitting_pose_the_best_guess_is_the_first_alternative() -> None:
     body = body_of(localization("not_localized", candidate(confidence=0.2)))
     assert body["pose"] is None
     assert body["map_id"] is None

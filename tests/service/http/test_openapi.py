@@ -100,7 +100,7 @@ def test_every_answer_in_json_has_an_example(path: str, method: str, operation: 
             assert media.get("example") or media.get("examples"), status
 
 
-def test_times_to_come_back_are_documented() -> None:
+def test_retry_after_is_documented() -> None:
     for _, _, operation in OPERATIONS:
         for status in {"429", "503"} & operation["responses"].keys():
             assert "Retry-After" in operation["responses"][status]["headers"]

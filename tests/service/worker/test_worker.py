@@ -48,6 +48,7 @@ from service.worker.reply import WorkerReply
 from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
+GREY = encode_png(np.full((128, 256, 3), 128, np.uint8))
 OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 2.0))
 
 
@@ -149,12 +150,8 @@ def store_box(storage: FolderStorage) -> RegisterJob:
 def query(panorama: bytes | None = None, seconds: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
     options = QueryOptions(seconds, artifacts=("overlay",), top_k=3)
     return LocalizeJob(
-        "loc_1", "req_2", (QueryImage(panorama or grey_png()),), maps, options, deadline_unix_s=time.time() + seconds
+        "loc_1", "req_2", (QueryImage(panorama or GREY),), maps, options, deadline_unix_s=time.time() + seconds
     )
-
-
-def grey_png() -> bytes:
-    return encode_png(np.full((128, 256, 3), 128, dtype=np.uint8))
 
 
 @pytest.mark.slow
@@ -286,7 +283,7 @@ def test_a_scan_that_changed_on_disk_is_not_registered(place: Place, tmp_path: P
     assert kind_of(place.registrar.register(place.job)) == "StoredFileDamagedError"
 
 
-def test_remains_of_a_killed_process_go_with_the_next_registration_of_any_scan(place: Place, tmp_path: Path) -> None:
+def test_the_next_registration_removes_the_unpacked_archive_of_a_killed_one(place: Place, tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     remains = tmp_path / "uploads" / f"panoloc-zip-{socket.gethostname()}-{gone.pid}-x"
@@ -312,7 +309,7 @@ def test_a_scan_of_a_handful_of_points_is_no_map(place: Place) -> None:
     assert f"99 points; expected at least {MIN_POINTS}" in failure.message
 
 
-def test_a_copy_of_an_index_takes_the_place_of_those_of_other_configurations(place: Place) -> None:
+def test_a_copy_of_an_index_replaces_those_of_other_configurations(place: Place) -> None:
     for digest in ("0123", "4567"):
         place.catalog.store_index(MAP, digest, digest.encode())
     assert place.catalog.stored_index(MAP, "4567") == b"4567"
