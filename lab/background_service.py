@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
 from service.host.address import why_not_free
-from service.host.lifeline import Lifeline
+from service.host.parent_death import ending_with_parent
 
 # A service is ready after seconds on an idle machine, after minutes where others start beside it.
 START_LIMIT_S = 600.0
@@ -89,20 +89,18 @@ def own_service(
         # Unix sockets allow 107 characters, so the folder's name is short.
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pl-", ignore_cleanup_errors=True)))
         url = f"http://127.0.0.1:{_free_port()}"
-        watcher = Lifeline()
-        stack.callback(watcher.close)
         told = {"PANOLOC_DATA_DIR": str(folder / "data"), **(settings or {})}
-        service = start_in_background(url, log_file or folder / "service.log", told)
-        watcher.guard(service.process_id)
-        stack.callback(watcher.release, service.process_id)
+        service = start_in_background(url, log_file or folder / "service.log", told, survives=False)
         stack.callback(service.stop)
         client = stack.enter_context(PanolocClient(url))
         wait_until_ready(client, service, say)
         yield OwnService(url, client, folder, service.process_id)
 
 
-def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | None = None) -> BackgroundService:
-    """Start `panoloc serve` for `url` in a session of its own, so that it survives this process.
+def start_in_background(
+    url: str, log_file: Path, settings: Mapping[str, str] | None = None, survives: bool = True
+) -> BackgroundService:
+    """Start `panoloc serve` for `url` in a session of its own. survives: whether it goes on when this process ends.
 
     settings: environment variables that differ from those of this process. Raises StartError when the URL is not of this machine,
     or another program listens there.
@@ -121,8 +119,8 @@ def start_in_background(url: str, log_file: Path, settings: Mapping[str, str] | 
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:
         process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
+            command if survives else ending_with_parent(command),
+            stdin=subprocess.DEVNULL if survives else subprocess.PIPE,
             stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,

@@ -18,10 +18,19 @@ _HEADER = "# Written by scripts/lock: {what}. Install with --require-hashes --no
 _WHAT = {
     "torch": "the CPU build of PyTorch, for installations that bring no build of their own",
     "service": "what the service needs beside PyTorch, and what builds its wheel",
-    "console": "what builds the console, beside service.txt",
-    "dev": "what the tests need, beside service.txt and console.txt",
+    "ray": "what workers on several machines need, beside service.txt",
+    "console": "what builds the console, on its own",
+    "dev": "what the tests need, beside service.txt, ray.txt and console.txt",
     "sbom": "what scripts/sbom needs, beside all others",
 }
+_EXTRAS = {
+    "service": [],
+    "ray": ["ray"],
+    "console": ["console"],
+    "dev": ["ray", "console", "dev"],
+    "sbom": ["ray", "console", "dev", "sbom"],
+}
+"""The extras that each file is for; it holds what the files before it lack."""
 
 Packages = dict[str, str]
 """The lines of each package, by its name and version (`numpy==2.4.6`)."""
@@ -32,19 +41,18 @@ def main(arguments: list[str]) -> str | None:
     if arguments not in ([], ["--upgrade"]):
         return f"expected --upgrade or nothing, got {arguments}"
     known = "" if arguments else "".join(path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.txt")))
-    everything = resolve(["console", "dev", "sbom"], known)
+    everything = resolve(["ray", "console", "dev", "sbom"], known)
     torch = next(name for name in everything if name.startswith(f"{TORCH}=="))
     if not torch.endswith("+cpu"):
         return f"expected a CPU build of PyTorch, got {torch}; name a place that has one in UV_FIND_LINKS or UV_INDEX"
     # What two files share has one version: each choice is made among the packages of the largest.
-    service = resolve([], "".join(everything.values()))
-    console = resolve(["console"], "".join(everything.values()))
-    tests = resolve(["console", "dev"], "".join(everything.values()))
+    locked = "".join(everything.values())
+    written = {torch}
     write("torch", {torch: everything[torch]})
-    write("service", {name: lines for name, lines in service.items() if name != torch})
-    write("console", {name: lines for name, lines in console.items() if name not in service})
-    write("dev", {name: lines for name, lines in tests.items() if name not in service and name not in console})
-    write("sbom", {name: lines for name, lines in everything.items() if name not in tests})
+    for name, extras in _EXTRAS.items():
+        found = resolve(extras, locked)
+        write(name, {package: lines for package, lines in found.items() if package not in written})
+        written |= found.keys()
     return None
 
 

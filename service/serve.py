@@ -9,7 +9,6 @@ from service.app import create_app
 from service.cache import Cache
 from service.errors import TryAgainError
 from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
-from service.host.lifeline import Lifeline
 from service.host.logging import configure_logging
 from service.host.process_resources import can_filter_system_calls
 from service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
@@ -54,9 +53,7 @@ def run_service(settings: Settings) -> int:
             storage = open_storage(settings.storage_url, access)
             check_at_start(storage, is_shared=settings.shared)
             claim = _claim(settings, storage, stack)
-            lifeline = Lifeline()
-            stack.callback(lifeline.close)
-            redis_url = settings.redis_url or _start_redis(folder, lifeline, stack)
+            redis_url = settings.redis_url or _start_redis(folder, stack)
             _log.info("the data folder is open", extra={"folder": str(settings.data_dir.resolve())})
         except (*_WHY_NO_START, OSError) as error:
             _log.error("the service cannot start", extra={"error": str(error)})
@@ -102,8 +99,8 @@ def _claim(settings: Settings, storage: Storage, stack: contextlib.ExitStack) ->
     return None
 
 
-def _start_redis(folder: RunFolder, lifeline: Lifeline, stack: contextlib.ExitStack) -> str:
-    server = EmbeddedRedis(folder.path, lifeline)
+def _start_redis(folder: RunFolder, stack: contextlib.ExitStack) -> str:
+    server = EmbeddedRedis(folder.path)
     stack.callback(server.stop)
     server.start()
     return server.url

@@ -14,6 +14,7 @@ _COLORS = ("red", "green", "blue")
 _PROJECTED_KEY, _VERTICAL_KEY = 3072, 4096
 _EPSG_CODES = range(1024, 32767)
 _RECORD_BYTES, _EXTENDED_RECORD_BYTES = 54, 60
+_MAX_EXTENDED_BYTES = 1 << 28
 
 
 def read_las(context: ReadingContext) -> Iterator[RawChunk]:
@@ -22,13 +23,13 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
     Raises ScanDamagedError when the file is shorter than its header says or does not decompress, ScanContentError
     without colour.
     """
-    _check_records(context)
+    reads_extended = _check_records(context)
     num_done, num_points = 0, 0
     try:
         import laspy
 
-        # The serial decompressor: the parallel one takes more memory than the sandbox allows.
-        with laspy.open(context.path, laz_backend=laspy.LazBackend.Lazrs) as reader:
+        # The serial decompressor: the parallel one allocates what a damaged chunk table announces.
+        with laspy.open(context.path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=reads_extended) as reader:
             num_points = reader.header.point_count
             _check(reader.header, context)
             context.coordinate_system = _coordinate_system(reader.header)
@@ -45,8 +46,11 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
         raise _unreadable_error("the file ends", num_done, num_points)
 
 
-def _check_records(context: ReadingContext) -> None:
-    """Refuse record counts that the file cannot hold: laspy would walk billions of them until the sandbox ends it."""
+def _check_records(context: ReadingContext) -> bool:
+    """Refuse record counts that the file cannot hold: laspy would walk billions of them until the sandbox ends it.
+
+    Returns whether the extended records, which may hold gigabytes of waveforms, are small enough to be read.
+    """
     with context.path.open("rb") as stream:
         header = stream.read(375).ljust(375, b"\0")
     (num_records,), (num_extended,) = struct.unpack_from("<I", header, 100), struct.unpack_from("<I", header, 243)
@@ -56,6 +60,8 @@ def _check_records(context: ReadingContext) -> None:
             f"The LAS header announces {num_records + num_extended:,} records, more than fit into the "
             f"{context.size_bytes:,} bytes of the file. {CUT_SHORT}"
         )
+    (extended_start,) = struct.unpack_from("<Q", header, 235)
+    return context.size_bytes - int(extended_start) <= _MAX_EXTENDED_BYTES
 
 
 def _check(header: Any, context: ReadingContext) -> None:

@@ -147,9 +147,7 @@ def thin_cloud(cloud: PointCloud, max_points_used: int, color_kind: ColorKind = 
         return cloud
     thinner = VoxelThinner(max_points_used, color_kind)
     thinner.add(cloud.positions.astype(np.float64), cloud.colors)
-    thinned = thinner.finish()
-    colors = np.clip(np.rint(thinned.colors), 0, 255).astype(np.uint8)
-    return replace(cloud, positions=thinned.positions.astype(np.float32), colors=colors)
+    return _with_points(cloud, thinner.finish())
 
 
 def thin_to_spacing(cloud: PointCloud, spacing_m: float, color_kind: ColorKind = "rgb") -> PointCloud:
@@ -158,8 +156,12 @@ def thin_to_spacing(cloud: PointCloud, spacing_m: float, color_kind: ColorKind =
     cells = thinner.merged(cloud.positions.astype(np.float64), cloud.colors, spacing_m)
     if len(cells.positions) > _WORTH_THINNING * len(cloud):
         return cloud
-    colors = np.clip(np.rint(cells.colors), 0, 255).astype(np.uint8)
-    return replace(cloud, positions=cells.positions.astype(np.float32), colors=colors)
+    return _with_points(cloud, cells)
+
+
+def _with_points(cloud: PointCloud, points: ThinnedPoints) -> PointCloud:
+    colors = np.clip(np.rint(points.colors), 0, 255).astype(np.uint8)
+    return replace(cloud, positions=points.positions.astype(np.float32), colors=colors)
 
 
 def _merge_means(cells: _Cells, groups: VoxelGroups) -> _Cells:

@@ -120,8 +120,8 @@ def _unpack(
                 )
             if num_bytes > left:
                 raise UploadTooLargeError(
-                    f"archive: expected the images of a batch to unpack to at most as many bytes together that "
-                    f"{left:,} are left for {entry.filename[:80]!r}, got more; send several batches"
+                    f"archive: expected the images of a batch to unpack to fewer bytes together, "
+                    f"of which {left:,} are left for {entry.filename[:80]!r}, got more; send several batches"
                 )
             digest.update(block)
             sink.write(block)

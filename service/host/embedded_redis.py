@@ -13,7 +13,7 @@ from pathlib import Path
 
 import redis
 
-from service.host.lifeline import Lifeline
+from service.host.parent_death import ending_with_parent
 
 _log = logging.getLogger(__name__)
 
@@ -29,10 +29,9 @@ class EmbeddedRedisError(RuntimeError):
 class EmbeddedRedis:
     """One valkey server process and the thread that keeps it alive."""
 
-    def __init__(self, folder: Path, lifeline: Lifeline, max_memory_bytes: int = DEFAULT_MAX_MEMORY_BYTES) -> None:
+    def __init__(self, folder: Path, max_memory_bytes: int = DEFAULT_MAX_MEMORY_BYTES) -> None:
         self._folder = folder
         self._socket = folder / "redis.sock"
-        self._lifeline = lifeline
         self._max_memory_bytes = max_memory_bytes
         self._stopping = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
@@ -65,6 +64,8 @@ class EmbeddedRedis:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        if process is not None:
+            _close_pipe(process)
         if self._supervisor.is_alive():
             self._supervisor.join(timeout=5)
         self._socket.unlink(missing_ok=True)
@@ -72,9 +73,12 @@ class EmbeddedRedis:
     def _launch(self) -> None:
         with (self._folder / "redis.log").open("ab") as log:
             self._process = subprocess.Popen(
-                self._command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                ending_with_parent(self._command()),
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
             )
-        self._lifeline.guard(self._process.pid)
 
     def _command(self) -> list[str]:
         options = {
@@ -113,13 +117,18 @@ class EmbeddedRedis:
             if process is None:
                 return
             process.wait()
-            self._lifeline.release(process.pid)
+            _close_pipe(process)
             if self._stopping.is_set():
                 return
             _log.warning("embedded redis ended, starting it again", extra={"returncode": process.returncode})
             self._stopping.wait(_RESTART_PAUSE_S)
             if not self._stopping.is_set():
                 self._launch()
+
+
+def _close_pipe(process: "subprocess.Popen[bytes]") -> None:
+    if process.stdin is not None:
+        process.stdin.close()
 
 
 def _server_binary() -> Path:

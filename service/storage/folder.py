@@ -59,7 +59,7 @@ class FolderStorage:
                 temporary.replace(target)
             except BaseException:
                 with contextlib.suppress(OSError):
-                    temporary.unlink(missing_ok=True)
+                    temporary.unlink()
                 raise
             sync_folder(target.parent)
             return _stamp(os.stat(target))
@@ -135,7 +135,7 @@ class FolderStorage:
                 probe.write_bytes(bytes(_PROBE_BYTES))
         finally:
             with contextlib.suppress(OSError):
-                probe.unlink(missing_ok=True)
+                probe.unlink()
 
     def tidy(self, min_age_s: float = 0.0) -> None:
         """Remove unfinished uploads, deletions and writes."""

@@ -13,7 +13,6 @@ from urllib.parse import urlsplit
 import httpx
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from service.http import server
 from service.http.guards import slow_clients
 from tests.campaign.damage import damaged
@@ -29,8 +28,7 @@ def hostile_requests(num_cases: int, seed: int) -> Outcome:
     statuses: Counter[str] = Counter()
     lasted: list[float] = []
     with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        lifeline = Lifeline()
-        redis = EmbeddedRedis(Path(folder), lifeline)
+        redis = EmbeddedRedis(Path(folder))
         redis.start()
         try:
             with (
@@ -52,7 +50,6 @@ def hostile_requests(num_cases: int, seed: int) -> Outcome:
                     outcome.faults.append("it is not ready afterwards")
         finally:
             redis.stop()
-            lifeline.close()
     if max(lasted, default=0.0) > _LONGEST_S:
         outcome.faults.append(f"one request took {max(lasted):.0f} s")
     outcome.seconds = time.monotonic() - began

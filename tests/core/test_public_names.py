@@ -1,15 +1,16 @@
-"""What `core` offers by name, and the example that shows how to use it."""
+"""What `panoloc` offers by name, and the example that shows how to use it."""
 
 import doctest
 import io
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-import core
+import panoloc
 from core.geometry.pose import Pose
 from core.scan.ply.writer import encode_ply
 from tests.core.painted_box import PaintedBox
@@ -21,7 +22,7 @@ def test_the_example_in_the_docstring_runs(box: PaintedBox, box_pose: Pose, tmp_
     scan_path.write_bytes(encode_ply(box.scan()))
     Image.fromarray(box.panorama(box_pose).color).save(photo, "png")
     names = {"scan_path": scan_path, "photo": photo.getvalue()}
-    (example,) = doctest.DocTestFinder(recurse=False).find(core, globs=names)
+    (example,) = doctest.DocTestFinder(recurse=False).find(panoloc, globs=names)
     said: list[str] = []
     failed, attempted = doctest.DocTestRunner().run(example, out=said.append)
     assert attempted == 5
@@ -29,13 +30,14 @@ def test_the_example_in_the_docstring_runs(box: PaintedBox, box_pose: Pose, tmp_
 
 
 def test_every_public_name_is_there_and_no_other() -> None:
-    for name in core.__all__:
-        assert callable(getattr(core, name)), name
+    for name in panoloc.__all__:
+        assert callable(getattr(panoloc, name)), name
+    assert panoloc.__version__ == metadata.version("panoloc")
     with pytest.raises(AttributeError, match=r"it offers Hints, .*read_scan"):
-        core.nothing_of_the_kind  # noqa: B018
+        panoloc.nothing_of_the_kind  # noqa: B018
 
 
-def test_neither_core_nor_its_errors_and_options_load_torch_or_numpy() -> None:
-    program = "import core, core.errors, core.options, sys; print({'torch', 'numpy', 'open3d'} & set(sys.modules))"
+def test_importing_panoloc_loads_neither_torch_nor_numpy() -> None:
+    program = "import panoloc, core.errors, core.options, sys; print({'torch', 'numpy', 'open3d'} & set(sys.modules))"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "set()"

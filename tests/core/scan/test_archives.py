@@ -13,7 +13,7 @@ import pytest
 
 from core.errors import ScanContentError, ScanDamagedError, ScanError, ScanTooLargeError
 from core.options import ScanOptions
-from core.scan.archive import members, unpacking
+from core.scan.archive import unpacking
 from core.scan.ply.writer import encode_ply
 from core.scan.point_cloud import PointCloud
 from core.scan.reading import read_scan
@@ -174,7 +174,7 @@ def test_links_are_refused(scan_file: ScanFile) -> None:
 def test_a_bomb_is_refused_before_it_is_unpacked(
     scan_file: ScanFile, nothing_remains: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(members, "_UNSUSPICIOUS_BYTES", 1 << 20)
+    monkeypatch.setattr(unpacking, "_UNSUSPICIOUS_BYTES", 1 << 20)
     with pytest.raises(ScanContentError, match="would take 20,000,000 bytes unpacked"):
         read_scan(scan_file("s.zip", zip_of({"scan.xyz": b"0" * 20_000_000})))
     monkeypatch.setattr(unpacking, "_SPARE_BYTES", 1 << 60)
@@ -217,7 +217,7 @@ def test_archives_that_are_none_hold_no_scan_or_too_much_are_told_so(
     for data, said in cases.items():
         with pytest.raises(ScanError, match=said):
             read_scan(scan_file("s.zip", data))
-    monkeypatch.setattr(members, "MAX_MEMBERS", 3)
+    monkeypatch.setattr(unpacking, "MAX_MEMBERS", 3)
     with pytest.raises(ScanContentError, match="holds 4 files; expected at most 3"):
         read_scan(scan_file("s.zip", zip_of({f"{n}.txt": b"" for n in range(4)})))
 

@@ -14,13 +14,9 @@ from core.exports.axes import quaternion_wxyz
 from core.exports.reconstruction.colmap_rig import FACES, cut_face, turned
 from core.exports.tour import PlacedPhoto, Tour
 from core.geometry.pose import Pose
-from core.index.map_builder import build_map_index
-from core.localizer import Localizer
-from core.options import IndexOptions
 from core.scan.e57.__main__ import REFUSED, main
 from core.scan.reading import read_scan
 from tests.core.exports.tours import written
-from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
 
 pye57 = pytest.importorskip("pye57")
@@ -164,13 +160,6 @@ def test_faces_of_cubes_come_out_with_their_cameras(tmp_path: Path, capsys: pyte
             "fx_px": pytest.approx(32.0),
             "fy_px": pytest.approx(32.0),
         }
-
-
-@pytest.mark.slow
-def test_a_scan_that_its_own_panoramas_have_coloured_is_a_map(tmp_path: Path, localizer: Localizer) -> None:
-    index = build_map_index(read_scan(painted_survey(tmp_path, np.zeros(3))), IndexOptions(spacing_m=0.8))
-    pose = Pose(rotation_of(200.0), np.array([2.4, 1.1, 1.5]))
-    assert_found(localizer.localize(BOX.panorama(pose), [index]), pose)
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ def test_a_bomb_is_refused_after_as_many_bytes_as_are_allowed_whatever_it_says_o
     ("entries", "limit"),
     [
         ({"a": b"1" * 1001}, r"1,000 bytes \(PANOLOC_MAX_IMAGE_BYTES\)"),
-        ({"a": b"1" * 900, "b": b"2" * 900}, "together that 600 are left for 'b"),
+        ({"a": b"1" * 900, "b": b"2" * 900}, "of which 600 are left for 'b"),
         ({"a": b"1", "b": b"2", "c": b"3", "d": b"4"}, "PANOLOC_MAX_BATCH_IMAGES"),
     ],
 )

@@ -14,7 +14,6 @@ import pytest
 import redis
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 
 
 def eventually(holds: Callable[[], bool], within_s: float = 5.0) -> bool:
@@ -42,12 +41,10 @@ def short_folder() -> Iterator[Path]:
 
 @pytest.fixture
 def server(short_folder: Path) -> Iterator[EmbeddedRedis]:
-    lifeline = Lifeline()
-    server = EmbeddedRedis(short_folder, lifeline, max_memory_bytes=16 * 2**20)
+    server = EmbeddedRedis(short_folder, max_memory_bytes=16 * 2**20)
     server.start()
     yield server
     server.stop()
-    lifeline.close()
 
 
 def answers(server: EmbeddedRedis) -> bool:
@@ -93,8 +90,7 @@ def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
         import sys, time
         from pathlib import Path
         from service.host.embedded_redis import EmbeddedRedis
-        from service.host.lifeline import Lifeline
-        server = EmbeddedRedis(Path(sys.argv[1]), Lifeline())
+        server = EmbeddedRedis(Path(sys.argv[1]))
         server.start()
         print(server.pid, flush=True)
         time.sleep(60)

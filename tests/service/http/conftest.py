@@ -10,7 +10,6 @@ import redis
 import structlog
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from tests.service.http.running_service import RunningService, running_service
 
 
@@ -31,12 +30,10 @@ def anyio_backend() -> str:
 def redis_server() -> Iterator[EmbeddedRedis]:
     # pytest's own folders are too long for a socket.
     with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        lifeline = Lifeline()
-        server = EmbeddedRedis(Path(folder), lifeline, max_memory_bytes=64 * 2**20)
+        server = EmbeddedRedis(Path(folder), max_memory_bytes=64 * 2**20)
         server.start()
         yield server
         server.stop()
-        lifeline.close()
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ import httpx
 import pytest
 
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from service.http.schemas import Health
 from service.limits.wrong_keys import WrongKeys
 from tests.service.http.running_service import RunningService, running_service
@@ -163,12 +162,10 @@ async def test_the_type_of_a_problem_leads_to_its_meaning(running: RunningServic
 @pytest.fixture
 def own_redis() -> Iterator[EmbeddedRedis]:
     with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        lifeline = Lifeline()
-        server = EmbeddedRedis(Path(folder), lifeline)
+        server = EmbeddedRedis(Path(folder))
         server.start()
         yield server
         server.stop()
-        lifeline.close()
 
 
 @pytest.mark.slow

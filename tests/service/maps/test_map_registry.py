@@ -15,6 +15,7 @@ from service.jobs import MapRef, RegisterOptions
 from service.maps.cursors import decode_cursor, encode_cursor
 from service.maps.record import MapRecord, Revision, key_of, read_record
 from service.maps.registry import MapRegistry
+from service.sharing.locks import FolderLocks
 from service.storage import FolderStorage
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", RegisterOptions())
@@ -101,6 +102,16 @@ def test_revisions_that_no_record_names_are_removed_at_the_start(tmp_path: Path)
         storage.put(key_of(MapRef("map_a", number), "scan.ply"), b"x")
     loaded(tmp_path)
     assert storage.names("maps/map_a") == ["1", "map.json"]
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_a_start_removes_uploads_that_a_crash_left_unless_another_process_may_be_at_them(
+    tmp_path: Path, is_shared: bool
+) -> None:
+    (upload := FolderStorage(tmp_path).spool_folder() / "half").write_bytes(b"half")
+    locks = FolderLocks(tmp_path / "locks") if is_shared else None
+    asyncio.run(MapRegistry(FolderStorage(tmp_path), 10, locks).load())
+    assert upload.exists() == is_shared
 
 
 def test_a_caller_who_goes_away_does_not_part_memory_from_storage(tmp_path: Path) -> None:

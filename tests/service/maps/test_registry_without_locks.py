@@ -1,9 +1,10 @@
-"""Two processes whose locks have run out without their knowledge: no change is lost, and nothing that was deleted comes back."""
+"""Processes whose locks have expired unnoticed: no change is lost, and nothing that was deleted comes back."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 
@@ -23,10 +24,10 @@ class NoLocks(OwnLocks):
     """Exclude nobody, like expired leases."""
 
     is_shared = True
-    sure = True
+    unsure: ClassVar[set[str]] = set()
 
     def is_sure(self, name: str) -> bool:
-        return self.sure
+        return name not in self.unsure
 
 
 @pytest.fixture
@@ -92,22 +93,42 @@ def test_a_change_that_comes_after_a_deletion_brings_nothing_back(
     assert bucket.names("maps") == []
 
 
-def test_nothing_is_deleted_while_a_lock_is_in_doubt(process: Callable[[], MapRegistry], bucket: BucketStorage) -> None:
+def test_a_change_begins_with_what_another_process_has_made_of_the_map(process: Callable[[], MapRegistry]) -> None:
+    async def change_in_turn() -> MapRecord:
+        one, other = process(), process()
+        await one.add(record())
+        await other.find([REF.id])
+        version = (await one.change(REF.id, lambda found: replace(found, name="of one"))).version
+        return await other.change(REF.id, lambda found: replace(found, tags=[found.name]), version)
+
+    assert asyncio.run(change_in_turn()).tags == ["of one"]
+
+
+def test_nothing_is_deleted_while_a_lock_is_in_doubt(
+    process: Callable[[], MapRegistry], bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    new = MapRef(REF.id, 2)
+    map_lock, scan_lock = f"map-{REF.id}", f"scan-{REF.id}-2"
+
+    async def refused(deletion: Coroutine[Any, Any, None], lock: str) -> None:
+        monkeypatch.setattr(NoLocks, "unsure", {lock})
+        with pytest.raises(CacheDownError, match="renewed in time"):
+            await deletion
+        monkeypatch.setattr(NoLocks, "unsure", set())
+
     async def try_to_delete() -> None:
         registry = process()
         await registry.add(record())
         bucket.put(f"maps/{REF.id}/2/scan.ply", b"of another process")
-        NoLocks.sure = False
-        try:
-            for deletion in (registry.remove(REF.id), registry.remove_revision(MapRef(REF.id, 2))):
-                with pytest.raises(CacheDownError, match="renewed in time"):
-                    await deletion
-            with pytest.raises(CacheDownError, match="renewed in time"):
-                registry.check_new_revision(MapRef(REF.id, 2))
-        finally:
-            NoLocks.sure = True
+        await refused(registry.remove(REF.id), map_lock)
+        for lock in (map_lock, scan_lock):
+            await refused(registry.remove_revision(new), lock)
+        monkeypatch.setattr(NoLocks, "unsure", {scan_lock})
+        with pytest.raises(CacheDownError, match="renewed in time"):
+            registry.check_new_revision(new)
         assert registry.has(REF.id)
-        await registry.remove_revision(MapRef(REF.id, 2))
+        monkeypatch.setattr(NoLocks, "unsure", set())
+        await registry.remove_revision(new)
 
     asyncio.run(try_to_delete())
     assert bucket.names(f"maps/{REF.id}") == ["map.json"]

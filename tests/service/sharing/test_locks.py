@@ -1,4 +1,4 @@
-"""Locks of API replicas: one holder at a time, none for long after its process has ended, and no doubt that is not seen."""
+"""Locks of API replicas: one holder at a time, none for long after its process has ended, and every doubt is seen."""
 
 import asyncio
 import subprocess
@@ -13,7 +13,6 @@ import redis
 
 from service.errors import CacheDownError, StorageReadOnlyError
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from service.sharing.leases import LeaseLocks
 from service.sharing.locks import FolderLocks, HeldLock, Locks, OwnLocks
 
@@ -45,12 +44,10 @@ def anyio_backend() -> str:
 @pytest.fixture(scope="module")
 def redis_url() -> Iterator[str]:
     with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        lifeline = Lifeline()
-        server = EmbeddedRedis(Path(folder), lifeline, max_memory_bytes=64 * 2**20)
+        server = EmbeddedRedis(Path(folder), max_memory_bytes=64 * 2**20)
         server.start()
         yield server.url
         server.stop()
-        lifeline.close()
 
 
 @pytest.fixture

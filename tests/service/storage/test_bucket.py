@@ -37,44 +37,42 @@ class InterruptedDeletionError(BaseException):
     """The process is gone."""
 
 
-@pytest.fixture
-def cut_deletions(monkeypatch: pytest.MonkeyPatch) -> Callable[[int | None], None]:
-    """Let the process end at its nth call of `obstore.delete`, until told None."""
-    left: list[int | None] = [None]
-    really_delete = obstore.delete
-
-    def delete(*arguments: Any, **named: Any) -> None:
-        if left[0] is not None:
-            left[0] -= 1
-            if left[0] < 0:
-                raise InterruptedDeletionError
-        really_delete(*arguments, **named)
-
-    monkeypatch.setattr(obstore, "delete", delete)
-
-    def cut_at(number: int | None) -> None:
-        left[0] = number
-
-    return cut_at
-
-
 MAP = ("maps/m/map.json", "maps/m/1/scan.ply", "maps/m/1/points.ply")
+
+
+@pytest.fixture
+def interrupt_deletion(bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Store a map, and delete it until the process ends at its nth request to delete."""
+
+    def interrupt(step: int) -> None:
+        num_calls, really_delete = 0, obstore.delete
+
+        def delete(*arguments: Any) -> None:
+            nonlocal num_calls
+            if num_calls == step:
+                raise InterruptedDeletionError
+            num_calls += 1
+            really_delete(*arguments)
+
+        for key in MAP:
+            bucket.put(key, b"x")
+        with monkeypatch.context() as patch:
+            patch.setattr(obstore, "delete", delete)
+            with pytest.raises(InterruptedDeletionError):
+                bucket.delete_all("maps/m")
+
+    return interrupt
+
+
+Interrupt = Callable[[int], None]
 
 
 @pytest.mark.parametrize("step", [1, 2])
 def test_a_deletion_that_is_interrupted_leaves_no_map_and_is_finished_at_the_next_start(
-    bucket: BucketStorage,
-    bucket_server: BucketServer,
-    prefix: str,
-    cut_deletions: Callable[[int | None], None],
-    step: int,
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, interrupt_deletion: Interrupt, step: int
 ) -> None:
-    for key in (*MAP, "maps/other/map.json"):
-        bucket.put(key, b"x")
-    cut_deletions(step)
-    with pytest.raises(InterruptedDeletionError):
-        bucket.delete_all("maps/m")
-    cut_deletions(None)
+    bucket.put("maps/other/map.json", b"x")
+    interrupt_deletion(step)
     with pytest.raises(StoredFileMissingError):
         bucket.read("maps/m/map.json")
     assert sorted(bucket.stamps("maps", "map.json")) == ["other"]
@@ -83,14 +81,9 @@ def test_a_deletion_that_is_interrupted_leaves_no_map_and_is_finished_at_the_nex
 
 
 def test_a_deletion_that_did_not_come_to_its_first_step_deletes_nothing_later(
-    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, cut_deletions: Callable[[int | None], None]
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, interrupt_deletion: Interrupt
 ) -> None:
-    for key in MAP:
-        bucket.put(key, b"x")
-    cut_deletions(0)
-    with pytest.raises(InterruptedDeletionError):
-        bucket.delete_all("maps/m")
-    cut_deletions(None)
+    interrupt_deletion(0)
     notes = bucket.names("deleted")
     bucket.tidy(24 * 3600.0)  # of a process that may just be at it
     assert bucket.names("deleted") == notes
@@ -100,14 +93,9 @@ def test_a_deletion_that_did_not_come_to_its_first_step_deletes_nothing_later(
 
 @pytest.mark.slow
 def test_what_was_stored_after_a_deletion_is_not_deleted_with_it(
-    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, cut_deletions: Callable[[int | None], None]
+    bucket: BucketStorage, bucket_server: BucketServer, prefix: str, interrupt_deletion: Interrupt
 ) -> None:
-    for key in MAP:
-        bucket.put(key, b"x")
-    cut_deletions(1)
-    with pytest.raises(InterruptedDeletionError):
-        bucket.delete_all("maps/m")
-    cut_deletions(None)
+    interrupt_deletion(1)
     time.sleep(1.1)  # times of objects have no fractions
     bucket.put("maps/m/1/scan.ply", b"another")
     bucket.tidy()

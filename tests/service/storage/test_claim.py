@@ -1,4 +1,4 @@
-"""Services that do not share a bucket keep each other out of it, and none that has ended keeps the next one out for long."""
+"""Services that do not share a bucket keep each other out of it; a dead one keeps the next one out for seconds only."""
 
 import threading
 import time

@@ -35,7 +35,6 @@ from service.answer import Localization
 from service.cache import WorkerCache
 from service.errors import StorageFullError
 from service.host.embedded_redis import EmbeddedRedis
-from service.host.lifeline import Lifeline
 from service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
 from service.maps.record import MapRecord, Revision, key_of, write_record
 from service.settings import Settings
@@ -88,12 +87,10 @@ class Place:
 def redis_url() -> Iterator[str]:
     # pytest's own folders are too long for a socket.
     with tempfile.TemporaryDirectory(prefix="pl-") as name:
-        lifeline = Lifeline()
-        server = EmbeddedRedis(Path(name), lifeline)
+        server = EmbeddedRedis(Path(name))
         server.start()
         yield server.url
         server.stop()
-        lifeline.close()
 
 
 @pytest.fixture

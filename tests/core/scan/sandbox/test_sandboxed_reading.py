@@ -48,7 +48,7 @@ def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: P
         ("silent", SandboxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
         ("nesting", SandboxLimits(), ScanDamagedError, "nests too deeply"),
         ("writing", SandboxLimits(), ScanDamagedError, "its reader failed"),
-        ("babbling", SandboxLimits(), ScanDamagedError, "wrote nonsense"),
+        ("babbling", SandboxLimits(), ScanDamagedError, "wrote no message"),
     ],
 )
 def test_what_goes_wrong_in_a_reader_becomes_the_error_of_its_scan(
@@ -94,7 +94,8 @@ def test_a_reader_ends_with_the_process_that_it_reads_for(tmp_path: Path) -> Non
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
     program = (
-        "import sys; from pathlib import Path; from core.options import ScanOptions; from core.scan.sandbox.reading import read_in_sandbox\n"
+        "import sys; from pathlib import Path; from core.options import ScanOptions\n"
+        "from core.scan.sandbox.reading import read_in_sandbox\n"
         "from core.scan.reading_context import ReadingContext\n"
         "context = ReadingContext(Path(sys.argv[1]), ScanOptions(), 4)\n"
         "for chunk in read_in_sandbox('tests.core.scan.sandbox.misbehaving_readers:endless', context): print('begun', flush=True)\n"

@@ -1,4 +1,4 @@
-"""A scan from strangers is parsed in a process of its own, whatever its format."""
+"""An untrusted scan is read in the sandbox, whatever its format."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +17,7 @@ from core.scan.reading_context import RawChunk, ReadingContext
 from core.scan.sandbox.limits import SandboxLimits
 from tests.core.scan.mesh_files import zip_of
 
-FROM_STRANGERS = ScanOptions(from_strangers=True)
+UNTRUSTED = ScanOptions(from_strangers=True)
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def parse_nothing(context: ReadingContext) -> NoReturn:
         ("room.zip", write_zip),
     ],
 )
-def test_what_it_holds_is_the_same_and_nothing_parses_it_here(
+def test_the_sandbox_gives_the_same_points_and_the_caller_parses_nothing(
     tmp_path: Path,
     room: PointCloud,
     monkeypatch: pytest.MonkeyPatch,
@@ -82,7 +82,7 @@ def test_what_it_holds_is_the_same_and_nothing_parses_it_here(
     monkeypatch.setattr(readers, "READERS", dict.fromkeys(readers.READERS, parse_nothing))
     with pytest.raises(AssertionError):
         read_scan(tmp_path / name)
-    read = read_scan(tmp_path / name, FROM_STRANGERS)
+    read = read_scan(tmp_path / name, UNTRUSTED)
     np.testing.assert_array_equal(read.positions, trusted.positions)
     np.testing.assert_array_equal(read.colors, trusted.colors)
     assert read.diagnostics == trusted.diagnostics
@@ -94,7 +94,7 @@ def test_a_damaged_one_is_refused_in_the_words_of_its_reader(tmp_path: Path, roo
     with pytest.raises(ScanDamagedError) as trusted:
         read_scan(path)
     with pytest.raises(ScanDamagedError) as found:
-        read_scan(path, FROM_STRANGERS)
+        read_scan(path, UNTRUSTED)
     assert str(found.value) == str(trusted.value)
 
 
@@ -107,6 +107,6 @@ def test_the_time_of_a_reader_grows_with_its_file(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr(readers, "read_in_sandbox", read_nothing)
     for size_bytes in (10**6, 4 * 10**9):
-        readers.iter_chunks("text", ReadingContext(tmp_path / "table.xyz", FROM_STRANGERS, size_bytes))
+        readers.iter_chunks("text", ReadingContext(tmp_path / "table.xyz", UNTRUSTED, size_bytes))
     assert [limits.cpu_s for limits in given] == [902, 8900]
     assert SandboxLimits().cpu_s == 900

@@ -1,0 +1,55 @@
+"""Find where a photo was taken inside a scanned place.
+
+    >>> from panoloc import Localizer, build_map_index, read_panorama, read_scan
+    >>> index = build_map_index(read_scan(scan_path))
+    >>> found = Localizer().localize(read_panorama(photo), [index])
+    >>> found.status
+    'localized'
+    >>> found.best.pose.position.round(1)
+    array([1.7, 2.4, 1.5])
+
+Positions are metres in the scan's own frame (`core.geometry.pose`). `PanolocClient` speaks to a running service.
+`core.errors` lists what can go wrong. A name loads its module when it is first used: importing `panoloc` loads nothing.
+"""
+
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from core.index.map_builder import build_map_index as build_map_index
+    from core.localizer import Localizer as Localizer
+    from core.options import Hints as Hints
+    from core.panorama.reader import read_panorama as read_panorama
+    from core.results import Localization as Localization
+    from core.scan.reading import read_scan as read_scan
+    from service.client import PanolocClient as PanolocClient
+
+    __version__: str
+
+_HOMES = {
+    "Hints": "core.options",
+    "Localization": "core.results",
+    "Localizer": "core.localizer",
+    "PanolocClient": "service.client",
+    "build_map_index": "core.index.map_builder",
+    "read_panorama": "core.panorama.reader",
+    "read_scan": "core.scan.reading",
+}
+__all__ = [
+    "Hints",
+    "Localization",
+    "Localizer",
+    "PanolocClient",
+    "build_map_index",
+    "read_panorama",
+    "read_scan",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used. Raises AttributeError for any other name."""
+    if name == "__version__":
+        return metadata.version("panoloc")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'panoloc' has no attribute {name!r}; it offers {', '.join(__all__)}")
+    return getattr(import_module(_HOMES[name]), name)
