@@ -82,7 +82,6 @@ class Suite:
     in degrees, None for the full sphere. survey_frame: scan turned about z and given in large coordinates.
     """
 
-    description: str
     kind: SceneKind = "room"
     change: float = 0.0
     look: CameraLook | Callable[[np.random.Generator], CameraLook] = PHOTO

@@ -33,10 +33,11 @@ from mutmut.mutation.mutators import mutation_operators
 from mutmut.mutation.pragma_handling import IgnoredCode
 
 ROOT = Path(__file__).resolve().parents[2]
-# Where a small fault loses a scan, a pose or a key.
+# Where a small fault loses a scan or a pose.
 MUTATED = (
-    *("core/geometry/distinct_poses.py", "core/index/*.py", "core/judge/*.py", "core/refine/*.py", "core/search/*.py"),
-    *("service/cache.py", "service/keys/*.py", "service/maps/*.py", "service/storage/folder.py"),
+    *("core/fast/candidate_stages.py", "core/geometry/distinct_poses.py", "core/index/*.py", "core/judge/*.py"),
+    *("core/refine/*.py", "core/search/*.py"),
+    *("service/cache.py", "service/maps/registry.py", "service/storage/folder.py"),
 )
 _PLUGINS = ("anyio.pytest_plugin", "_hypothesis_pytestplugin", "pytest_timeout")
 _LIBRARIES = (

@@ -43,13 +43,6 @@ def test_names_differ_where_the_cases_do() -> None:
     assert len(names) == 4
 
 
-def test_unknown_suites_and_families_are_refused() -> None:
-    with pytest.raises(OptionsError, match="suite"):
-        suite_scans("castles", [1])
-    with pytest.raises(OptionsError, match="families"):
-        suite_scans("rooms", [1], families=["baroque"])
-
-
 @pytest.mark.slow
 def test_a_loaded_suite_case_knows_its_pose_and_what_changed() -> None:
     scan = suite_scans("changed", [3], width=128, num_points=5000)[0]
