@@ -27,6 +27,13 @@ PAPER_TIMEOUT_S = 600.0
 """Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
 
 
+ON_EARTH = ("georeference", "coordinate_system", "geoid_undulation_m")
+"""Fields of a map's document about its place on Earth."""
+
+Result = dict[str, Any]
+"""Result of one image of a batch: `status`, and `answer` (body of `POST /localize`) or `error` (problem document)."""
+
+
 def new_id(prefix: str) -> str:
     """Return `prefix_` and 16 random hexadecimal digits."""
     return f"{prefix}_{secrets.token_hex(8)}"

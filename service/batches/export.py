@@ -15,10 +15,10 @@ from core.errors import ExportRefusedError
 from core.options import ExportFormat
 from core.scan.format_detection import detect_format
 from service.batches.overview import photo_of, placement_document
-from service.batches.record import BatchRecord, Result, image_key
+from service.batches.record import BatchRecord, image_key
 from service.batches.tour import TourDocument, maps_of
 from service.errors import ExportFailedError, StoredFileMissingError
-from service.jobs import new_id
+from service.jobs import Result, new_id
 from service.maps.record import MapRecord, key_of, place_on_earth
 from service.storage import Storage
 

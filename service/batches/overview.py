@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from service.batches.record import Result
+from service.jobs import Result
 
 _MAX_OTHERS = 4  # places of one ambiguous photo, besides the likeliest
 

@@ -4,16 +4,11 @@ In storage: `batches/{id}/batch.json`, written once, last of all that an upload 
 `results/00000.json` as each image is done. All but images contain their own digest, see `service.storage.sealed_json`.
 """
 
-from typing import Any
-
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from core.camera.camera import CameraDescription
-from service.jobs import QueryOptions
-
-Result = dict[str, Any]
-"""`status` of the query or "failed", and either `answer` (body of `POST /localize`) or `error` (problem document)."""
+from service.jobs import QueryOptions, Result
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

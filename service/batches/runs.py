@@ -13,10 +13,10 @@ import structlog
 
 from core.errors import DeadlineExceededError
 from core.panorama.image_header import IMAGE, check_image
-from service.batches.record import BatchRecord, Result
+from service.batches.record import BatchRecord
 from service.batches.store import BatchStore
 from service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError
-from service.jobs import QueryImage, WorkerPool
+from service.jobs import QueryImage, Result, WorkerPool
 from service.localizations import Localizations, LocalizeRequest
 from service.maps.selection import MapChoice
 from service.problems import problem_document

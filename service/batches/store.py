@@ -13,9 +13,10 @@ from pathlib import Path
 
 import structlog
 
-from service.batches.record import BatchRecord, Result, folder_of, image_key
+from service.batches.record import BatchRecord, folder_of, image_key
 from service.batches.stored_batches import StoredBatches
 from service.errors import BatchLimitError, BatchNotFoundError, StorageError
+from service.jobs import Result
 from service.sharing.change_signal import Publish, publish_nothing
 from service.sharing.keyed_lock import uninterrupted
 from service.sharing.locks import HeldLock, Locks, OwnLocks

@@ -8,7 +8,6 @@ from service.batches.record import (
     BATCH,
     RESULT,
     BatchRecord,
-    Result,
     folder_of,
     image_key,
     record_key,
@@ -16,6 +15,7 @@ from service.batches.record import (
     results_prefix,
 )
 from service.errors import StoredFileDamagedError, StoredFileMissingError
+from service.jobs import Result
 from service.storage import Storage
 from service.storage.sealed_json import seal, unseal
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from service.batches.record import Result
-from service.maps.record import ON_EARTH
+from service.jobs import ON_EARTH, Result
 
 
 @dataclass

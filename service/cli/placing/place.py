@@ -15,7 +15,6 @@ from rich.markup import escape
 
 from core.errors import CoreError
 from service.batches.archive import IMAGE_ENDINGS
-from service.batches.record import Result
 from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from service.cli.placing.export import check_on_earth, formats_of, show_refusals, write_exports
 from service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused
@@ -32,7 +31,7 @@ from service.cli.query_options import (
 )
 from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from service.client import ApiProblemError, JsonObject, PanolocClient
-from service.jobs import MAX_SAMPLE_POINTS, QueryOptions
+from service.jobs import MAX_SAMPLE_POINTS, QueryOptions, Result
 
 # Statuses about the key or the map: every other photo would fail in the same way.
 _OF_ALL_PHOTOS = (401, 403, 404, 409)

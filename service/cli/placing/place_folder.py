@@ -20,10 +20,10 @@ import typer
 
 from core.options import CAMERAS_FILE
 from core.shown_name import shown_name
-from service.batches.record import Result
 from service.batches.tour import TourDocument, maps_of
 from service.cli.placing.photo_files import PhotoFiles, photo_files
 from service.client import JsonObject
+from service.jobs import Result
 
 _QUESTION = "place.json"
 _LOCK = ".lock"

@@ -9,10 +9,9 @@ from typing import Any
 import typer
 
 from core.distinct_names import distinct_names
-from service.batches.record import Result
 from service.batches.tour import TourDocument, maps_of
 from service.client import JsonObject, PanolocClient
-from service.jobs import MAX_SAMPLE_POINTS
+from service.jobs import MAX_SAMPLE_POINTS, Result
 
 
 @dataclass(frozen=True)

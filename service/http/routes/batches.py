@@ -10,12 +10,13 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from core.options import ExportFormat
 from service.batches.export import ExportRequest, draw_plan, map_of, open_export
-from service.batches.record import BatchRecord, Result
+from service.batches.record import BatchRecord
 from service.errors import BatchNotFoundError, InvalidOptionsError
 from service.http.access import maps_seen, note_change, own_batch, require
 from service.http.openapi import picture_response
 from service.http.routes.localize import while_connected
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
+from service.jobs import Result
 from service.maps.record import MapRecord
 from service.problems import error_responses
 from service.services import Services, services_of

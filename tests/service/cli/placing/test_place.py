@@ -239,7 +239,7 @@ def test_the_panoramas_of_a_survey_are_placed_as_a_folder_of_them_is(
     assert (outcome.code, "neither" in outcome.err) == (EXIT_USAGE, True)
     (tmp_path / "broken.e57").write_bytes(survey.read_bytes()[:-1000])
     outcome = panoloc("place", tmp_path / "broken.e57", "--map", "map_1", "--out", tmp_path / "more")
-    assert (outcome.code, "announces" in outcome.err) == (EXIT_USAGE, True)
+    assert (outcome.code, "damaged" in outcome.err) == (EXIT_USAGE, True), outcome.err
 
 
 def test_photos_in_several_maps_are_written_map_by_map(
