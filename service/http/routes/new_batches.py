@@ -1,7 +1,7 @@
 """Upload many images to be localized one by one, and list what was uploaded."""
 
 import asyncio
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
@@ -12,7 +12,8 @@ from service.batches.names import unique_names
 from service.batches.record import BatchRecord
 from service.errors import ArchiveError, InvalidOptionsError
 from service.http.access import caller_of, hold_upload_place, note_change, require
-from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
+from service.http.openapi import binary_part, files_part, json_part, multipart
+from service.http.responses import accepted_response, json_response
 from service.http.routes.batches import batch_document, batch_overview
 from service.http.routes.localize import checked_options
 from service.http.schemas.batches import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE, Batch, BatchOptions, BatchPage
@@ -22,7 +23,6 @@ from service.http.validation import parse_json
 from service.jobs import new_id, now
 from service.maps.cursors import decode_cursor, encode_cursor
 from service.maps.selection import MapChoice
-from service.problems import error_responses
 from service.services import Services, services_of
 from service.settings import Settings
 from service.storage_lacks import lacks_said
@@ -33,25 +33,14 @@ _RETRY_AFTER_S = 1
 # So many images of a batch may be as large as one may be; photos are mostly a tenth of that.
 _MAX_FULL_IMAGES = 256
 _ZIP_HEADS = (b"PK\x03\x04", b"PK\x05\x06")
-_ACCEPTED: dict[int | str, dict[str, Any]] = {
-    202: {
-        "model": Batch,
-        "description": "The images are stored; poll the batch until it is done.",
-        "headers": accepted_headers("batch"),
-        "content": {"application/json": {"example": QUEUED_BATCH_EXAMPLE}},
-    }
-}
+_ACCEPTED = "The images are stored; poll the batch until it is done."
 
 
 @router.get(
     "/batches",
     summary="List batches",
     dependencies=[Depends(require("read"))],
-    response_model=None,
-    responses={
-        200: {"model": BatchPage, "content": {"application/json": {"example": BATCH_PAGE_EXAMPLE}}},
-        **error_responses(401, 403, 422),
-    },
+    responses=json_response(BatchPage, BATCH_PAGE_EXAMPLE, 401, 403, 422),
 )
 async def list_batches(
     request: Request,
@@ -76,8 +65,9 @@ async def list_batches(
     summary="Localize many images, one by one",
     dependencies=[Depends(require("localize")), Depends(hold_upload_place)],
     status_code=202,
-    response_model=None,
-    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 503)},
+    responses=accepted_response(
+        Batch, QUEUED_BATCH_EXAMPLE, _ACCEPTED, "batch", 400, 401, 403, 404, 409, 413, 415, 422, 503
+    ),
     openapi_extra=multipart(
         {
             "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}. Repeat the part.", 2000),
