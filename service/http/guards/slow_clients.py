@@ -1,7 +1,7 @@
 """Ends bodies that come too slowly and answers that are read too slowly, and lets refused clients read why.
 
-A server that closes while bytes still arrive resets the connection, and many clients then never see the answer. So an answer that is
-ready before its request was read leaves at once, the rest of the request is discarded for a moment, and then the connection closes.
+A server that closes while bytes still arrive resets the connection, and many clients never see the answer. So an answer
+that is ready early leaves at once, and the connection closes only after the rest was discarded for a moment.
 """
 
 import asyncio
@@ -42,10 +42,9 @@ class SlowClients:
 
 
 class _Pace:
-    """Measures the seconds spent waiting in one direction; what the service does meanwhile is not the client's fault."""
+    """Measures the seconds spent waiting in one direction; time that the service takes does not count."""
 
-    def __init__(self) -> None:
-        self.num_bytes, self.waited_s = 0, 0.0
+    num_bytes, waited_s = 0, 0.0
 
     async def wait(self, transfer: Awaitable[_T]) -> _T:
         """Wait for a transfer. Raises TimeoutError where it lags too far behind."""
@@ -75,7 +74,8 @@ class _Exchange:
             self._note_refusal("slow-body")
             raise SlowBodyError(
                 f"expected a body of at least {BYTES_PER_S:g} bytes/s without pauses of {TIMEOUT_S:g} s, got "
-                f"{self._received.num_bytes:,} bytes in {self._received.waited_s:.0f} s; send it again over a faster connection"
+                f"{self._received.num_bytes:,} bytes in {self._received.waited_s:.0f} s; send it again over a faster "
+                "connection"
             ) from error
 
     async def send(self, message: Message) -> None:

@@ -68,7 +68,8 @@ async def get_image(
     record = own_batch(request, batch_id)
     if number >= len(record.names):
         raise BatchNotFoundError(
-            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have them"
+            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have "
+            "them"
         )
     data = await services.batches.image(batch_id, number)
     media_type = next((kind for head, kind in _IMAGE_HEADS if data.startswith(head)), "application/octet-stream")
@@ -123,8 +124,8 @@ async def get_plan(
     batch_id: str,
     map_id: _MapId = None,
 ) -> Response:
-    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are further places
-    that an ambiguous one fits.
+    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are
+    further places that an ambiguous one fits.
     """
     services = services_of(request)
     record = own_batch(request, batch_id)

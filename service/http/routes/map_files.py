@@ -120,7 +120,8 @@ async def get_starts(request: Request, map_id: str) -> Response:
     responses=json_response(MapChanges, CHANGES_EXAMPLE, *_ERRORS),
 )
 async def get_changes(request: Request, map_id: str) -> Response:
-    """Return the answers that count and the cells of space in which they saw a change, of the revision that answers queries."""
+    """Return the answers that count and the cells of space in which they saw a change, of the revision that answers
+    queries."""
     services = services_of(request)
     record = maps_seen(request).get(map_id)
     stats = (record.serving.stats if record.serving else None) or {}

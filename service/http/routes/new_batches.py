@@ -120,8 +120,8 @@ async def post_batch(request: Request) -> Response:
 
 
 def _with_all_the_time(options: BatchOptions, settings: Settings) -> BatchOptions:
-    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a batch, and a busy
-    service must not fail it for good.
+    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a
+    batch, and a busy service must not fail it for good.
     """
     if options.timeout_s is not None:
         return options
@@ -162,7 +162,8 @@ def _check_zip(head: bytes, name: str) -> None:
 
 
 async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], list[str]]:
-    """Return the images that were sent, one way or the other. Raises InvalidOptionsError, ArchiveError and UploadTooLargeError."""
+    """Return the images that were sent, one way or the other. Raises InvalidOptionsError, ArchiveError and
+    UploadTooLargeError."""
     archives = form.files_of("archive")
     images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files_of("image")]
     if bool(images) == bool(archives):

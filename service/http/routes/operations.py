@@ -65,7 +65,8 @@ async def ready(request: Request) -> Response:
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a problem."""
+    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a
+    problem."""
     services = services_of(request)
     tenant = caller_of(request).tenant
     details = await _details(services, tenant)
