@@ -20,7 +20,8 @@ from core.errors import CoreError
 
 @dataclass(frozen=True)
 class Problem:
-    """A kind of problem (RFC 9457). slug: stable, the end of its `type`. advice: for callers. part: the upload at fault."""
+    """A kind of problem (RFC 9457). slug: stable, the end of its `type`. advice: for callers. part: the upload at
+    fault."""
 
     slug: str
     title: str

@@ -30,16 +30,18 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
     data_dir: Path = Field(
         Path("panoloc-data"),
-        description="Folder for scans, map records and batches, which must not be lost, and for keys and the audit log.",
+        description="Folder for scans, map records and batches, which must not be lost, and for keys and the audit "
+        "log.",
     )
     storage: str | None = Field(
         None,
-        description="Bucket for scans, map records and batches in place of the data folder: `s3://bucket/prefix`, `gs://bucket/prefix`, "
-        "`az://container/prefix`; or another folder, `file:///folder`.",
+        description="Bucket for scans, map records and batches in place of the data folder: `s3://bucket/prefix`, "
+        "`gs://bucket/prefix`, `az://container/prefix`; or another folder, `file:///folder`.",
     )
     shared: bool = Field(
         False,
-        description="Other services use the same data folder or bucket and the same Redis: several API replicas behind a balancer.",
+        description="Other services use the same data folder or bucket and the same Redis: several API replicas behind "
+        "a balancer.",
     )
     redis_url: str | None = Field(None, description="Redis to use; without it the service starts its own.")
     ray_address: str | None = Field(
@@ -56,14 +58,15 @@ class Settings(BaseSettings):
     registration_memory_bytes: int = Field(
         RegistrationLimits.memory_bytes,
         ge=2**28,
-        description=f"Bytes that a registration may allocate, and {RegistrationLimits.memory_per_scan_byte:g} more for each byte of the "
-        "scan.",
+        description=f"Bytes that a registration may allocate, and {RegistrationLimits.memory_per_scan_byte:g} more for "
+        "each byte of the scan.",
     )
     max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
     max_image_bytes: int = Field(
         64 * 2**20,
         ge=1,
-        description="Bytes of one uploaded image or mask; the images of one query together may take four times as many.",
+        description="Bytes of one uploaded image or mask; the images of one query together may take four times as "
+        "many.",
     )
     max_pixels: int = Field(
         MAX_PIXELS, ge=1, description="Pixels of all images of one query together; checked before they are decoded."
@@ -75,7 +78,8 @@ class Settings(BaseSettings):
     max_requests_per_minute: int | None = Field(
         None,
         ge=1,
-        description="Requests of one caller in a minute, through all API replicas; then 429. Health and the console's files are free.",
+        description="Requests of one caller in a minute, through all API replicas; then 429. Health and the console's "
+        "files are free.",
     )
     max_bytes_per_hour: int | None = Field(
         None, ge=1, description="Bytes that one caller may send in an hour; the next upload after them gets 429."
@@ -99,41 +103,43 @@ class Settings(BaseSettings):
     api_keys: str = Field(
         "",
         repr=False,
-        description="Keys that callers have to present, besides those of `panoloc keys`: `key` for everything, `key:read` for all but "
-        "changing maps, `key:localize` for queries alone; separated by commas, each of at least 8 characters. Without any key none is "
-        "asked for.",
+        description="Keys that callers have to present, besides those of `panoloc keys`: `key` for everything, "
+        "`key:read` for all but "
+        "changing maps, `key:localize` for queries alone; separated by commas, each of at least 8 characters. Without "
+        "any key none is asked for.",
     )
     oidc_issuer: str | None = Field(
         None,
-        description="Issuer (`iss`) of OpenID Connect tokens that open the service as keys do, verified without asking it; with the next "
-        "two.",
+        description="Issuer (`iss`) of OpenID Connect tokens that open the service as keys do, verified without asking "
+        "it; with the next two.",
     )
     oidc_audience: str | None = Field(None, description="What these tokens are made for: their `aud`.")
     oidc_keys: str | None = Field(
         None,
-        description="Public keys of the issuer, a JWK set: a file, which is read again when it changes, or an `https://` URL.",
+        description="Public keys of the issuer, a JWK set: a file, which is read again when it changes, or an "
+        "`https://` URL.",
     )
     oidc_scopes_claim: str = Field(
         "scope",
         min_length=1,
-        description="Claim with the scopes: `panoloc:read`, `panoloc:localize`, `panoloc:write`, `panoloc:admin`, as a list or between "
-        "spaces; dots lead into claims.",
+        description="Claim with the scopes: `panoloc:read`, `panoloc:localize`, `panoloc:write`, `panoloc:admin`, as a "
+        "list or between spaces; dots lead into claims.",
     )
     oidc_tenant_claim: str = Field(
         "sub", min_length=1, description="Claim with the tenant, whose maps are seen; dots lead into claims."
     )
     allowed_hosts: str = Field(
         "",
-        description="Without keys: names under which the service is reached, besides addresses, `localhost` and the machine's own name, "
-        "separated by commas; `*` for all.",
+        description="Without keys: names under which the service is reached, besides addresses, `localhost` and the "
+        "machine's own name, separated by commas; `*` for all.",
     )
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
     log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
 
     @field_validator(
-        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer", "oidc_audience",
-        "oidc_keys", mode="before",
+        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer",
+        "oidc_audience", "oidc_keys", mode="before",
     )  # fmt: skip
     @classmethod
     def _empty_means_unset(cls, value: object) -> object:
@@ -193,7 +199,8 @@ class Settings(BaseSettings):
         return Tokens(rules, IssuerKeys(self.oidc_keys))
 
     def timeout_s_of(self, method: Method, is_searching_field_of_view: bool = False) -> float:
-        """Return the seconds for a query of this method that names none itself; more where a field of view is searched as well."""
+        """Return the seconds for a query of this method that names none itself; more where a field of view is searched
+        as well."""
         is_long = method == "paper" or is_searching_field_of_view
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if is_long else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
@@ -223,7 +230,8 @@ class Settings(BaseSettings):
 
     @cached_property
     def bucket_access(self) -> BucketAccess | None:
-        """Return what processes need to use the bucket, None without one. The environment is read when this is asked for first."""
+        """Return what processes need to use the bucket, None without one. The environment is read when this is asked
+        for first."""
         if not self.has_bucket:
             return None
         variables = variables_of(self.storage_url, os.environ)

@@ -21,7 +21,8 @@ _header = APIKeyHeader(
 
 
 def caller_of(request: Request) -> Caller:
-    """Return who a request comes from: its API key or token where keys are asked for and it has one, else its address."""
+    """Return who a request comes from: its API key or token where keys are asked for and it has one, else its
+    address."""
     keys = services_of(request).settings.keys
     key = _presented(request)
     caller = keys.find(key) if key is not None and keys.required else None
@@ -58,11 +59,13 @@ def maps_seen(request: Request) -> VisibleMaps:
 
 
 def own_map(request: Request, map_id: str) -> MapRecord:
-    """Return a map that the caller may change. Raises MapNotFoundError, and ScopeMissingError for one that is only shared."""
+    """Return a map that the caller may change. Raises MapNotFoundError, and ScopeMissingError for one that is only
+    shared."""
     record = maps_seen(request).get(map_id)
     if not record.belongs_to(caller_of(request).tenant):
         raise ScopeMissingError(
-            f"expected a map of your own, but {map_id} is only shared with you; ask its owner, or register the scan yourself"
+            f"expected a map of your own, but {map_id} is only shared with you; ask its owner, or register the scan "
+            "yourself"
         )
     return record
 
@@ -78,7 +81,8 @@ def note_change(request: Request, change: Change, what: str) -> None:
 
 
 async def hold_upload_place(request: Request) -> AsyncIterator[None]:
-    """Depend on this, after the scope, where scans or batches are uploaded: a place is held until the answer. Raises UploadsError."""
+    """Depend on this, after the scope, where scans or batches are uploaded: a place is held until the answer. Raises
+    UploadsError."""
     with services_of(request).uploads.place(caller_of(request).id):
         yield
 
@@ -103,7 +107,8 @@ async def _learn_new_issuer_keys(request: Request, key: str) -> None:
 
 
 async def _refuse_unknown(request: Request, key: str) -> None:
-    """Raise KeyMissingError for a key that opens nothing. Callers whose genuine token has expired do not wait: they guess no keys."""
+    """Raise KeyMissingError for a key that opens nothing. Callers whose genuine token has expired do not wait: they
+    guess no keys."""
     try:
         services_of(request).settings.keys.caller_of(key)
     except TokenRefusedError as error:

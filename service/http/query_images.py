@@ -1,4 +1,5 @@
-"""The images of a query, each with its mask, its camera and its pose; what does not belong together is refused by name."""
+"""The images of a query, each with its mask, its camera and its pose; what does not belong together is refused by
+name."""
 
 import math
 from collections.abc import Sequence
@@ -50,7 +51,8 @@ def _cameras(options: LocalizeOptions, num_images: int) -> Sequence[Camera | Non
     if given[0].session_from_camera is not None:
         raise InvalidOptionsError.of(
             f"cameras.0.{_POSE}",
-            f"expected a pose of its own for each of the {num_images} images, got one for all; send one entry of `cameras` per image",
+            f"expected a pose of its own for each of the {num_images} images, got one for all; send one entry of "
+            "`cameras` per image",
         )
     return [given[0]] * num_images
 
@@ -65,14 +67,15 @@ def _poses(options: LocalizeOptions, cameras: Sequence[Camera | None]) -> list[T
         at = f"cameras.{poses.index(None)}.{_POSE}" if len(options.cameras or ()) == len(poses) else "cameras"
         raise InvalidOptionsError.of(
             at,
-            f"expected {_POSE} for each of the {len(poses)} images, got {len(poses) - poses.count(None)} of them; send the poses that "
-            "the device's tracking gives, one entry of `cameras` per image, or send each image as a query of its own",
+            f"expected {_POSE} for each of the {len(poses)} images, got {len(poses) - poses.count(None)} of them; send "
+            "the poses that the device's tracking gives, one entry of `cameras` per image, or send each image as a "
+            "query of its own",
         )
     if poses == [None] and options.session is not None and options.session.up == "known":
         raise InvalidOptionsError.of(
             "session.up",
-            f"expected {_POSE} beside it, got an image without a pose, of which no axis is known; send its pose, or hints.upright for a "
-            "camera that is level",
+            f"expected {_POSE} beside it, got an image without a pose, of which no axis is known; send its pose, or "
+            "hints.upright for a camera that is level",
         )
     for number, pose in enumerate(poses):
         if pose is not None and poses[0] is not None:
@@ -84,5 +87,6 @@ def _check_distance(number: int, distance_m: float) -> None:
     if distance_m > MAX_SESSION_SPAN_M:
         raise InvalidOptionsError.of(
             f"cameras.{number}.{_POSE}.position_m",
-            f"expected at most {MAX_SESSION_SPAN_M:g} m from the first image, got {distance_m:g} m; send metres, and images of one place",
+            f"expected at most {MAX_SESSION_SPAN_M:g} m from the first image, got {distance_m:g} m; send metres, and "
+            "images of one place",
         )

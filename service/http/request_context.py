@@ -1,4 +1,5 @@
-"""Around every request: its id, a log line, metrics, and a problem document for heads too large and for unexpected faults."""
+"""Around every request: its id, a log line, metrics, and a problem document for heads too large and for unexpected
+faults."""
 
 import re
 import time
@@ -22,7 +23,8 @@ _MOST_HEAD_BYTES = 16 * 1024  # of the path and all headers
 
 
 class RequestContext:
-    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced; `request.state` holds it."""
+    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced;
+    `request.state` holds it."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics, errors: RecentErrors) -> None:
         self._app = app
@@ -55,7 +57,8 @@ class RequestContext:
         app = self._app
         if _num_head_bytes(scope) > _MOST_HEAD_BYTES:
             self._metrics.note_refusal("header-bytes")
-            detail = f"expected at most {_MOST_HEAD_BYTES:,} bytes of path and headers, got more; send long values in the body"
+            expected = f"expected at most {_MOST_HEAD_BYTES:,} bytes of path and headers, got more"
+            detail = f"{expected}; send long values in the body"
             app = plain_problem_response(HTTP_PROBLEMS[431], detail, Request(scope))
         try:
             await app(scope, receive, send_with_id)

@@ -128,7 +128,8 @@ def _key(stored: dict[str, Any]) -> StoredKey:
 
 
 def digest_of(key: str) -> str:
-    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is enough."""
+    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is
+    enough."""
     return hashlib.sha256(key.encode()).hexdigest()
 
 

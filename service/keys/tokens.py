@@ -19,7 +19,8 @@ _CLAIMS = ["exp", "iss", "aud", "sub"]
 
 
 class TokenRefusedError(ValueError):
-    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may only just have been published."""
+    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may only just have been
+    published."""
 
     def __init__(self, message: str, *, is_genuine: bool = False, may_be_new: bool = False) -> None:
         super().__init__(message)
@@ -66,8 +67,8 @@ class Tokens:
         keys = [each for each in self.keys.of(header.get("kid")) if each.algorithm_name == algorithm]
         if not keys:
             raise TokenRefusedError(
-                f"expected a token that is signed with a key of {self.rules.issuer}, got one of an unknown key, or one that does not "
-                f"sign with {algorithm}",
+                f"expected a token that is signed with a key of {self.rules.issuer}, got one of an unknown key, or one "
+                f"that does not sign with {algorithm}",
                 may_be_new=True,
             )
         for key in keys:
@@ -119,8 +120,8 @@ def _text(claims: Mapping[str, Any], name: str) -> str:
     value = _claim(claims, name)
     if not isinstance(value, str) or not value.isprintable() or not 0 < len(value) <= _MOST_CHARACTERS or value == "*":
         raise TokenRefusedError(
-            f"expected a token whose claim {name!r} is a name of 1 to {_MOST_CHARACTERS} printable characters other than '*', got "
-            f"{ascii(value)[:40]}",
+            f"expected a token whose claim {name!r} is a name of 1 to {_MOST_CHARACTERS} printable characters other "
+            f"than '*', got {ascii(value)[:40]}",
             is_genuine=True,
         )
     return value

@@ -56,7 +56,8 @@ class CallerRates:
         return self.limits != RateLimits(None, None)
 
     async def take(self, caller: str, brings_bytes: bool) -> None:
-        """Count a request. Raises RateError for too many requests, and for one that brings bytes after too many bytes."""
+        """Count a request. Raises RateError for too many requests, and for one that brings bytes after too many
+        bytes."""
         refused = await self._counted(lambda counts: counts.refusal(caller, brings_bytes))
         if refused is None:
             return
@@ -65,8 +66,9 @@ class CallerRates:
         self._note_refusal(limit)
         if limit == "byte-rate":
             raise RateError(
-                f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour (PANOLOC_MAX_BYTES_PER_HOUR), got more; "
-                f"send smaller images or fewer, and the next upload in {retry_after_s} s; requests without bytes are answered",
+                f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour "
+                "(PANOLOC_MAX_BYTES_PER_HOUR), got more; send smaller images or fewer, and the next upload in "
+                f"{retry_after_s} s; requests without bytes are answered",
                 retry_after_s,
             )
         raise RateError(
@@ -100,8 +102,8 @@ class _Counts:
 
     def __init__(self, storage: MemoryStorage | RedisStorage, limits: RateLimits) -> None:
         requests, num_bytes = limits.requests_per_minute, limits.bytes_per_hour
-        # A sliding window spreads requests over the minute. Of bytes, one upload may be more than the limit, which only fixed windows
-        # can count.
+        # A sliding window spreads requests over the minute. Of bytes, one upload may be more than the limit, which only
+        # fixed windows can count.
         self._sliding, self._fixed = SlidingWindowCounterRateLimiter(storage), FixedWindowRateLimiter(storage)
         self._requests = None if requests is None else RateLimitItemPerMinute(requests)
         self._bytes = None if num_bytes is None else RateLimitItemPerHour(num_bytes)

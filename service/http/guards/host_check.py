@@ -1,7 +1,7 @@
 """Checks the host and origin of requests to a service that asks for no key.
 
-A browser sends requests of any page to any address that it reaches, this machine included. Two headers give such a request away: `Host`
-names the other site where its DNS points here (DNS rebinding), and `Origin` names the page.
+A browser sends requests of any page to any address that it reaches, this machine included. Two headers give such a
+request away: `Host` names the other site where its DNS points here (DNS rebinding), and `Origin` names the page.
 """
 
 import ipaddress
@@ -19,7 +19,8 @@ _HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 class HostCheck:
-    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed: while no key is."""
+    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed:
+    while no key is."""
 
     def __init__(self, app: ASGIApp, allowed: Collection[str], is_needed: Callable[[], bool]) -> None:
         self._app = app
@@ -41,16 +42,16 @@ class HostCheck:
         if unknown or len(hosts) > 1:
             got = ", ".join(unknown or hosts)[:80]
             return HostCheckError(
-                f"expected a request to an address or to one name of this service, got one to {got!r}; let the operator add the name to "
-                "PANOLOC_ALLOWED_HOSTS, or set API keys"
+                f"expected a request to an address or to one name of this service, got one to {got!r}; let the "
+                "operator add the name to PANOLOC_ALLOWED_HOSTS, or set API keys"
             )
         host = hosts[0].lower() if hosts else ""
         is_foreign = any(urlsplit(origin).netloc.lower() != host for origin in origins)
         if method not in _HARMLESS and (is_foreign or headers.get("sec-fetch-site") in ("cross-site", "same-site")):
             got = (", ".join(origins) or "another page")[:80]
             return HostCheckError(
-                f"expected a change from a program or from a page of this service, got one from {got!r}; set API keys where pages of other "
-                "sites may use the service"
+                f"expected a change from a program or from a page of this service, got one from {got!r}; set API keys "
+                "where pages of other sites may use the service"
             )
         return None
 

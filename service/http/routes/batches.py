@@ -13,12 +13,11 @@ from service.batches.export import ExportRequest, draw_plan, map_of, open_export
 from service.batches.record import BatchRecord
 from service.errors import BatchNotFoundError, InvalidOptionsError
 from service.http.access import maps_seen, note_change, own_batch, require
-from service.http.openapi import picture_response
+from service.http.responses import file_response, json_response, nothing_left
 from service.http.routes.localize import while_connected
 from service.http.schemas.batches import BATCH_EXAMPLE, Batch
 from service.jobs import Result
 from service.maps.record import MapRecord
-from service.problems import error_responses
 from service.services import Services, services_of
 
 router = APIRouter(tags=["batches"])
@@ -29,25 +28,15 @@ _EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
 _IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
-_IMAGE_RESPONSE: dict[str, Any] = {
-    "description": "The bytes as they were uploaded.",
-    "content": {kind: {"schema": {"type": "string", "format": "binary"}} for _, kind in _IMAGE_HEADS},
-}
-_ZIP_RESPONSE: dict[str, Any] = {
-    "description": "A zip of the files of the format, with `unplaced.txt` and `export.json`.",
-    "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
-}
+_IMAGE_TYPES = tuple(kind for _, kind in _IMAGE_HEADS)
+_ZIP = "A zip of the files of the format, with `unplaced.txt` and `export.json`."
 
 
 @router.get(
     "/batches/{batch_id}",
     summary="Show a batch and what became of its images",
     dependencies=[Depends(require("localize"))],
-    response_model=None,
-    responses={
-        200: {"model": Batch, "content": {"application/json": {"example": BATCH_EXAMPLE}}},
-        **error_responses(401, 403, 404, 422),
-    },
+    responses=json_response(Batch, BATCH_EXAMPLE, 401, 403, 404, 422),
 )
 async def get_batch(
     request: Request,
@@ -70,7 +59,7 @@ async def get_batch(
     summary="Fetch an image of a batch",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses={200: _IMAGE_RESPONSE, **error_responses(401, 403, 404, 422)},
+    responses=file_response("The bytes as they were uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
 )
 async def get_image(
     request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
@@ -80,7 +69,8 @@ async def get_image(
     record = own_batch(request, batch_id)
     if number >= len(record.names):
         raise BatchNotFoundError(
-            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have them"
+            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have "
+            "them"
         )
     data = await services.batches.image(batch_id, number)
     media_type = next((kind for head, kind in _IMAGE_HEADS if data.startswith(head)), "application/octet-stream")
@@ -93,7 +83,7 @@ async def get_image(
     summary="Fetch the placed photos in the format of another system",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses={200: _ZIP_RESPONSE, **error_responses(401, 403, 404, 422)},
+    responses=file_response(_ZIP, ("application/zip",), 401, 403, 404, 422),
 )
 async def get_export(
     request: Request,
@@ -128,15 +118,15 @@ async def get_export(
     summary="The scan from above, with the photos that are placed so far",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses={200: picture_response("The picture."), **error_responses(401, 403, 404, 422)},
+    responses=file_response("The picture.", ("image/png",), 401, 403, 404, 422),
 )
 async def get_plan(
     request: Request,
     batch_id: str,
     map_id: _MapId = None,
 ) -> Response:
-    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are further places
-    that an ambiguous one fits.
+    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are
+    further places that an ambiguous one fits.
     """
     services = services_of(request)
     record = own_batch(request, batch_id)
@@ -157,8 +147,7 @@ async def get_plan(
     summary="Delete a batch with its images; one under way is cancelled",
     dependencies=[Depends(require("localize"))],
     status_code=204,
-    response_model=None,
-    responses={204: {"description": "Nothing of it is left."}, **error_responses(401, 403, 404)},
+    responses=nothing_left(401, 403, 404),
 )
 async def delete_batch(request: Request, batch_id: str) -> Response:
     """Cancel what is under way and delete images and results. There is no way back."""

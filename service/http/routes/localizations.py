@@ -7,7 +7,7 @@ from starlette.responses import JSONResponse, Response
 
 from service.answer import picture_path
 from service.http.access import require
-from service.http.openapi import picture_response
+from service.http.responses import file_response
 from service.http.schemas import Localization, PendingLocalization
 from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
 from service.problems import error_responses
@@ -15,7 +15,7 @@ from service.services import services_of
 
 router = APIRouter(tags=["localization"], dependencies=[Depends(require("localize"))])
 
-_ERRORS = error_responses(401, 403, 404, 503)
+_ERRORS = (401, 403, 404, 503)
 _EITHER: dict[str, Any] = {
     "description": "The answer; or, while `status` is `queued`, `running` or `failed`, the state of the query.",
     "model": Localization | PendingLocalization,
@@ -33,8 +33,7 @@ _EITHER: dict[str, Any] = {
 @router.get(
     "/localizations/{localization_id}",
     summary="Fetch an answer",
-    response_model=None,
-    responses={200: _EITHER, **_ERRORS},
+    responses={200: _EITHER, **error_responses(*_ERRORS)},
 )
 async def get_localization(request: Request, localization_id: str) -> Response:
     """Return the answer to a query, or how far it is."""
@@ -57,7 +56,7 @@ def _offer_picture(name: str, summary: str, description: str) -> None:
         summary=summary,
         description=description,
         response_class=Response,
-        responses={200: picture_response("The picture."), **_ERRORS},
+        responses=file_response("The picture.", ("image/png",), *_ERRORS),
     )
 
 

@@ -23,7 +23,6 @@ _RETRY_AFTER_S = 2
 @router.get(
     "/health/live",
     summary="Does the process run?",
-    response_model=None,
     responses={200: {"model": Liveness}, **error_responses()},
 )
 async def live() -> Response:
@@ -34,7 +33,6 @@ async def live() -> Response:
 @router.get(
     "/health/ready",
     summary="Are requests served?",
-    response_model=None,
     responses={
         200: {"model": Health | Readiness},
         503: {
@@ -64,11 +62,11 @@ async def ready(request: Request) -> Response:
     "/health",
     summary="Details for people",
     dependencies=[Depends(require("read"))],
-    response_model=None,
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a problem."""
+    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a
+    problem."""
     services = services_of(request)
     tenant = caller_of(request).tenant
     details = await _details(services, tenant)

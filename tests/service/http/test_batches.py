@@ -179,7 +179,7 @@ async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkey
 
 
 async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url) as first:
         map_id = await first.ready_map()
@@ -200,7 +200,7 @@ async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
 
 
 async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url) as first:
         map_id = await first.ready_map()
@@ -218,7 +218,7 @@ async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
 
 
 async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url) as first:
         map_id = await first.ready_map()
@@ -445,8 +445,6 @@ async def test_what_is_no_batch_is_refused_and_leaves_nothing(
 async def test_limits_of_batches_and_of_their_images_are_named(
     tmp_path: Path,
     redis_server: EmbeddedRedis,
-    redis_client: object,
-    anyio_backend: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("service.services.MOST_BATCHES", 1)
@@ -470,8 +468,6 @@ async def test_limits_of_batches_and_of_their_images_are_named(
 async def test_uploads_at_the_same_time_make_no_more_batches_than_allowed(
     tmp_path: Path,
     redis_server: EmbeddedRedis,
-    redis_client: object,
-    anyio_backend: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("service.services.MOST_BATCHES", 2)

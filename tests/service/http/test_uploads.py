@@ -86,21 +86,6 @@ def test_a_field_is_not_a_way_to_fill_the_memory(tmp_path: Path) -> None:
         read([request.read()], {"content-type": request.headers["content-type"]}, tmp_path)
 
 
-def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
-    spool = Spool(tmp_path, "a.xyz", RULES["file"], "file")
-    spool.add(SCAN)
-
-    class FullDisk:
-        def write(self, data: bytes) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    spool._file.close()
-    spool._file = FullDisk()  # type: ignore[assignment]
-    with pytest.raises(StorageFullError) as caught:
-        spool.write_out()
-    assert caught.value.retry_after_s >= 10
-
-
 def test_a_disk_that_fills_up_with_the_last_bytes_is_said_to_be_full_and_nothing_is_left(tmp_path: Path) -> None:
     spool = Spool(tmp_path, "a.xyz", RULES["file"], "file")
     spool.add(SCAN)
