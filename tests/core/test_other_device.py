@@ -1,7 +1,5 @@
 """Everything computes where the localizer was told to, without a GPU to try it on."""
 
-import contextlib
-
 import pytest
 import torch
 
@@ -16,16 +14,6 @@ from tests.core.painted_box import PaintedBox
 
 # Each costs a GPU some 20 microseconds of waiting; a query on a map of one box asks for fewer.
 MOST_ASKED = 220
-
-
-@pytest.fixture(autouse=True)
-def _no_inference_mode(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tensors that wrap others cannot be made in inference mode."""
-
-    def without_gradients(enabled: bool = True) -> contextlib.AbstractContextManager[object]:
-        return torch.no_grad() if enabled else contextlib.nullcontext()
-
-    monkeypatch.setattr(torch, "inference_mode", without_gradients)
 
 
 @pytest.mark.slow
@@ -56,13 +44,3 @@ def test_an_index_is_built_where_it_is_told(box: PaintedBox) -> None:
         assert isinstance(there.descriptors.values, FarTensor)
         values = there.descriptors.values.cpu()
     torch.testing.assert_close(values.abs(), here.descriptors.values.abs(), atol=1e-3, rtol=0)
-
-
-@pytest.mark.slow
-def test_tensors_of_two_devices_do_not_meet() -> None:
-    with OtherDevice() as device:
-        far = torch.ones(3, device=DEVICE)
-        with pytest.raises(AssertionError, match="two devices"):
-            far + torch.ones(3)
-        assert float((far + 1).sum()) == 6
-        assert device.asked == {"_local_scalar_dense": 1}
