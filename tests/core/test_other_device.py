@@ -1,5 +1,7 @@
 """Everything computes where the localizer was told to, without a GPU to try it on."""
 
+import contextlib
+
 import pytest
 import torch
 
@@ -14,6 +16,16 @@ from tests.core.painted_box import PaintedBox
 
 # Each costs a GPU some 20 microseconds of waiting; a query on a map of one box asks for fewer.
 MOST_ASKED = 220
+
+
+@pytest.fixture(autouse=True)
+def _no_inference_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tensors that wrap others cannot be made in inference mode."""
+
+    def without_gradients(enabled: bool = True) -> contextlib.AbstractContextManager[object]:
+        return torch.no_grad() if enabled else contextlib.nullcontext()
+
+    monkeypatch.setattr(torch, "inference_mode", without_gradients)
 
 
 @pytest.mark.slow
