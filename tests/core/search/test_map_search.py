@@ -135,6 +135,16 @@ def test_hints_leave_starts_and_rotations_out() -> None:
     assert (found.num_starts, found.num_poses) == (3, 3 * int(allowed.sum()))
 
 
+def test_hints_that_leave_nothing_are_answered_with_nothing() -> None:
+    far = PoseLimits(center=torch.tensor([99.0, 0.0, 0.0]), radius_m=1.0)
+    level = PoseLimits(max_tilt=0.0)  # no rotation is as level as that
+    config = SearchConfig(**{**vars(CONFIG), "hint_margin_deg": 0.0})
+    for limits in (far, level):
+        (found,) = search([made_map(4, 1)], [limits], config)
+        assert len(found.candidates) == len(found.candidates.rotations) == len(found.candidates.scores) == 0
+        assert (found.num_starts, found.num_poses) == (0, 0)
+
+
 def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:
     # Of the few rotations of the first pass the hints leave none, of the many some.
     wanted = uniform_rotations(30)[:, 2, 2].max()
