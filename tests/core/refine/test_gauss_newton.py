@@ -18,7 +18,6 @@ from core.refine.gauss_newton import (
     normal_equations,
 )
 from core.refine.point_sampling import sample_points
-from core.refine.refinement import CandidatePoints, refine
 
 HEIGHT = 64
 RULES = StepConfig()
@@ -154,24 +153,3 @@ def test_no_step_goes_further_than_the_rules_allow() -> None:
         torch.testing.assert_close(bound[part], free[part] * limit / free[part].norm())
     wide = step_from(level, points, replace(RULES, max_turn_rad=8.0, max_move_m=8.0), turn, move).history.step[0]
     torch.testing.assert_close(wide, free)
-
-
-def test_the_last_step_of_a_refinement_is_not_lengthened_and_those_before_are() -> None:
-    level, points = scene()
-    turn, move = (0.02, -0.03, 0.01), (0.03, 0.02, -0.04)
-    rotations = (ROTATION @ rotation_from_vector(torch.tensor(turn)))[None]
-    positions = (POSITION + torch.tensor(move))[None]
-    candidates = CandidatePoints(
-        points.positions.transpose(1, 2).contiguous(), points.colors.transpose(1, 2).contiguous(), points.weights
-    )
-    once = refine(level, candidates, rotations, positions, 1, RULES)
-    torch.testing.assert_close(once.positions, step_from(level, points, RULES, turn, move).positions)
-    twice = refine(level, candidates, rotations, positions, 2, RULES)
-    first = step_from(level, points, RULES, turn, move, relaxed=True)
-    second = gauss_newton_step(
-        level, points, first.rotations, first.positions, first.weights, first.history, RULES, relaxed=False
-    )
-    torch.testing.assert_close(twice.positions, second.positions)
-    torch.testing.assert_close(twice.rotations, second.rotations)
-    torch.testing.assert_close(twice.loss, second.loss)
-    assert [int(found.steps) for found in (once, twice)] == [1, 2]

@@ -70,14 +70,6 @@ def test_points_have_the_colours_of_their_pixels_mixed_with_contrast() -> None:
     assert float((found.colors - comparison.scan[:, shown_pixels()]).abs().max()) > 0.05
 
 
-def test_further_weights_multiply_those_of_the_pixels() -> None:
-    cloud, comparison = rendered()
-    plain = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
-    extra = torch.rand((2, HEIGHT * WIDTH), generator=torch.Generator().manual_seed(1))
-    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3, extra)
-    torch.testing.assert_close(found.weights, plain.weights * extra[:, shown_pixels()])
-
-
 @pytest.mark.parametrize("regions", [4, 8, 64])
 def test_what_agrees_is_told_for_regions_and_not_for_pixels(regions: int) -> None:
     config = RefinementConfig(unchanged_difference=0.4, unchanged_regions=regions)
