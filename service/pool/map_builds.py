@@ -39,8 +39,7 @@ class MapBuilds:
                 if not limit.expired():
                     raise
                 raise RegistrationLimitError(
-                    f"expected a map within {job.time_limit_s:.0f} s, got none; thin the scan or export it in another format, or let "
-                    "the operator raise PANOLOC_REGISTRATION_TIME_S"
+                    f"expected a map within {job.time_limit_s:.0f} s, got none; thin the scan or export it in another format"
                 ) from error
 
     async def rebuild(self, maps: Iterable[MapRef]) -> None:
