@@ -110,8 +110,10 @@ def test_a_photo_that_has_changed_is_placed_again(
     assert num_queries(fake) == 4
 
 
-@pytest.mark.slow
-def test_a_busy_service_is_waited_for(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
+def test_a_busy_service_is_waited_for(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.cli.placing.place._RETRY_S", 0.01)
     fake.busy = 2
     outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out")
     assert outcome.code == 0
