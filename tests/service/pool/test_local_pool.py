@@ -63,7 +63,7 @@ def test_a_worker_beyond_its_memory_is_replaced_and_its_query_repeated_until_it_
         with pytest.raises(NoWorkerError, match="GiB of memory"):
             running.localize(query("greedy", take_mb=500, until="never"))
         assert running.pool.state().num_retries == 3
-        assert running.localize(query("modest")).answer.status == "not_localized"
+        assert running.localize(query("modest")).answer.status == "localized"
 
 
 def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(folder: Path) -> None:
@@ -74,7 +74,7 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(fold
             running.localize(query("refused"))
         (folder / "no-worker-starts").unlink()
         running.wait_until_ready(60)
-        assert running.localize(query("answered")).answer.status == "not_localized"
+        assert running.localize(query("answered")).answer.status == "localized"
 
 
 def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(folder: Path) -> None:
@@ -96,7 +96,7 @@ def test_of_two_workers_one_answers_while_the_other_one_is_replaced(folder: Path
         assert eventually(lambda: len(list(folder.glob("b-*.started"))) == 2, 30)
         os.kill(min(pids), signal.SIGKILL)
         (folder / "go").touch()
-        assert [each.result(60).answer.status for each in both] == ["not_localized"] * 2
+        assert [each.result(60).answer.status for each in both] == ["localized"] * 2
         assert eventually(lambda: running.pool.state().num_workers == 2 and len(pids & set(workers())) == 1, 30)
 
 
@@ -156,4 +156,4 @@ def test_a_worker_finds_the_code_of_its_service_beside_somebody_elses_core(
     with running_pool(folder) as running:
         began = time.monotonic()
         running.wait_until_ready(30)
-        assert running.localize(query("beside")).answer.status == "not_localized", time.monotonic() - began
+        assert running.localize(query("beside")).answer.status == "localized", time.monotonic() - began
