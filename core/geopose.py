@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from core.geodesy import Position, Quaternion, ecef_from_enu, ecef_of, geodetic_of, inverse, times, turn, turned
-from core.georeference import coordinate_system
+from panoloc.core.geodesy import Position, Quaternion, ecef_from_enu, ecef_of, geodetic_of, inverse, times, turn, turned
+from panoloc.core.georeference import coordinate_system
 
 MEDIA_TYPE = "application/geopose+json"
 Document = dict[str, dict[str, float]]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
-from core.errors import OptionsError
+from panoloc.core.errors import OptionsError
 
 HeightReference = Literal["ellipsoid", "geoid", "unknown"]
 

@@ -8,14 +8,14 @@ from typing import Literal, Self
 from pydantic import AliasChoices, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from core.options import MAX_PIXELS, Method, ScanOptions
-from service.host_names import host_names
-from service.jobs import PAPER_TIMEOUT_S
-from service.keys.issuer_keys import IssuerKeys, is_url, read_keys
-from service.keys.key_ring import KeyRing, callers_of_setting
-from service.keys.tokens import TokenRules, Tokens
-from service.limits.registration_limits import RegistrationLimits
-from service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
+from panoloc.core.options import MAX_PIXELS, Method, ScanOptions
+from panoloc.service.host_names import host_names
+from panoloc.service.jobs import PAPER_TIMEOUT_S
+from panoloc.service.keys.issuer_keys import IssuerKeys, is_url, read_keys
+from panoloc.service.keys.key_ring import KeyRing, callers_of_setting
+from panoloc.service.keys.tokens import TokenRules, Tokens
+from panoloc.service.limits.registration_limits import RegistrationLimits
+from panoloc.service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
 # Of files of a bucket that the data folder keeps, so that they need not be fetched again.
 _LOCAL_COPIES_BYTES = 4 * 2**30
@@ -212,7 +212,7 @@ class Settings(BaseSettings):
 
     @property
     def storage_url(self) -> str:
-        """Return where scans and map records live, for `service.storage.open_storage`."""
+        """Return where scans and map records live, for `panoloc.service.storage.open_storage`."""
         if self.has_bucket:
             return str(self.storage)
         return str(self.storage_folder)

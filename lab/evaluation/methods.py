@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any
 
-from core.config import LocalizerConfig, PaperConfig
-from core.errors import OptionsError
-from core.judge.confidence import load_confidence_model
-from core.options import Method
+from panoloc.core.config import LocalizerConfig, PaperConfig
+from panoloc.core.errors import OptionsError
+from panoloc.core.judge.confidence import load_confidence_model
+from panoloc.core.options import Method
 
 
 @dataclass(frozen=True)

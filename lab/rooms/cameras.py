@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from core.options import Hints, SessionOptions
-from lab.rooms.capture.shooting import Shooting
+from panoloc.core.options import Hints, SessionOptions
+from panoloc.lab.rooms.capture.shooting import Shooting
 
 
 @dataclass(frozen=True)

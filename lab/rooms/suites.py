@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from core.errors import OptionsError
-from lab.rooms.cameras import CAMERAS, QueryCamera
-from lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
-from lab.rooms.cases import Case, Region, Suite, make_case
-from lab.rooms.scenes.changes import day, night
-from lab.rooms.scenes.generator import FAMILIES
+from panoloc.core.errors import OptionsError
+from panoloc.lab.rooms.cameras import CAMERAS, QueryCamera
+from panoloc.lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
+from panoloc.lab.rooms.cases import Case, Region, Suite, make_case
+from panoloc.lab.rooms.scenes.changes import day, night
+from panoloc.lab.rooms.scenes.generator import FAMILIES
 
 _STREET_REGION: Region = ((-25.0, -5.0, 0.0), (25.0, 5.0, 5.0))
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from service.batches.record import (
+from panoloc.service.batches.record import (
     BATCH,
     RESULT,
     BatchRecord,
@@ -14,10 +14,10 @@ from service.batches.record import (
     result_key,
     results_prefix,
 )
-from service.errors import StoredFileDamagedError, StoredFileMissingError
-from service.jobs import Result
-from service.storage import Storage
-from service.storage.sealed_json import seal, unseal
+from panoloc.service.errors import StoredFileDamagedError, StoredFileMissingError
+from panoloc.service.jobs import Result
+from panoloc.service.storage import Storage
+from panoloc.service.storage.sealed_json import seal, unseal
 
 # A bucket answers each after a while, and many in the same while.
 _AT_A_TIME = 8

@@ -5,14 +5,14 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from fastapi import Request, Security
 from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
 
-from service.batches.record import BatchRecord
-from service.errors import KeyMissingError, ScopeMissingError
-from service.keys.audit_log import Change
-from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.tokens import TokenRefusedError
-from service.maps.known_maps import VisibleMaps
-from service.maps.record import MapRecord
-from service.services import services_of
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.errors import KeyMissingError, ScopeMissingError
+from panoloc.service.keys.audit_log import Change
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.tokens import TokenRefusedError
+from panoloc.service.maps.known_maps import VisibleMaps
+from panoloc.service.maps.record import MapRecord
+from panoloc.service.services import services_of
 
 _bearer = HTTPBearer(auto_error=False, description="Asked for only where the operator has made keys.")
 _header = APIKeyHeader(

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
-from service.jobs import now
-from service.maps.record import MapRecord
-from service.problems import MEDIA_TYPE
+from panoloc.service.jobs import now
+from panoloc.service.maps.record import MapRecord
+from panoloc.service.problems import MEDIA_TYPE
 
 _MOST_ERRORS = 50
 _MOST_BYTES = 8192

@@ -9,11 +9,11 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.http.error_handlers import plain_problem_response, problem_response
-from service.http.recent_errors import RecentErrors
-from service.jobs import new_id
-from service.metrics import Metrics
-from service.problems import HTTP_PROBLEMS
+from panoloc.service.http.error_handlers import plain_problem_response, problem_response
+from panoloc.service.http.recent_errors import RecentErrors
+from panoloc.service.jobs import new_id
+from panoloc.service.metrics import Metrics
+from panoloc.service.problems import HTTP_PROBLEMS
 
 _log = structlog.get_logger("service.requests")
 _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._~:+/=-]{1,128}")

@@ -4,8 +4,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from service.http.openapi import accepted_headers
-from service.problems import error_responses
+from panoloc.service.http.openapi import accepted_headers
+from panoloc.service.problems import error_responses
 
 Responses = dict[int | str, dict[str, Any]]
 

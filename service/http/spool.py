@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from core.scan.format_detection import HEAD_BYTES, extension_of, format_of
-from service.errors import UploadTooLargeError
-from service.storage.disk import disk_errors
+from panoloc.core.scan.format_detection import HEAD_BYTES, extension_of, format_of
+from panoloc.service.errors import UploadTooLargeError
+from panoloc.service.storage.disk import disk_errors
 
 MAX_FIELD_BYTES = 64 * 1024
 

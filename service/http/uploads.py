@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Self
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
-from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile
-from service.limits.capacity import Held
+from panoloc.service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
+from panoloc.service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile
+from panoloc.service.limits.capacity import Held
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks

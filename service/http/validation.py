@@ -10,8 +10,8 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from core.errors import PanoramaTooLargeError, ScanTooLargeError
-from service.errors import InvalidOptionsError, MalformedRequestError
+from panoloc.core.errors import PanoramaTooLargeError, ScanTooLargeError
+from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
 
 ModelType = TypeVar("ModelType", bound=BaseModel)
 

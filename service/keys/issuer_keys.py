@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 import jwt
 
-from service.host_names import is_loopback
+from panoloc.service.host_names import is_loopback
 
 _log = logging.getLogger(__name__)
 

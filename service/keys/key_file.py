@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
 
 NAME = "keys.json"
 _FORMAT = 1

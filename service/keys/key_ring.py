@@ -6,9 +6,9 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.key_file import KeyFile, KeyFileError, digest_of
-from service.keys.tokens import TokenRefusedError, Tokens
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.key_file import KeyFile, KeyFileError, digest_of
+from panoloc.service.keys.tokens import TokenRefusedError, Tokens
 
 _log = logging.getLogger(__name__)
 

@@ -7,8 +7,8 @@ from typing import Any, get_args
 
 import jwt
 
-from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.issuer_keys import ALGORITHMS, IssuerKeys
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.issuer_keys import ALGORITHMS, IssuerKeys
 
 # Between clocks that do not agree.
 _LEEWAY_S = 30.0

@@ -13,8 +13,8 @@ from limits.aio.strategies import FixedWindowRateLimiter, RateLimiter, SlidingWi
 from redis.asyncio import ConnectionPool
 from redis.exceptions import RedisError
 
-from service.errors import RateError
-from service.limits.capacity import Refusal
+from panoloc.service.errors import RateError
+from panoloc.service.limits.capacity import Refusal
 
 _T = TypeVar("_T")
 

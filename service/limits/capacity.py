@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-from service.errors import BytesInFlightError, TryAgainError, UploadsError
+from panoloc.service.errors import BytesInFlightError, TryAgainError, UploadsError
 
 Refusal = Literal[
     "header-bytes", "slow-body", "slow-reader", "bytes-in-flight", "uploads", "queue", "deadline", "registration",

@@ -5,7 +5,7 @@ import asyncio
 from collections import Counter
 from weakref import WeakValueDictionary
 
-from service.errors import WrongKeysError
+from panoloc.service.errors import WrongKeysError
 
 _PAUSE_S = 1.0
 _MOST_WAITING = 8

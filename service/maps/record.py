@@ -10,9 +10,9 @@ from typing import Any, Literal
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from service.jobs import ON_EARTH, MapRef, RegisterOptions
-from service.storage import Stamp, Storage
-from service.storage.sealed_json import seal, unseal
+from panoloc.service.jobs import ON_EARTH, MapRef, RegisterOptions
+from panoloc.service.storage import Stamp, Storage
+from panoloc.service.storage.sealed_json import seal, unseal
 
 RevisionStatus = Literal["queued", "ready", "failed"]
 

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.config import LocalizerConfig
-from core.geometry.pose import Pose, pose_error
-from core.index.map_index import MapIndex
-from core.localizer import Localizer, why_nothing_fits
-from core.options import MAX_SESSION_TILT_DEG, Hints
-from core.panorama.photo import photo_on_sphere
-from core.panorama.session import Session, SessionImage
-from core.results import Localization
+from panoloc.core.camera.camera import Camera
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer, why_nothing_fits
+from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints
+from panoloc.core.panorama.photo import photo_on_sphere
+from panoloc.core.panorama.session import Session, SessionImage
+from panoloc.core.results import Localization
 from tests.core.built_maps import map_of
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of

@@ -5,12 +5,12 @@ import contextlib
 import pytest
 import torch
 
-from core.geometry.pose import pose_error
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.options import IndexOptions
-from core.panorama.panorama import Panorama
+from panoloc.core.geometry.pose import pose_error
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import IndexOptions
+from panoloc.core.panorama.panorama import Panorama
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 from tests.core.painted_box import PaintedBox
 

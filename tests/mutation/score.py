@@ -150,7 +150,7 @@ def _test(tests: Sequence[str], mutant: Mutant | None) -> None:
     os.dup2(silence, 1)
     os.dup2(silence, 2)
     if mutant is not None:
-        _replace(str(ROOT / mutant.file), mutant.source.encode())
+        _replace(str(ROOT / "panoloc" / mutant.file), mutant.source.encode())
     hypothesis = importlib.import_module("hypothesis")
     # The same examples every time, and none remembered from another mutant.
     hypothesis.settings.register_profile("mutation", database=None, derandomize=True)

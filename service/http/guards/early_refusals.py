@@ -13,11 +13,11 @@ from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import QueueFullError, RateError, ServiceError
-from service.http.access import caller_of
-from service.http.error_handlers import problem_response
-from service.limits.caller_rates import CallerRates
-from service.services import Services
+from panoloc.service.errors import QueueFullError, RateError, ServiceError
+from panoloc.service.http.access import caller_of
+from panoloc.service.http.error_handlers import problem_response
+from panoloc.service.limits.caller_rates import CallerRates
+from panoloc.service.services import Services
 
 # Probes ask without a key, all of them from a few addresses; and so do browsers for the page that asks for a key.
 _UNCOUNTED = re.compile(r"/(health(/.*)?|console/.*|favicon\.ico)?")

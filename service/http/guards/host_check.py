@@ -12,8 +12,8 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.errors import HostCheckError
-from service.http.error_handlers import problem_response
+from panoloc.service.errors import HostCheckError
+from panoloc.service.http.error_handlers import problem_response
 
 _HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
 

@@ -12,8 +12,8 @@ from typing import TypeVar
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import SlowBodyError
-from service.limits.capacity import Refusal
+from panoloc.service.errors import SlowBodyError
+from panoloc.service.limits.capacity import Refusal
 
 TIMEOUT_S = 30.0  # that a transfer may lag behind the pace
 BYTES_PER_S = 1024.0

@@ -8,17 +8,17 @@ from typing import Annotated, Any, BinaryIO, Literal
 from fastapi import APIRouter, Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from core.options import ExportFormat
-from service.batches.export import ExportRequest, draw_plan, map_of, open_export
-from service.batches.record import BatchRecord
-from service.errors import BatchNotFoundError, InvalidOptionsError
-from service.http.access import maps_seen, note_change, own_batch, require
-from service.http.responses import file_response, json_response, nothing_left
-from service.http.routes.localize import while_connected
-from service.http.schemas.batches import BATCH_EXAMPLE, Batch
-from service.jobs import Result
-from service.maps.record import MapRecord
-from service.services import Services, services_of
+from panoloc.core.options import ExportFormat
+from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
+from panoloc.service.http.access import maps_seen, note_change, own_batch, require
+from panoloc.service.http.responses import file_response, json_response, nothing_left
+from panoloc.service.http.routes.localize import while_connected
+from panoloc.service.http.schemas.batches import BATCH_EXAMPLE, Batch
+from panoloc.service.jobs import Result
+from panoloc.service.maps.record import MapRecord
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["batches"])
 

@@ -3,9 +3,9 @@
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
-from service.http.access import require
-from service.http.responses import file_response
-from service.services import services_of
+from panoloc.service.http.access import require
+from panoloc.service.http.responses import file_response
+from panoloc.service.services import services_of
 
 router = APIRouter(tags=["operations"], dependencies=[Depends(require("read"))])
 

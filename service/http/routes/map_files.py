@@ -9,18 +9,18 @@ from typing import Annotated, Any, Literal, TypeVar
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from service.errors import StoredFileMissingError
-from service.http.access import caller_of, maps_seen, require
-from service.http.responses import file_response, json_response
-from service.http.schemas import MapStarts
-from service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
-from service.jobs import MAX_SAMPLE_POINTS, MapRef
-from service.maps.point_sample import PlySample
-from service.maps.record import key_of
-from service.maps.selection import serving_ref
-from service.problems import error_responses
-from service.services import services_of
-from service.storage import Storage
+from panoloc.service.errors import StoredFileMissingError
+from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.responses import file_response, json_response
+from panoloc.service.http.schemas import MapStarts
+from panoloc.service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
+from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef
+from panoloc.service.maps.point_sample import PlySample
+from panoloc.service.maps.record import key_of
+from panoloc.service.maps.selection import serving_ref
+from panoloc.service.problems import error_responses
+from panoloc.service.services import services_of
+from panoloc.service.storage import Storage
 
 router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
 

@@ -9,17 +9,17 @@ import structlog
 from fastapi import APIRouter, Depends, Header, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
-from service.http.access import caller_of, maps_seen, note_change, own_map, require
-from service.http.openapi import json_body
-from service.http.responses import json_response, nothing_left
-from service.http.schemas import Map, MapPage, MapPatch
-from service.http.schemas.maps import MAP_EXAMPLE
-from service.http.uploads import read_body
-from service.http.validation import parse_json
-from service.jobs import LONGEST_TAG
-from service.maps.record import MapRecord, map_document
-from service.services import Services, services_of
+from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
+from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
+from panoloc.service.http.openapi import json_body
+from panoloc.service.http.responses import json_response, nothing_left
+from panoloc.service.http.schemas import Map, MapPage, MapPatch
+from panoloc.service.http.schemas.maps import MAP_EXAMPLE
+from panoloc.service.http.uploads import read_body
+from panoloc.service.http.validation import parse_json
+from panoloc.service.jobs import LONGEST_TAG
+from panoloc.service.maps.record import MapRecord, map_document
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["maps"])
 _log = structlog.get_logger(__name__)

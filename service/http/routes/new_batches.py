@@ -6,25 +6,31 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from core.panorama.image_header import KNOWN_FORMATS
-from service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
-from service.batches.record import BatchRecord
-from service.errors import ArchiveError, InvalidOptionsError
-from service.http.access import caller_of, hold_upload_place, note_change, require
-from service.http.openapi import binary_part, files_part, json_part, multipart
-from service.http.responses import accepted_response, json_response
-from service.http.routes.batches import batch_document, batch_overview
-from service.http.routes.localize import checked_options
-from service.http.schemas.batches import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE, Batch, BatchOptions, BatchPage
-from service.http.spool import PartRule
-from service.http.uploads import MAX_PARTS, Form, read_form
-from service.http.validation import parse_json
-from service.jobs import new_id, now
-from service.maps.cursors import decode_cursor, encode_cursor
-from service.maps.selection import MapChoice
-from service.services import Services, services_of
-from service.settings import Settings
-from service.storage.disk import disk_errors
+from panoloc.core.panorama.image_header import KNOWN_FORMATS
+from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.errors import ArchiveError, InvalidOptionsError
+from panoloc.service.http.access import caller_of, hold_upload_place, note_change, require
+from panoloc.service.http.openapi import binary_part, files_part, json_part, multipart
+from panoloc.service.http.responses import accepted_response, json_response
+from panoloc.service.http.routes.batches import batch_document, batch_overview
+from panoloc.service.http.routes.localize import checked_options
+from panoloc.service.http.schemas.batches import (
+    BATCH_PAGE_EXAMPLE,
+    QUEUED_BATCH_EXAMPLE,
+    Batch,
+    BatchOptions,
+    BatchPage,
+)
+from panoloc.service.http.spool import PartRule
+from panoloc.service.http.uploads import MAX_PARTS, Form, read_form
+from panoloc.service.http.validation import parse_json
+from panoloc.service.jobs import new_id, now
+from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.selection import MapChoice
+from panoloc.service.services import Services, services_of
+from panoloc.service.settings import Settings
+from panoloc.service.storage.disk import disk_errors
 
 router = APIRouter(tags=["batches"])
 

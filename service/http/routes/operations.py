@@ -7,13 +7,13 @@ from fastapi import APIRouter, Depends, Request
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
-from service.host.service_version import service_version
-from service.http.access import caller_of, require
-from service.http.error_handlers import plain_problem_response
-from service.http.schemas import Health, Liveness, Readiness
-from service.problems import HTTP_PROBLEMS, error_responses, known_problems
-from service.services import Services, services_of
+from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
+from panoloc.service.host.service_version import service_version
+from panoloc.service.http.access import caller_of, require
+from panoloc.service.http.error_handlers import plain_problem_response
+from panoloc.service.http.schemas import Health, Liveness, Readiness
+from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["operations"])
 

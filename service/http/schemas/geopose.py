@@ -4,10 +4,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
-from core.errors import OptionsError
-from service.answer import GeoPose, ResponseModel
-from service.errors import InvalidOptionsError
-from service.http.schemas.cameras import Camera
+from panoloc.core.errors import OptionsError
+from panoloc.service.answer import GeoPose, ResponseModel
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.schemas.cameras import Camera
 
 _DEPTH = "DEPTH"
 _READINGS = "sensorReadings.cameraReadings"

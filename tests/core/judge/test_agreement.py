@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.geometry.pose import Pose
-from core.geometry.projection import pixel_solid_angles
-from core.geometry.rotations import rotation_from_vector
-from core.geometry.sphere_window import SphereWindow
-from core.index.map_index import MapIndex
-from core.judge.agreement import Agreement, agreement
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
-from core.views.comparison import Comparison, compare
+from panoloc.core.config import JudgeConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.agreement import Agreement, agreement
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.views.comparison import Comparison, compare
 
 
 @pytest.fixture(scope="module")

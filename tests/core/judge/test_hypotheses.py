@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from core.config import JudgeConfig, PoseDistance
-from core.geometry.rotations import rotation_from_vector
-from core.judge.hypotheses import (
+from panoloc.core.config import JudgeConfig, PoseDistance
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.judge.hypotheses import (
     Hypothesis,
     by_score,
     merged,
@@ -18,7 +18,7 @@ from core.judge.hypotheses import (
     with_same_views,
     within_margin,
 )
-from core.refine.refinement import Refined
+from panoloc.core.refine.refinement import Refined
 
 JUDGE = JudgeConfig()
 

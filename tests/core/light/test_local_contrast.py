@@ -4,10 +4,10 @@ import math
 
 import torch
 
-from core.geometry.projection import pixel_directions, project, sample_bilinear
-from core.geometry.rotations import rotation_from_vector
-from core.geometry.sphere_window import SphereWindow
-from core.light.local_contrast import local_contrast, mixed_with_contrast
+from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.light.local_contrast import local_contrast, mixed_with_contrast
 
 HEIGHT, WIDTH = 64, 128
 

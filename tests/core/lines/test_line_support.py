@@ -7,15 +7,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.config import LineConfig
-from core.geometry.rotations import (
+from panoloc.core.config import LineConfig
+from panoloc.core.geometry.rotations import (
     rotation_angle,
     rotation_from_vector,
     uniform_rotations,
 )
-from core.lines.line_hold import LineHold
-from core.lines.line_support import LineSupport
-from core.lines.photo_edges import Edges
+from panoloc.core.lines.line_hold import LineHold
+from panoloc.core.lines.line_support import LineSupport
+from panoloc.core.lines.photo_edges import Edges
 from tests.core.lines.made_edges import edges_along
 
 CONFIG = LineConfig()

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.errors import (
+from panoloc.core.errors import (
     MaskDamagedError,
     MaskFormatError,
     MaskShapeError,
@@ -20,7 +20,7 @@ from core.errors import (
     PanoramaTooLargeError,
     PanoramaUnusableError,
 )
-from core.panorama.reader import read_panorama
+from panoloc.core.panorama.reader import read_panorama
 from tests.core.panorama.picture_files import (
     encoded,
     gpano_packet,

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import StepConfig
-from core.geometry.projection import pixel_directions
-from core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
-from core.panorama.image_level import ImageLevel, prepare_level
-from core.refine.gauss_newton import (
+from panoloc.core.config import StepConfig
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
+from panoloc.core.panorama.image_level import ImageLevel, prepare_level
+from panoloc.core.refine.gauss_newton import (
     PointPlanes,
     PoseStep,
     gauss_newton_step,
     initial_history,
     normal_equations,
 )
-from core.refine.point_sampling import sample_points
+from panoloc.core.refine.point_sampling import sample_points
 
 HEIGHT = 64
 RULES = StepConfig()

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import RefinementConfig
-from core.geometry.projection import pixel_directions, pixel_solid_angles
-from core.geometry.rotations import even_directions
-from core.geometry.sphere_window import SphereWindow
-from core.light.local_contrast import mixed_with_contrast
-from core.refine.candidate_points import points_seen_from_poses, unchanged_share
+from panoloc.core.config import RefinementConfig
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles
+from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.light.local_contrast import mixed_with_contrast
+from panoloc.core.refine.candidate_points import points_seen_from_poses, unchanged_share
 
 HEIGHT, WIDTH, COUNT = 16, 32, 200
 

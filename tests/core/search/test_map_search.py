@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import DescriptorConfig, PoseDistance, SearchConfig
-from core.describe.patch_descriptors import ViewDescriptors, centered_roots, pooled
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid, rotation_table
-from core.geometry.rotations import uniform_rotations
-from core.light.color_equalization import label_codes
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
-from core.search.map_search import DescribedPanorama, describe_panorama, make_search_rotations, search_maps
-from core.search.pose_limits import PoseLimits
+from panoloc.core.config import DescriptorConfig, PoseDistance, SearchConfig
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, centered_roots, pooled
+from panoloc.core.describe.patch_histograms import described_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.light.color_equalization import label_codes
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.search.map_search import DescribedPanorama, describe_panorama, make_search_rotations, search_maps
+from panoloc.core.search.pose_limits import PoseLimits
 from tests.reference import search_twin as twin
 
 GRID = PatchGrid(4, 8)

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import LocalizerConfig, PhotoSearchConfig
-from core.geometry.pose import Pose, pose_error
-from core.index.map_index import MapIndex
-from core.options import Hints
-from core.panorama.session import Session, session_from_rig
-from core.prepared_photos import PreparedPhotos
-from core.search.map_search import MapCandidates
-from core.search.photo_search import search_photos
-from core.search.pose_limits import PoseLimits, pose_limits
+from panoloc.core.config import LocalizerConfig, PhotoSearchConfig
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import Hints
+from panoloc.core.panorama.session import Session, session_from_rig
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.photo_search import search_photos
+from panoloc.core.search.pose_limits import PoseLimits, pose_limits
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from core.errors import OptionsError
-from core.geometry.rotations import rotation_from_vector
-from core.options import Hints
-from core.search.pose_limits import PoseLimits, pose_limits, within_reach
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.options import Hints
+from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
 
 MAP: Any = SimpleNamespace(origin_offset=np.array([1_000_000.25, -2_000_000.5, 100.0]))
 

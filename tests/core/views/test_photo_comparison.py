@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.geometry.pose import Pose
-from core.geometry.projection import pixel_directions
-from core.geometry.sphere_window import SphereWindow
-from core.index.map_index import MapIndex
-from core.judge.agreement import agreement
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.session import Session, SessionImage
-from core.views.comparison import Comparison
-from core.views.photo_comparison import RigView
-from core.views.synthetic_view import render_parts
+from panoloc.core.config import JudgeConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.agreement import agreement
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.session import Session, SessionImage
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.photo_comparison import RigView
+from panoloc.core.views.synthetic_view import render_parts
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
 

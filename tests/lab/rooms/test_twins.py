@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from lab.rooms import Scene, SceneSpec, View, build_scene, make_case, sample_pose, scan_scene, take_view
-from lab.rooms.scenes.generator import SceneKind
-from lab.rooms.scenes.twin_scene import mirrored_room, twin_poses
-from lab.rooms.suites import SUITES
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms import Scene, SceneSpec, View, build_scene, make_case, sample_pose, scan_scene, take_view
+from panoloc.lab.rooms.scenes.generator import SceneKind
+from panoloc.lab.rooms.scenes.twin_scene import mirrored_room, twin_poses
+from panoloc.lab.rooms.suites import SUITES
 
 
 @cache

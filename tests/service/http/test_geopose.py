@@ -9,9 +9,9 @@ import httpx
 import numpy as np
 import pytest
 
-from core.options import Frame, Status
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.schemas.geopose import CameraReading
+from panoloc.core.options import Frame, Status
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.schemas.geopose import CameraReading
 from tests.core.exports.tours import GOLDEN
 from tests.service.http import geopose_schemas
 from tests.service.http.fake_pool import outcome_of

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import redis
 
-from core.camera.camera import CameraDescription
-from core.errors import (
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.errors import (
     DeadlineExceededError,
     OptionsError,
     PanoramaFormatError,
@@ -18,11 +18,11 @@ from core.errors import (
     PanoramaTooLargeError,
     ScanContentError,
 )
-from service.errors import QueueFullError, StoredFileMissingError, WorkerError
-from service.http.routes.localize import checked_options
-from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
-from service.jobs import ARTIFACTS, QueryImage
-from service.settings import Settings
+from panoloc.service.errors import QueueFullError, StoredFileMissingError, WorkerError
+from panoloc.service.http.routes.localize import checked_options
+from panoloc.service.http.schemas import Localization, LocalizeOptions, PendingLocalization
+from panoloc.service.jobs import ARTIFACTS, QueryImage
+from panoloc.service.settings import Settings
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService, png_of
 

@@ -7,14 +7,14 @@ from typing import Any
 import httpx
 import pytest
 
-from core.options import MAX_IMAGES, SessionOptions, TrackedPose
-from service.answer import Localization
-from service.errors import InvalidOptionsError
-from service.http.query_images import query_images
-from service.http.schemas import LocalizeOptions
-from service.http.schemas.localization_examples import SESSION_EXAMPLE
-from service.http.validation import parse_json
-from service.jobs import QueryImage
+from panoloc.core.options import MAX_IMAGES, SessionOptions, TrackedPose
+from panoloc.service.answer import Localization
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.query_images import query_images
+from panoloc.service.http.schemas import LocalizeOptions
+from panoloc.service.http.schemas.localization_examples import SESSION_EXAMPLE
+from panoloc.service.http.validation import parse_json
+from panoloc.service.jobs import QueryImage
 from tests.service.http.running_service import RunningService, png_of
 
 pytestmark = pytest.mark.anyio

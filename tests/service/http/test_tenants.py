@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.keys.caller import Scope
-from service.keys.key_file import KeyFile
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.keys.caller import Scope
+from panoloc.service.keys.key_file import KeyFile
 from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
 
 pytestmark = pytest.mark.anyio

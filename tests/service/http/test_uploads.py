@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.errors import MalformedRequestError, StorageFullError, UploadTooLargeError
-from service.http.spool import PartRule, Spool
-from service.http.uploads import Form, read_form
+from panoloc.service.errors import MalformedRequestError, StorageFullError, UploadTooLargeError
+from panoloc.service.http.spool import PartRule, Spool
+from panoloc.service.http.uploads import Form, read_form
 
 RULES = {"file": PartRule(10_000, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True), "tag": PartRule(max_parts=999)}
 SCAN = b"1 2 3 4 5 6\r\n--x\r\n" * 40

@@ -6,9 +6,9 @@ import signal
 import time
 from pathlib import Path
 
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from service.worker.plan import WorkerSettings
-from service.worker.reply import WorkerFailure, WorkerReply
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.reply import WorkerFailure, WorkerReply
 from tests.service.made_up_answers import empty_answer
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import DeadlineExceededError, PanoramaShapeError
-from service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
-from service.host.process_tree import descendants
-from service.jobs import LocalizeOutcome
-from service.pool.local_workers import local_pool
-from service.ray.bridge_pool import bridge_pool
-from service.settings import Settings
+from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
+from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
+from panoloc.service.host.process_tree import descendants
+from panoloc.service.jobs import LocalizeOutcome
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.ray.bridge_pool import bridge_pool
+from panoloc.service.settings import Settings
 from tests.integration.ray_cluster import RayClusterOfOthers
 from tests.integration.running_service import eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, registration, scripted_plan
@@ -158,7 +158,7 @@ def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: Pool
     (running.folder / "last-go").touch()
     running.run(running.pool.stop(drain_s=60))
     assert under_way.result(1).answer.status == "localized"
-    assert not [pid for pid in descendants(os.getpid()) if "service.pool" in command_of(pid)]
+    assert not [pid for pid in descendants(os.getpid()) if "panoloc.service.pool" in command_of(pid)]
 
 
 def command_of(pid: int) -> str:

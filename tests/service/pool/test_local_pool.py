@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import NoWorkerError
-from service.host.process_tree import command_of, descendants
-from service.pool import local_workers, worker_process
-from service.pool.local_workers import local_pool
-from service.settings import Settings
+from panoloc.service.errors import NoWorkerError
+from panoloc.service.host.process_tree import command_of, descendants
+from panoloc.service.pool import local_workers, worker_process
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.settings import Settings
 from tests.integration.running_service import ROOT, eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, scripted_plan
 
@@ -40,7 +40,7 @@ def folder() -> Iterator[Path]:
 
 
 def workers() -> list[int]:
-    return [pid for pid in descendants(os.getpid()) if command_of(pid).endswith("service.pool.child")]
+    return [pid for pid in descendants(os.getpid()) if command_of(pid).endswith("panoloc.service.pool.child")]
 
 
 def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,8 +127,8 @@ _A_POOL_THAT_IS_KILLED = """
 import sys, time
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
-from service.pool.local_workers import local_pool
-from service.settings import Settings
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.settings import Settings
 from tests.service.pool.pool_in_thread import PoolInThread, scripted_plan
 folder = Path(sys.argv[1])
 PoolInThread(folder, lambda: local_pool(Settings(data_dir=folder, num_workers=1), scripted_plan(folder))).wait_until_ready()

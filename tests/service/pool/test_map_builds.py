@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
-from service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
-from service.pool.map_builds import MapBuilds
-from service.worker.reply import WorkerFailure, WorkerReply
+from panoloc.service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
+from panoloc.service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
+from panoloc.service.pool.map_builds import MapBuilds
+from panoloc.service.worker.reply import WorkerFailure, WorkerReply
 
 MAP, OTHER = MapRef("map_a", 1), MapRef("map_b", 1)
 

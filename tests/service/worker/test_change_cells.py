@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from core.index.map_index import MapIndex
-from core.results import Localization, SearchSummary
-from service.worker.change_cells import change_cells
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.results import Localization, SearchSummary
+from panoloc.service.worker.change_cells import change_cells
 
 POSITIONS = np.array([[0.05, 0.05, 0.05]] * 4 + [[1.0, -1.0, 0.5]] * 4 + [[2.0, 2.0, 2.0]] * 2, np.float32)
 INDEX = cast(MapIndex, SimpleNamespace(positions=torch.from_numpy(POSITIONS)))

@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.camera.camera import Camera, CameraDescription
-from core.errors import PanoramaDamagedError, PanoramaTooLargeError
-from core.geometry.pose import Pose
-from core.options import SessionOptions, TrackedPose
-from core.panorama.panorama import Panorama
-from core.panorama.session import Photo, Session
-from core.results import Candidate, Localization, SearchSummary
-from service.jobs import QueryImage
-from service.worker.query_images import as_found, photos_of, read_query, shown_on_sphere
+from panoloc.core.camera.camera import Camera, CameraDescription
+from panoloc.core.errors import PanoramaDamagedError, PanoramaTooLargeError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import SessionOptions, TrackedPose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Photo, Session
+from panoloc.core.results import Candidate, Localization, SearchSummary
+from panoloc.service.jobs import QueryImage
+from panoloc.service.worker.query_images import as_found, photos_of, read_query, shown_on_sphere
 
 PINHOLE = CameraDescription("pinhole", hfov_deg=60)
 NO_SESSION = SessionOptions()

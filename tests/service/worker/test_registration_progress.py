@@ -1,9 +1,9 @@
 import time
 from typing import Any
 
-from service.errors import CacheDownError
-from service.jobs import MapRef
-from service.worker.registration_progress import RegistrationProgress
+from panoloc.service.errors import CacheDownError
+from panoloc.service.jobs import MapRef
+from panoloc.service.worker.registration_progress import RegistrationProgress
 
 MAP = MapRef("map_a", 1)
 

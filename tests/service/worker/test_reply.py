@@ -1,10 +1,10 @@
 import pytest
 
-import core.errors
-import service.errors
-from core.errors import PanoramaShapeError
-from service.errors import EXPECTED_ERRORS, WorkerError
-from service.worker.reply import WorkerFailure, error_of, guarded
+import panoloc.core.errors
+import panoloc.service.errors
+from panoloc.core.errors import PanoramaShapeError
+from panoloc.service.errors import EXPECTED_ERRORS, WorkerError
+from panoloc.service.worker.reply import WorkerFailure, error_of, guarded
 
 
 def raise_(error: Exception) -> None:
@@ -32,7 +32,7 @@ def test_keyboard_interrupt_passes_through() -> None:
 
 RAISED = [
     kind
-    for module in (core.errors, service.errors)
+    for module in (panoloc.core.errors, panoloc.service.errors)
     for kind in vars(module).values()
     if isinstance(kind, type) and issubclass(kind, EXPECTED_ERRORS) and kind is not WorkerError
 ]

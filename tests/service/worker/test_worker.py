@@ -19,31 +19,31 @@ import pytest
 import redis
 import torch
 
-from core.geometry.pose import Pose
-from core.index.map_builder import build_map_index, index_config_digest
-from core.index.map_codec import encode_map_index
-from core.index.map_index import MapIndex
-from core.options import MIN_POINTS, IndexOptions, ScanOptions
-from core.panorama.panorama import Panorama
-from core.pictures import encode_png
-from core.results import Candidate, SearchSummary
-from core.results import Localization as Found
-from core.scan import readers
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from service.answer import Localization
-from service.cache import WorkerCache
-from service.errors import StorageFullError
-from service.host.embedded_redis import EmbeddedRedis
-from service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
-from service.maps.record import MapRecord, Revision, key_of, write_record
-from service.settings import Settings
-from service.storage import FolderStorage
-from service.worker.localization_worker import LocalizationWorker
-from service.worker.map_catalog import MapCatalog
-from service.worker.plan import WorkerSettings
-from service.worker.registrar import Registrar
-from service.worker.reply import WorkerReply
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_builder import build_map_index, index_config_digest
+from panoloc.core.index.map_codec import encode_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import MIN_POINTS, IndexOptions, ScanOptions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.pictures import encode_png
+from panoloc.core.results import Candidate, SearchSummary
+from panoloc.core.results import Localization as Found
+from panoloc.core.scan import readers
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.service.answer import Localization
+from panoloc.service.cache import WorkerCache
+from panoloc.service.errors import StorageFullError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
+from panoloc.service.maps.record import MapRecord, Revision, key_of, write_record
+from panoloc.service.settings import Settings
+from panoloc.service.storage import FolderStorage
+from panoloc.service.worker.localization_worker import LocalizationWorker
+from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.registrar import Registrar
+from panoloc.service.worker.reply import WorkerReply
 from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
@@ -330,7 +330,7 @@ def test_a_scan_that_needs_too_much_memory_fails_with_the_limit_that_it_met(
     def read(*_: object) -> None:
         raise lack
 
-    monkeypatch.setattr("service.worker.registrar.read_scan", read)
+    monkeypatch.setattr("panoloc.service.worker.registrar.read_scan", read)
     failure = place.registrar.register(place.job).failure
     assert failure is not None
     assert failure.kind == "RegistrationLimitError"

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.exports.tour import PlacedPhoto, Tour
-from core.geometry.pose import Pose
-from service.cli import progress
-from service.cli.placing.place import photo_options
-from service.cli.placing.place_folder import PlaceFolder, Question
+from panoloc.core.exports.tour import PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
+from panoloc.service.cli import progress
+from panoloc.service.cli.placing.place import photo_options
+from panoloc.service.cli.placing.place_folder import PlaceFolder, Question
 from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
@@ -113,7 +113,7 @@ def test_a_photo_that_has_changed_is_placed_again(
 def test_a_busy_service_is_waited_for(
     panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.cli.placing.place._RETRY_S", 0.01)
+    monkeypatch.setattr("panoloc.service.cli.placing.place._RETRY_S", 0.01)
     fake.busy = 2
     outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out")
     assert outcome.code == 0
