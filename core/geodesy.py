@@ -23,7 +23,8 @@ def ecef_of(latitude_deg: float, longitude_deg: float, height_m: float) -> Posit
 
 
 def geodetic_of(ecef: Position) -> Position:
-    """Return latitude and longitude in degrees and the height above the ellipsoid in metres of an earth-centred position."""
+    """Return latitude and longitude in degrees and the height above the ellipsoid in metres of an earth-centred
+    position."""
     longitude, latitude, height = _ecef_from_geodetic().transform(*ecef, direction="INVERSE")
     return latitude, longitude, height
 

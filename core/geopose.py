@@ -1,4 +1,5 @@
-"""OGC GeoPose 1.0 (21-056r11), Basic-Quaternion: where a camera is on Earth, and how it is turned against east, north, up there.
+"""OGC GeoPose 1.0 (21-056r11), Basic-Quaternion: where a camera is on Earth, and how it is turned against east, north,
+up there.
 
 The body frame is that of all our cameras, x forward, y left, z up: the standard does not name one. Needs no numpy.
 """
@@ -7,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from core.geodesy import Position, Quaternion, ecef_from_enu, ecef_of, geodetic_of, inverse, times, turn, turned
-from core.georeference import coordinate_system
+from panoloc.core.geodesy import Position, Quaternion, ecef_from_enu, ecef_of, geodetic_of, inverse, times, turn, turned
+from panoloc.core.georeference import coordinate_system
 
 MEDIA_TYPE = "application/geopose+json"
 Document = dict[str, dict[str, float]]
@@ -25,10 +26,12 @@ class MapPose:
 
 
 def geopose_of(georeference: Mapping[str, Any], pose: MapPose) -> Document | None:
-    """Return the GeoPose of a camera; None where its height above the ellipsoid is not known, or outside of a coordinate system.
+    """Return the GeoPose of a camera; None where its height above the ellipsoid is not known, or outside of a
+    coordinate system.
 
     georeference: `latitude_deg`, `longitude_deg`, `height_m`, `heading_deg` of the map's origin, as maps have it; or
-    `coordinate_system`, of the map's positions, by EPSG code or WKT, and perhaps `geoid_undulation_m`, of the geoid above the ellipsoid.
+    `coordinate_system`, of the map's positions, by EPSG code or WKT, and perhaps `geoid_undulation_m`, of the geoid
+    above the ellipsoid.
     """
     of_map = times(times(turn("z", pose.yaw_deg), turn("y", pose.pitch_deg)), turn("x", pose.roll_deg))
     system = georeference.get("coordinate_system")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
-from core.errors import OptionsError
+from panoloc.core.errors import OptionsError
 
 HeightReference = Literal["ellipsoid", "geoid", "unknown"]
 
@@ -27,8 +27,8 @@ _EXPECTED = (
 class EarthPlace:
     """A place on WGS 84. height_m: above what height_reference says.
 
-    convergence_deg: from true north clockwise to the north of the grid, so that true heading = grid heading + convergence.
-    scale: length in the grid over length on the ellipsoid.
+    convergence_deg: from true north clockwise to the north of the grid, so that true heading = grid heading +
+    convergence. scale: length in the grid over length on the ellipsoid.
     """
 
     latitude_deg: float
@@ -42,8 +42,8 @@ class EarthPlace:
 class CoordinateSystem:
     """A projected coordinate system.
 
-    definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above. metres_per_unit: of its
-    coordinates.
+    definition: "EPSG:25832" where it has a code, else WKT. name: for people. heights: what they are above.
+    metres_per_unit: of its coordinates.
     """
 
     def __init__(self, text: str):
@@ -75,8 +75,8 @@ class CoordinateSystem:
     ) -> EarthPlace | None:
         """Return where a position lies; None outside of where the system is defined.
 
-        position_m: east, north and height of the grid, in metres whatever its unit. geoid_undulation_m: of the geoid above the
-        ellipsoid, which makes heights above one heights above the other.
+        position_m: east, north and height of the grid, in metres whatever its unit. geoid_undulation_m: of the geoid
+        above the ellipsoid, which makes heights above one heights above the other.
         """
         east, north = (value / self.metres_per_unit for value in position_m[:2])
         longitude, latitude = self._to_earth.transform(east, north)

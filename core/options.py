@@ -7,7 +7,7 @@ and every limit of a choice stands here once.
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from core.errors import OptionsError, ScanTooLargeError
+from panoloc.core.errors import OptionsError, ScanTooLargeError
 
 Vector = tuple[float, float, float]
 Box = tuple[Vector, Vector]

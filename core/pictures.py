@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from core.geometry.pose import Pose
-from core.geometry.projection import pixel_directions, project
-from core.index.map_index import MapIndex
-from core.panorama.panorama import Panorama
-from core.results import Localization
-from core.scan.from_above import Area, draw_from_above
-from core.views.render_cloud import counted_colors
-from core.views.synthetic_view import render_views
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixel_directions, project
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.results import Localization
+from panoloc.core.scan.from_above import Area, draw_from_above
+from panoloc.core.views.render_cloud import counted_colors
+from panoloc.core.views.synthetic_view import render_views
 
 Picture = NDArray[np.uint8]
 _WIDTH = 1024

@@ -3,16 +3,16 @@
 import torch
 from torch import Tensor
 
-from core.config import DescriptorConfig
-from core.geometry.projection import wrap_border
-from core.light.color_equalization import LabelCodes
-from core.light.local_contrast import mixed_with_contrast
-from core.panorama.image_level import ImageLevel, prepare_level
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
-from core.search.map_search import DescribedPanorama, describe_panorama
-from core.views.comparison import Comparison, compare
-from core.views.render_cloud import RenderCloud
+from panoloc.core.config import DescriptorConfig
+from panoloc.core.geometry.projection import wrap_border
+from panoloc.core.light.color_equalization import LabelCodes
+from panoloc.core.light.local_contrast import mixed_with_contrast
+from panoloc.core.panorama.image_level import ImageLevel, prepare_level
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
+from panoloc.core.search.map_search import DescribedPanorama, describe_panorama
+from panoloc.core.views.comparison import Comparison, compare
+from panoloc.core.views.render_cloud import RenderCloud
 
 
 class PreparedPanorama:

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from core.config import LocalizerConfig
-from core.index.map_index import MapIndex
-from core.judge.hypotheses import Hypothesis, stacked_poses
-from core.light.color_equalization import LabelCodes, apply_tables
-from core.lines.line_support import LineSupport
-from core.lines.photo_edges import Edges, edges_of_photos
-from core.options import MAX_SESSION_TILT_DEG
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import PhotoContrast, blurred_windows, equalized_windows
-from core.panorama.session import Session
-from core.refine.photo_points import (
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.hypotheses import Hypothesis, stacked_poses
+from panoloc.core.light.color_equalization import LabelCodes, apply_tables
+from panoloc.core.lines.line_support import LineSupport
+from panoloc.core.lines.photo_edges import Edges, edges_of_photos
+from panoloc.core.options import MAX_SESSION_TILT_DEG
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_colors import PhotoContrast, blurred_windows, equalized_windows
+from panoloc.core.panorama.session import Session
+from panoloc.core.refine.photo_points import (
     LookDirections,
     StartViews,
     look_directions,
@@ -24,13 +24,13 @@ from core.refine.photo_points import (
     points_seen_in_starts,
     views_from_starts,
 )
-from core.refine.refinement import CandidatePoints
-from core.refine.rig_level import RigLevel
-from core.search.described_photos import DescribedPhotos, describe_photos
-from core.search.pose_limits import PoseLimits
-from core.views.comparison import Comparison
-from core.views.photo_comparison import RigView
-from core.views.render_cloud import RenderCloud
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.search.described_photos import DescribedPhotos, describe_photos
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.photo_comparison import RigView
+from panoloc.core.views.render_cloud import RenderCloud
 
 
 class PreparedPhotos:

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose
-from core.options import Method, Status
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Method, Status
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import torch
 
-from core.errors import DeadlineExceededError
+from panoloc.core.errors import DeadlineExceededError
 
 
 class StageClock:

@@ -1,4 +1,5 @@
-"""Writes the settings as a table into docs/operations.md, from `service.settings` itself: `scripts/update-docs` runs this.
+"""Writes the settings as a table into docs/operations.md, from `panoloc.service.settings` itself: `scripts/update-docs`
+runs this.
 
 A test holds the page against it.
 """
@@ -9,7 +10,7 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from service.settings import Settings
+from panoloc.service.settings import Settings
 
 PAGE = Path(__file__).with_name("operations.md")
 _BEGIN = "<!-- settings: begin (scripts/update-docs writes this part) -->\n"

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
-from service.host.address import why_not_free
-from service.host.parent_death import ending_with_parent
+from panoloc.service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
+from panoloc.service.host.address import why_not_free
+from panoloc.service.host.parent_death import ending_with_parent
 
 # A service is ready after seconds on an idle machine, after minutes where others start beside it.
 START_LIMIT_S = 600.0
@@ -115,7 +115,7 @@ def start_in_background(
             f"No service can be started at {url}: {fault}. Stop what listens there, or choose another port with --url, "
             "such as http://127.0.0.1:8001."
         )
-    command = [sys.executable, "-m", "service.cli", "serve", "--host", address.hostname, "--port", str(port)]
+    command = [sys.executable, "-m", "panoloc.service.cli", "serve", "--host", address.hostname, "--port", str(port)]
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:
         process = subprocess.Popen(

@@ -1,6 +1,6 @@
 """The procedural room that anybody can try: its scan, and a panorama taken after furniture was moved.
 
-    python -m lab.demo_room FOLDER    writes room.ply and panorama.jpg, the same ones each time
+    python -m panoloc.lab.demo_room FOLDER    writes room.ply and panorama.jpg, the same ones each time
 
 The service runs this as a process of its own when its console asks for the demo room; it does not import it.
 """
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from core.scan.ply.writer import write_ply
-from lab.rooms import Scene, SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.lab.rooms import Scene, SceneSpec, build_scene, change_scene, sample_pose, scan_scene, take_panorama
 
 SEED = 4
 NUM_SCAN_POINTS = 400_000

@@ -3,7 +3,7 @@
 import contextlib
 from pathlib import Path
 
-from service.host.process_tree import command_of, descendants
+from panoloc.service.host.process_tree import command_of, descendants
 
 
 def proportional_bytes(pid: int) -> int:

@@ -14,9 +14,9 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, expect, sync_playwright
 
-from lab.background_service import OwnService, own_service
-from lab.demo_room import CHANGED_FRACTION, SEED, demo_scene
-from lab.rooms import change_scene, sample_pose, take_panorama
+from panoloc.lab.background_service import OwnService, own_service
+from panoloc.lab.demo_room import CHANGED_FRACTION, SEED, demo_scene
+from panoloc.lab.rooms import change_scene, sample_pose, take_panorama
 
 _SIZES = ((1440, 900), (900, 1180), (390, 844))
 _NUM_PHOTOS = 5

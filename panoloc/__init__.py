@@ -8,32 +8,33 @@
     >>> found.best.pose.position.round(1)
     array([1.7, 2.4, 1.5])
 
-Positions are metres in the scan's own frame (`core.geometry.pose`). `PanolocClient` speaks to a running service.
-`core.errors` lists what can go wrong. A name loads its module when it is first used: importing `panoloc` loads nothing.
+Positions are metres in the scan's own frame (`panoloc.core.geometry.pose`). `PanolocClient` speaks to a running
+service. `panoloc.core.errors` lists what can go wrong. A name loads its module when it is first used: importing
+`panoloc` loads nothing.
 """
 
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from core.index.map_builder import build_map_index as build_map_index
-    from core.localizer import Localizer as Localizer
-    from core.options import Hints as Hints
-    from core.panorama.reader import read_panorama as read_panorama
-    from core.results import Localization as Localization
-    from core.scan.reading import read_scan as read_scan
-    from service.client import PanolocClient as PanolocClient
+    from panoloc.core.index.map_builder import build_map_index as build_map_index
+    from panoloc.core.localizer import Localizer as Localizer
+    from panoloc.core.options import Hints as Hints
+    from panoloc.core.panorama.reader import read_panorama as read_panorama
+    from panoloc.core.results import Localization as Localization
+    from panoloc.core.scan.reading import read_scan as read_scan
+    from panoloc.service.client import PanolocClient as PanolocClient
 
     __version__: str
 
 _HOMES = {
-    "Hints": "core.options",
-    "Localization": "core.results",
-    "Localizer": "core.localizer",
-    "PanolocClient": "service.client",
-    "build_map_index": "core.index.map_builder",
-    "read_panorama": "core.panorama.reader",
-    "read_scan": "core.scan.reading",
+    "Hints": "panoloc.core.options",
+    "Localization": "panoloc.core.results",
+    "Localizer": "panoloc.core.localizer",
+    "PanolocClient": "panoloc.service.client",
+    "build_map_index": "panoloc.core.index.map_builder",
+    "read_panorama": "panoloc.core.panorama.reader",
+    "read_scan": "panoloc.core.scan.reading",
 }
 __all__ = [
     "Hints",

@@ -1,6 +1,6 @@
 """The answer to a query: one model for workers, Redis, the routes, the OpenAPI document and the console's types.
 
-A worker builds it (`service.worker.answers`); the HTTP process adds waiting time and warnings
+A worker builds it (`panoloc.service.worker.answers`); the HTTP process adds waiting time and warnings
 (`Localization.as_waited_for`).
 """
 
@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from core.camera.camera import CameraModel
-from core.options import Frame, Status
+from panoloc.core.camera.camera import CameraModel
+from panoloc.core.options import Frame, Status
 
 Document = dict[str, Any]
 """A JSON object, as it is stored or sent."""

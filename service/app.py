@@ -5,22 +5,22 @@ from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
 
-from service.cache import Cache
-from service.host.service_version import service_version
-from service.host_names import host_names
-from service.http.error_handlers import install_error_handlers
-from service.http.guards.early_refusals import CallerRateCheck, QueueCheck
-from service.http.guards.head_requests import HeadRequests
-from service.http.guards.host_check import HostCheck
-from service.http.guards.slow_clients import SlowClients
-from service.http.openapi import install_openapi
-from service.http.recent_errors import RecentErrors
-from service.http.request_context import RequestContext
-from service.http.routes import QUERY_ROUTES, ROUTERS
-from service.jobs import WorkerPool
-from service.services import Services
-from service.settings import Settings
-from service.storage import Storage, open_storage
+from panoloc.service.cache import Cache
+from panoloc.service.host.service_version import service_version
+from panoloc.service.host_names import host_names
+from panoloc.service.http.error_handlers import install_error_handlers
+from panoloc.service.http.guards.early_refusals import CallerRateCheck, QueueCheck
+from panoloc.service.http.guards.head_requests import HeadRequests
+from panoloc.service.http.guards.host_check import HostCheck
+from panoloc.service.http.guards.slow_clients import SlowClients
+from panoloc.service.http.openapi import install_openapi
+from panoloc.service.http.recent_errors import RecentErrors
+from panoloc.service.http.request_context import RequestContext
+from panoloc.service.http.routes import QUERY_ROUTES, ROUTERS
+from panoloc.service.jobs import WorkerPool
+from panoloc.service.services import Services
+from panoloc.service.settings import Settings
+from panoloc.service.storage import Storage, open_storage
 
 _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 

@@ -4,8 +4,9 @@
     progress:{map}:{revision}           what a registration is at       written by workers
     localization:{id}                   state, then answer              written by the HTTP process
     picture:{id}:{name}                 PNG                             written by the HTTP process
-    rate/{limit}/{caller}/…             what callers asked for          written by the HTTP process, see service.limits.caller_rates
-    of_map:{map}                        ids of answers about a map, so that deleting the map deletes them too
+    rate/{limit}/{caller}/…             what callers asked for          written by the HTTP process, see
+    panoloc.service.limits.caller_rates of_map:{map}                        ids of answers about a map, so that deleting
+    the map deletes them too
 
 `Cache` is the asynchronous side, for the HTTP process; `WorkerCache` the blocking side, for workers. Both connect when
 they are first used, connect again by themselves after Redis was away, and raise CacheDownError while it is.
@@ -27,8 +28,8 @@ from redis.backoff import ExponentialBackoff
 from redis.exceptions import BusyLoadingError, OutOfMemoryError, ReadOnlyError
 from redis.retry import Retry
 
-from service.errors import CacheDownError
-from service.jobs import ARTIFACTS, MapRef
+from panoloc.service.errors import CacheDownError
+from panoloc.service.jobs import ARTIFACTS, MapRef
 
 _TIMEOUT_S = 5.0
 _RETRIES = 3

@@ -7,7 +7,8 @@
     ├── ExportFailedError  the process that writes exports failed
     └── WorkerError        a worker met a fault that nobody raises on purpose
 
-What is wrong with a scan, an image or the options of a search is an exception of `core.errors`, in every process.
+What is wrong with a scan, an image or the options of a search is an exception of `panoloc.core.errors`, in every
+process.
 
 Every message says what was expected, what came, and what to do. Each class says which HTTP problem it is.
 """
@@ -15,12 +16,13 @@ Every message says what was expected, what came, and what to do. Each class says
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
-from core.errors import CoreError
+from panoloc.core.errors import CoreError
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A kind of problem (RFC 9457). slug: stable, the end of its `type`. advice: for callers. part: the upload at fault."""
+    """A kind of problem (RFC 9457). slug: stable, the end of its `type`. advice: for callers. part: the upload at
+    fault."""
 
     slug: str
     title: str

@@ -1,7 +1,7 @@
 """Between the HTTP process and the workers: jobs, outcomes, and the protocol of a pool.
 
-Imports neither Ray nor torch. `service.app.create_app` gets a pool, starts it with the application and stops it at the
-end.
+Imports neither Ray nor torch. `panoloc.service.app.create_app` gets a pool, starts it with the application and stops it
+at the end.
 """
 
 import secrets
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
-from core.camera.camera import CameraDescription
-from core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, TrackedPose
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.options import Frame, Hints, IndexOptions, Method, ScanOptions, SessionOptions, TrackedPose
 
 if TYPE_CHECKING:
-    from service.answer import Localization
+    from panoloc.service.answer import Localization
 
 Artifact = Literal["score_map_2d", "score_map_3d", "overlay"]
 ARTIFACTS: tuple[Artifact, ...] = get_args(Artifact)
@@ -25,6 +25,13 @@ LONGEST_NAME, LONGEST_TAG = 200, 64
 
 PAPER_TIMEOUT_S = 600.0
 """Seconds for a query of the method `paper` that names none: one to three minutes on two cores, docs/experiments.md."""
+
+
+ON_EARTH = ("georeference", "coordinate_system", "geoid_undulation_m")
+"""Fields of a map's document about its place on Earth."""
+
+Result = dict[str, Any]
+"""Result of one image of a batch: `status`, and `answer` (body of `POST /localize`) or `error` (problem document)."""
 
 
 def new_id(prefix: str) -> str:
@@ -81,8 +88,8 @@ class LocalizeJob:
     """One query.
 
     images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
-    for the answer after it. georeferences: by map id, of the maps that have one, as `core.geopose.geopose_of` takes it.
-    with_change_cells: whether the outcome needs change cells, for `GET /maps/{id}/changes`.
+    for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.geopose.geopose_of`
+    takes it. with_change_cells: whether the outcome needs change cells, for `GET /maps/{id}/changes`.
     """
 
     localization_id: str
@@ -106,7 +113,7 @@ class LocalizeOutcome:
     """The result of one query.
 
     pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by
-    `service.worker.change_cells`.
+    `panoloc.service.worker.change_cells`.
     """
 
     answer: "Localization"

@@ -8,19 +8,25 @@ from dataclasses import dataclass
 
 import structlog
 
-from core.errors import DeadlineExceededError
-from core.panorama.image_header import read_image_header
-from service.answer import Document, Localization
-from service.cache import Cache
-from service.errors import EXPECTED_ERRORS, CacheDownError, LocalizationNotFoundError, QueueFullError, ServiceError
-from service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
-from service.maps.changes import ChangeLog
-from service.maps.registry import MapRegistry
-from service.maps.selection import ChosenMaps, MapChoice
-from service.metrics import Metrics
-from service.problems import problem_document, problem_of
-from service.settings import Settings
-from service.storage import Storage
+from panoloc.core.errors import DeadlineExceededError
+from panoloc.core.panorama.image_header import read_image_header
+from panoloc.service.answer import Document, Localization
+from panoloc.service.cache import Cache
+from panoloc.service.errors import (
+    EXPECTED_ERRORS,
+    CacheDownError,
+    LocalizationNotFoundError,
+    QueueFullError,
+    ServiceError,
+)
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, QueryImage, QueryOptions, WorkerPool, new_id, now
+from panoloc.service.maps.changes import ChangeLog
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.maps.selection import ChosenMaps, MapChoice
+from panoloc.service.metrics import Metrics
+from panoloc.service.problems import problem_document, problem_of
+from panoloc.service.settings import Settings
+from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 

@@ -9,7 +9,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, gene
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.process_collector import ProcessCollector
 
-from service.jobs import PoolState
+from panoloc.service.jobs import PoolState
 
 _METHODS = frozenset({"GET", "POST", "PUT", "PATCH", "DELETE", "HEAD", "OPTIONS"})
 _STAGES = (
@@ -87,7 +87,7 @@ class Metrics:
         self._uploads.set(number)
 
     def note_refusal(self, limit: str) -> None:
-        """Count what went beyond a limit; limit: one of `service.limits.capacity.Refusal`."""
+        """Count what went beyond a limit; limit: one of `panoloc.service.limits.capacity.Refusal`."""
         self._refusals.labels(limit).inc()
 
     def text(self) -> bytes:

@@ -3,10 +3,10 @@
 from http import HTTPStatus
 from typing import Any
 
-from core import errors as core
-from core.panorama.image_header import KNOWN_FORMATS as IMAGE_FORMATS
-from core.scan.format_detection import KNOWN_FORMATS as SCAN_FORMATS
-from service.errors import (
+from panoloc.core import errors as core
+from panoloc.core.panorama.image_header import KNOWN_FORMATS as IMAGE_FORMATS
+from panoloc.core.scan.format_detection import KNOWN_FORMATS as SCAN_FORMATS
+from panoloc.service.errors import (
     EXPECTED_ERRORS,
     INTERNAL,
     INVALID,

@@ -5,25 +5,25 @@ import logging
 import os
 from collections.abc import MutableMapping
 
-from service.app import create_app
-from service.cache import Cache
-from service.errors import TryAgainError
-from service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
-from service.host.logging import configure_logging
-from service.host.process_resources import can_filter_system_calls
-from service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
-from service.host.secret_variables import remove_variables
-from service.host_names import is_loopback
-from service.http.server import DrainingServer, server_config
-from service.pool.local_workers import local_pool
-from service.pool.process_pool import ProcessPool
-from service.settings import Settings
-from service.storage import Storage, open_storage
-from service.storage.bucket import BucketStorage
-from service.storage.claim import BucketClaim, BucketInUseError
-from service.storage.start_check import StorageUnusableError, check_at_start
-from service.storage.urls import variables_of_buckets
-from service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.app import create_app
+from panoloc.service.cache import Cache
+from panoloc.service.errors import TryAgainError
+from panoloc.service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
+from panoloc.service.host.logging import configure_logging
+from panoloc.service.host.process_resources import can_filter_system_calls
+from panoloc.service.host.run_folder import DataFolderInUseError, RunFolder, lock_folder
+from panoloc.service.host.secret_variables import remove_variables
+from panoloc.service.host_names import is_loopback
+from panoloc.service.http.server import DrainingServer, server_config
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.pool.process_pool import ProcessPool
+from panoloc.service.settings import Settings
+from panoloc.service.storage import Storage, open_storage
+from panoloc.service.storage.bucket import BucketStorage
+from panoloc.service.storage.claim import BucketClaim, BucketInUseError
+from panoloc.service.storage.start_check import StorageUnusableError, check_at_start
+from panoloc.service.storage.urls import variables_of_buckets
+from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ def build_pool(settings: Settings, redis_url: str) -> ProcessPool:
     plan = WorkerPlan(WorkerSettings.of(settings, redis_url))
     if settings.ray_address is None:
         return local_pool(settings, plan)
-    from service.ray.bridge_pool import bridge_pool
+    from panoloc.service.ray.bridge_pool import bridge_pool
 
     return bridge_pool(settings, plan)
 

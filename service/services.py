@@ -6,27 +6,27 @@ from dataclasses import dataclass, field
 
 from starlette.requests import HTTPConnection
 
-from service.batches.runs import BatchRuns
-from service.batches.store import MOST_BATCHES, BatchStore
-from service.cache import Cache
-from service.host.demo_room import DemoRoom
-from service.host.redis_watch import watch_redis
-from service.jobs import WorkerPool
-from service.keys.audit_log import AuditLog
-from service.limits.caller_rates import CallerRates, RateLimits
-from service.limits.capacity import Capacity, bytes_in_flight, upload_places
-from service.limits.wrong_keys import WrongKeys
-from service.localizations import Localizations
-from service.maps.changes import ChangeLog
-from service.maps.registrations import Registrations
-from service.maps.registry import MapRegistry
-from service.metrics import Metrics
-from service.settings import Settings
-from service.shared_folder import LOOK_S, SharedFolder
-from service.sharing.change_signal import ChangeSignal
-from service.sharing.leases import LeaseLocks
-from service.sharing.locks import FolderLocks, Locks, OwnLocks
-from service.storage import Storage
+from panoloc.service.batches.runs import BatchRuns
+from panoloc.service.batches.store import MOST_BATCHES, BatchStore
+from panoloc.service.cache import Cache
+from panoloc.service.host.demo_room import DemoRoom
+from panoloc.service.host.redis_watch import watch_redis
+from panoloc.service.jobs import WorkerPool
+from panoloc.service.keys.audit_log import AuditLog
+from panoloc.service.limits.caller_rates import CallerRates, RateLimits
+from panoloc.service.limits.capacity import Capacity, bytes_in_flight, upload_places
+from panoloc.service.limits.wrong_keys import WrongKeys
+from panoloc.service.localizations import Localizations
+from panoloc.service.maps.changes import ChangeLog
+from panoloc.service.maps.registrations import Registrations
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.metrics import Metrics
+from panoloc.service.settings import Settings
+from panoloc.service.shared_folder import LOOK_S, SharedFolder
+from panoloc.service.sharing.change_signal import ChangeSignal
+from panoloc.service.sharing.leases import LeaseLocks
+from panoloc.service.sharing.locks import FolderLocks, Locks, OwnLocks
+from panoloc.service.storage import Storage
 
 _MOST_EXPORTS = 2
 # A list of a bucket costs time and money; what was changed is told by Redis, which several front doors on a bucket cannot do without.

@@ -8,14 +8,14 @@ from typing import Literal, Self
 from pydantic import AliasChoices, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from core.options import MAX_PIXELS, Method, ScanOptions
-from service.host_names import host_names
-from service.jobs import PAPER_TIMEOUT_S
-from service.keys.issuer_keys import IssuerKeys, is_url, read_keys
-from service.keys.key_ring import KeyRing, callers_of_setting
-from service.keys.tokens import TokenRules, Tokens
-from service.limits.registration_limits import RegistrationLimits
-from service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
+from panoloc.core.options import MAX_PIXELS, Method, ScanOptions
+from panoloc.service.host_names import host_names
+from panoloc.service.jobs import PAPER_TIMEOUT_S
+from panoloc.service.keys.issuer_keys import IssuerKeys, is_url, read_keys
+from panoloc.service.keys.key_ring import KeyRing, callers_of_setting
+from panoloc.service.keys.tokens import TokenRules, Tokens
+from panoloc.service.limits.registration_limits import RegistrationLimits
+from panoloc.service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url, variables_of
 
 # Of files of a bucket that the data folder keeps, so that they need not be fetched again.
 _LOCAL_COPIES_BYTES = 4 * 2**30
@@ -34,12 +34,13 @@ class Settings(BaseSettings):
     )
     storage: str | None = Field(
         None,
-        description="Bucket for scans, map records and batches in place of the data folder: `s3://bucket/prefix`, `gs://bucket/prefix`, "
-        "`az://container/prefix`; or another folder, `file:///folder`.",
+        description="Bucket for scans, map records and batches in place of the data folder: `s3://bucket/prefix`, "
+        "`gs://bucket/prefix`, `az://container/prefix`; or another folder, `file:///folder`.",
     )
     shared: bool = Field(
         False,
-        description="Other services use the same data folder or bucket and the same Redis: several API replicas behind a balancer.",
+        description="Other services use the same data folder or bucket and the same Redis: several API replicas behind "
+        "a balancer.",
     )
     redis_url: str | None = Field(None, description="Redis to use; without it the service starts its own.")
     ray_address: str | None = Field(
@@ -63,7 +64,8 @@ class Settings(BaseSettings):
     max_image_bytes: int = Field(
         64 * 2**20,
         ge=1,
-        description="Bytes of one uploaded image or mask; the images of one query together may take four times as many.",
+        description="Bytes of one uploaded image or mask; the images of one query together may take four times as "
+        "many.",
     )
     max_pixels: int = Field(
         MAX_PIXELS, ge=1, description="Pixels of all images of one query together; checked before decoding."
@@ -133,8 +135,8 @@ class Settings(BaseSettings):
     log_format: Literal["console", "json"] = Field("console", description="Readable log, or one JSON object per line.")
 
     @field_validator(
-        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer", "oidc_audience",
-        "oidc_keys", mode="before",
+        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer",
+        "oidc_audience", "oidc_keys", mode="before",
     )  # fmt: skip
     @classmethod
     def _empty_means_unset(cls, value: object) -> object:
@@ -194,7 +196,8 @@ class Settings(BaseSettings):
         return Tokens(rules, IssuerKeys(self.oidc_keys))
 
     def timeout_s_of(self, method: Method, is_searching_field_of_view: bool = False) -> float:
-        """Return the seconds for a query of this method that names none itself; more where a field of view is searched as well."""
+        """Return the seconds for a query of this method that names none itself; more where a field of view is searched
+        as well."""
         is_long = method == "paper" or is_searching_field_of_view
         wanted = max(self.default_timeout_s, PAPER_TIMEOUT_S) if is_long else self.default_timeout_s
         return min(wanted, self.max_timeout_s)
@@ -206,7 +209,7 @@ class Settings(BaseSettings):
 
     @property
     def storage_url(self) -> str:
-        """Return where scans and map records live, for `service.storage.open_storage`."""
+        """Return where scans and map records live, for `panoloc.service.storage.open_storage`."""
         if self.has_bucket:
             return str(self.storage)
         return str(self.storage_folder)
@@ -224,7 +227,8 @@ class Settings(BaseSettings):
 
     @cached_property
     def bucket_access(self) -> BucketAccess | None:
-        """Return what processes need to use the bucket, None without one. The environment is read when this is asked for first."""
+        """Return what processes need to use the bucket, None without one. The environment is read when this is asked
+        for first."""
         if not self.has_bucket:
             return None
         variables = variables_of(self.storage_url, os.environ)

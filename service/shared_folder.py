@@ -7,13 +7,13 @@ import time
 
 import structlog
 
-from service.batches.runs import BatchRuns
-from service.batches.store import BatchStore
-from service.errors import TryAgainError
-from service.maps.registrations import Registrations
-from service.maps.registry import MapRegistry
-from service.sharing.change_signal import ChangeSignal
-from service.storage import Stamp, Storage
+from panoloc.service.batches.runs import BatchRuns
+from panoloc.service.batches.store import BatchStore
+from panoloc.service.errors import TryAgainError
+from panoloc.service.maps.registrations import Registrations
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.sharing.change_signal import ChangeSignal
+from panoloc.service.storage import Stamp, Storage
 
 _log = structlog.get_logger(__name__)
 

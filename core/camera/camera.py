@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from core.errors import OptionsError
+from panoloc.core.errors import OptionsError
 
 CameraModel = Literal["equirectangular", "pinhole", "opencv", "opencv_fisheye", "cylindrical"]
 CAMERA_MODELS: tuple[CameraModel, ...] = get_args(CameraModel)

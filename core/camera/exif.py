@@ -7,7 +7,7 @@ import math
 
 from PIL import Image
 
-from core.camera.camera import Camera, have_one_shape
+from panoloc.core.camera.camera import Camera, have_one_shape
 
 _EXIF_IFD = 0x8769
 _FOCAL_LENGTH_35MM = 0xA405

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
+from panoloc.core.camera.camera import Camera
 
 LARGEST_STEP = 2.0  # pixels of the image to one of the sphere; more would skip some
 

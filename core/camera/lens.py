@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
+from panoloc.core.camera.camera import Camera
 
 Array = NDArray[np.float64]
 MAX_PINHOLE_RAD = math.radians(85)  # from the axis: beyond it a pixel of a plane shows next to nothing

@@ -1,4 +1,5 @@
-"""From pixels to viewing directions, for each camera model: the inverse of `core.camera.lens`, in its convention."""
+"""From pixels to viewing directions, for each camera model: the inverse of `panoloc.core.camera.lens`, in its
+convention."""
 
 import math
 from collections.abc import Callable
@@ -6,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
-from core.camera.lens import MAX_PINHOLE_RAD, Array, distort, fisheye_radius, fold_of, project_to_image
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import MAX_PINHOLE_RAD, Array, distort, fisheye_radius, fold_of, project_to_image
 
 _MAX_STEPS = 20  # pixels that no direction reaches never converge
 _CONVERGED = 1e-10  # focal lengths

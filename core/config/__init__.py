@@ -3,13 +3,25 @@
 Where no other source is named, a figure was chosen by measurement on cases with known poses (docs/experiments.md).
 """
 
-from core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
-from core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, StartsConfig
-from core.config.judge import ChangeConfig, JudgeConfig
-from core.config.lines import LineConfig
-from core.config.localizer import LocalizerConfig, PaperConfig
-from core.config.refinement import HalvesConfig, PhotoRefinementConfig, RefinementConfig, StepConfig, StoppingRule
-from core.config.search import CameraCheckConfig, FieldOfViewConfig, PhotoSearchConfig, PoseDistance, SearchConfig
+from panoloc.core.config.imaging import CONTRAST, LIGHT_FIT, RENDERING, ContrastConfig, LightFitConfig, RenderingConfig
+from panoloc.core.config.index import DescriptorConfig, FineViewConfig, IndexConfig, StartsConfig
+from panoloc.core.config.judge import ChangeConfig, JudgeConfig
+from panoloc.core.config.lines import LineConfig
+from panoloc.core.config.localizer import LocalizerConfig, PaperConfig
+from panoloc.core.config.refinement import (
+    HalvesConfig,
+    PhotoRefinementConfig,
+    RefinementConfig,
+    StepConfig,
+    StoppingRule,
+)
+from panoloc.core.config.search import (
+    CameraCheckConfig,
+    FieldOfViewConfig,
+    PhotoSearchConfig,
+    PoseDistance,
+    SearchConfig,
+)
 
 __all__ = [
     "CONTRAST",

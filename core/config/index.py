@@ -3,12 +3,12 @@
 import hashlib
 from dataclasses import asdict, dataclass
 
-from core.config.imaging import CONTRAST, RENDERING
+from panoloc.core.config.imaging import CONTRAST, RENDERING
 
 
 @dataclass(frozen=True)
 class StartsConfig:
-    """Where the search starts (see `core.index.starts`)."""
+    """Where the search starts (see `panoloc.core.index.starts`)."""
 
     spacing_m: float = 0.5  # basin of convergence in a furnished room
     max_starts: int = 800
@@ -23,7 +23,7 @@ class StartsConfig:
 
 @dataclass(frozen=True)
 class DescriptorConfig:
-    """How patches are described (see `core.describe`), the same for an index and the queries to it."""
+    """How patches are described (see `panoloc.core.describe`), the same for an index and the queries to it."""
 
     patch_rows: int = 8  # paper, §4: 8 x 16 patches
     patch_columns: int = 16
@@ -36,7 +36,8 @@ class DescriptorConfig:
 
 @dataclass(frozen=True)
 class FineViewConfig:
-    """What a map keeps of its views for photos, which show few patches of 22 degrees (see `core.describe.fine_views`)."""
+    """What a map keeps of its views for photos, which show few patches of 22 degrees (see
+    `panoloc.core.describe.fine_views`)."""
 
     patch_rows: int = 16
     patch_columns: int = 32

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LineConfig:
-    """Edges, and the lines that they are of (see `core.lines`)."""
+    """Edges, and the lines that they are of (see `panoloc.core.lines`)."""
 
     rows: int = 512  # to a sphere, at which edges are looked for
     strongest_edges: int = 2000
@@ -22,9 +22,9 @@ class LineConfig:
     fewest_edges: int = 40
     least_walls: float = 0.6
     least_contrast: float = 0.2
-    # The hold on rotations that are refined (see `core.lines.line_hold`): of those that miss no more than this of what the best one has,
-    # the less the more they miss; noise of edges, how many of them, and how much they count beside the loss, on what starts see, in the
-    # rounds between, and at full resolution.
+    # The hold on rotations that are refined (see `panoloc.core.lines.line_hold`): of those that miss no more than this
+    # of what the best one has, the less the more they miss; noise of edges, how many of them, and how much they count
+    # beside the loss, on what starts see, in the rounds between, and at full resolution.
     held_within: float = 0.2
     hold_noise_deg: float = 2.5
     hold_edges: int = 400

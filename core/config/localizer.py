@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-from core.config.index import DescriptorConfig, FineViewConfig
-from core.config.judge import ChangeConfig, JudgeConfig
-from core.config.lines import LineConfig
-from core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig
-from core.config.search import CameraCheckConfig, FieldOfViewConfig, PhotoSearchConfig, SearchConfig
+from panoloc.core.config.index import DescriptorConfig, FineViewConfig
+from panoloc.core.config.judge import ChangeConfig, JudgeConfig
+from panoloc.core.config.lines import LineConfig
+from panoloc.core.config.refinement import PhotoRefinementConfig, RefinementConfig, StepConfig
+from panoloc.core.config.search import CameraCheckConfig, FieldOfViewConfig, PhotoSearchConfig, SearchConfig
 
 
 @dataclass(frozen=True)

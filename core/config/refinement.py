@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from core.config.search import PoseDistance
+from panoloc.core.config.search import PoseDistance
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class StoppingRule:
 
 @dataclass(frozen=True)
 class StepConfig:
-    """One step of Gauss-Newton (see `core.refine.gauss_newton`)."""
+    """One step of Gauss-Newton (see `panoloc.core.refine.gauss_newton`)."""
 
     fit_light: bool = True  # gain and offset per channel; labels have no light
     robust_scale: float = 2.5  # of the median residual; 1.0 and 1.5 lose poses, at full resolution millimetres
@@ -31,7 +31,7 @@ class StepConfig:
     max_turn_rad: float = 0.2
     max_move_m: float = 0.3
     damping: float = 1e-3  # of the diagonal; 1e-4 and 1e-2 are worse
-    # Of points that are aligned patch by patch (see `core.refine.patch_step`).
+    # Of points that are aligned patch by patch (see `panoloc.core.refine.patch_step`).
     min_patch_variance: float = 1e-3  # of aligned colours; below it contrast is noise
     patch_robust_scale: float | None = None  # of the median residual, as robust_scale; None: points keep their vote
     min_patch_ratio: float = 1e-4  # floor of that median, squared and over the variance of a patch
@@ -45,7 +45,8 @@ class StepConfig:
 
 @dataclass(frozen=True)
 class HalvesConfig:
-    """Whether halves of a picture, refined apart from the pose found, meet at one (see `core.refine.halves`)."""
+    """Whether halves of a picture, refined apart from the pose found, meet at one (see
+    `panoloc.core.refine.halves`)."""
 
     square_deg: float = 11.25  # of the chessboard that parts them
     rows: int = 128  # of the level they are refined on: finer ones hold them where they are
@@ -55,7 +56,8 @@ class HalvesConfig:
 
 @dataclass(frozen=True)
 class RefinementConfig:
-    """Refinement coarse to fine (see `core.fast.fast_method`). Iterations: at most; heights: rows of an image."""
+    """Refinement coarse to fine (see `panoloc.core.fast.fast_method`). Iterations: at most; heights: rows of an
+    image."""
 
     start_view_height: int = 64  # rows of the views from starts
     coarse_points: int = 1024  # seen from the start, spread evenly over the sphere
@@ -92,7 +94,7 @@ class RefinementConfig:
 
 @dataclass(frozen=True)
 class PhotoRefinementConfig:
-    """What is different in the refinement of photos (see `core.refine.photo_points`)."""
+    """What is different in the refinement of photos (see `panoloc.core.refine.photo_points`)."""
 
     coarse_points: int = 400  # that the photos show
     # Where points are aligned by patches they are so many only for photos that show this share of the sphere or less, as one of 69
@@ -114,9 +116,9 @@ class PhotoRefinementConfig:
     middle_margin: float = 0.15
     fine_margin: float = 0.15
     middle_points: int = 2048
-    # Photos in colours are aligned patch by patch (see `core.refine.patch_step`): degrees that a patch is high and wide on what starts see,
-    # at full resolution, and in rounds between them, with their rows and robust scale. Where poses are nearly right points keep their vote:
-    # they come half as near without it.
+    # Photos in colours are aligned patch by patch (see `panoloc.core.refine.patch_step`): degrees that a patch is high
+    # and wide on what starts see, at full resolution, and in rounds between them, with their rows and robust scale.
+    # Where poses are nearly right points keep their vote: they come half as near without it.
     rough_patch_deg: float = 22.5
     fine_patch_deg: float = 11.25
     patch_rounds: tuple[tuple[int, float, float | None], ...] = ((64, 22.5, 2.0), (64, 22.5, 2.0), (128, 11.25, None))

@@ -13,7 +13,7 @@ class PoseDistance:
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """The search over all starts and rotations (see `core.search`)."""
+    """The search over all starts and rotations (see `panoloc.core.search`)."""
 
     num_rotations: int = 2304  # spacing about 18 degrees, within the basin of refinement
     # A first pass with pairs of rows and columns of patches taken together discards most starts.
@@ -38,7 +38,7 @@ class SearchConfig:
 
 @dataclass(frozen=True)
 class PhotoSearchConfig:
-    """The search for photos, over all starts and more rotations (see `core.search.photo_search`)."""
+    """The search for photos, over all starts and more rotations (see `panoloc.core.search.photo_search`)."""
 
     num_rotations: int = 9216  # spacing about 11 degrees
     # People hold cameras level: poses tilted no more than this are searched first, and densely. An answer that is this sure is the answer;
@@ -49,8 +49,9 @@ class PhotoSearchConfig:
     sure_at_end: float = 0.7
     limited_rotations: int = 36_864  # spacing about 7 degrees, where hints, gravity or level cameras leave few of them
     limited_rescored_poses: int = 2500  # of these
-    # Lines of photos say how a camera is turned (see `core.search.line_evidence`). Of so many rotations, 3.5 degrees apart, this share
-    # is searched first, the best of it so far apart; of their poses so many are scored by pixels.
+    # Lines of photos say how a camera is turned (see `panoloc.core.search.line_evidence`). Of so many rotations, 3.5
+    # degrees apart, this share is searched first, the best of it so far apart; of their poses so many are scored by
+    # pixels.
     line_rotations: int = 294_912
     line_margin_deg: float = 2.0
     likely_share: float = 0.02
@@ -61,8 +62,9 @@ class PhotoSearchConfig:
     likely_histogram_weight: float = 0.08
     likely_rescored_poses: int = 1000
     likely_rescored_pixels: int = 250_000
-    # The best of these are scored once more at places around their starts (see `core.search.position_sweep`), the best of which are so far
-    # apart; and the first of them on finer pictures at places around those. Of all places together so many pixels, fewer poses of many.
+    # The best of these are scored once more at places around their starts (see `panoloc.core.search.position_sweep`),
+    # the best of which are so far apart; and the first of them on finer pictures at places around those. Of all places
+    # together so many pixels, fewer poses of many.
     swept: int = 80
     fewest_swept: int = 8
     swept_distinct: PoseDistance = PoseDistance(0.4, 10.0)
@@ -120,7 +122,8 @@ class PhotoSearchConfig:
 
 @dataclass(frozen=True)
 class FieldOfViewConfig:
-    """How the field of view of a photo is found that nobody knows (see `core.fast.field_of_view`). Steps: factors of the focal length."""
+    """How the field of view of a photo is found that nobody knows (see `panoloc.core.fast.field_of_view`). Steps:
+    factors of the focal length."""
 
     search_step: float = 1.14  # the search bears focal lengths that are 7 % off
     most_tried: int = 3  # of the fields of view that the search likes best, refined one after the other
@@ -135,7 +138,8 @@ class FieldOfViewConfig:
 
 @dataclass(frozen=True)
 class CameraCheckConfig:
-    """When photos are held to contradict the focal length that they are said to have (see `core.fast.camera_check`).
+    """When photos are held to contradict the focal length that they are said to have (see
+    `panoloc.core.fast.camera_check`).
 
     How strongly they do is the logarithm of the factor by which it is off, times the root of the information that they have of it.
     """

@@ -10,10 +10,10 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from core.config import FineViewConfig
-from core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid
+from panoloc.core.config import FineViewConfig
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
+from panoloc.core.describe.patch_histograms import described_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid
 
 _VIEWS_AT_ONCE = 256
 

@@ -5,7 +5,7 @@ patches and view patches (so that starts that resemble everything and patches th
 equals centring the descriptors of each side by their latitude-weighted mean. A basis of the map's own principal directions then keeps
 32 of 512 numbers.
 
-Paper: §3.2 uses the histogram intersection, kept in `core.paper.intersection` and used by the `paper` method.
+Paper: §3.2 uses the histogram intersection, kept in `panoloc.core.paper.intersection` and used by the `paper` method.
 Deviation: on the hardest shared queries the square root lifts the right start among the first 8 from 0.93 to 0.98 at 7 ms instead
 of 66 ms per 638 starts (docs/experiments.md).
 """
@@ -99,7 +99,8 @@ def pooled(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
 def similarity_tensor(query: Tensor, views: Tensor) -> Tensor:
     """Return the centred similarity I (T, P, P) of query patches (P, D) (first) and view patches (T, P, D) (second).
 
-    In memory the start comes last, so that the gather of `core.search.pose_scores` reads whole rows and nothing has to be copied.
+    In memory the start comes last, so that the gather of `panoloc.core.search.pose_scores` reads whole rows and nothing
+    has to be copied.
     """
     num_views, num_patches, size = views.shape
     product = query @ views.transpose(0, 1).reshape(-1, size).T

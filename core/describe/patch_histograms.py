@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from core.describe.spherical_patches import PatchGrid
-from core.light.color_equalization import equalize
-from core.light.local_contrast import local_contrast
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.light.color_equalization import equalize
+from panoloc.core.light.local_contrast import local_contrast
 
 
 def hard_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:

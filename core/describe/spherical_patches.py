@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.geometry.projection import pixel_directions, pixel_solid_angles, project
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, project
 
 
 @dataclass(frozen=True)

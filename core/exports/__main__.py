@@ -1,4 +1,4 @@
-"""`python -m core.exports TOUR.json FORMAT TARGET`: write an export into a folder, or into a `.zip`.
+"""`python -m panoloc.core.exports TOUR.json FORMAT TARGET`: write an export into a folder, or into a `.zip`.
 
 A refusal is reported on standard error in one line, with exit code 3.
 """
@@ -10,10 +10,10 @@ import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from core.errors import CoreError
-from core.exports.formats import EXPORTERS, export
-from core.exports.tour import ExportedFile
-from core.exports.tour_file import read_tour
+from panoloc.core.errors import CoreError
+from panoloc.core.exports.formats import EXPORTERS, export
+from panoloc.core.exports.tour import ExportedFile
+from panoloc.core.exports.tour_file import read_tour
 
 REFUSED = 3
 _EARLIEST = (1980, 1, 1, 0, 0, 0)  # of zip files: the same photos make the same bytes

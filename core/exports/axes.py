@@ -6,7 +6,7 @@ Source: the conventions of each format; camera coordinates of ours are x forward
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose, quaternion_of
+from panoloc.core.geometry.pose import Pose, quaternion_of
 
 Matrix = NDArray[np.float64]
 

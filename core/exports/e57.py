@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from core.errors import ExportRefusedError
-from core.exports.axes import quaternion_wxyz
-from core.exports.e57_scans import copy_scans
-from core.exports.image_kind import why_not_as_named
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
-from core.options import ScanOptions
-from core.scan.reading import read_scan
+from panoloc.core.errors import ExportRefusedError
+from panoloc.core.exports.axes import quaternion_wxyz
+from panoloc.core.exports.e57_scans import copy_scans
+from panoloc.core.exports.image_kind import why_not_as_named
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading import read_scan
 
 _BLOBS = {".jpg": "jpegImage", ".jpeg": "jpegImage", ".png": "pngImage"}
 

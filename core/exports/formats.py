@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from core.errors import ExportRefusedError
-from core.exports import e57, robots, viewers
-from core.exports.earth import arcgis, geojson, gpano, stac
-from core.exports.earth.placing import grid_of
-from core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
-from core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
-from core.options import FORMATS_ON_EARTH, ExportFormat
-from core.shown_name import shown_name
+from panoloc.core.errors import ExportRefusedError
+from panoloc.core.exports import e57, robots, viewers
+from panoloc.core.exports.earth import arcgis, geojson, gpano, stac
+from panoloc.core.exports.earth.placing import grid_of
+from panoloc.core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
+from panoloc.core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
+from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
+from panoloc.core.shown_name import shown_name
 
 North = Literal["map", "grid", "true"]
 UNPLACED = "unplaced.txt"

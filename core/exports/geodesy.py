@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core import geodesy
-from core.exports.tour import Georeference
-from core.geometry.pose import Pose
-from core.georeference import HeightReference
+from panoloc.core import geodesy
+from panoloc.core.exports.tour import Georeference
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.georeference import HeightReference
 
 
 @dataclass(frozen=True)

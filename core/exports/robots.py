@@ -5,10 +5,10 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from core.exports.geodesy import earth_pose
-from core.exports.number_text import TIME_DECIMALS, plain
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
-from core.geometry.pose import quaternion_of
+from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.number_text import TIME_DECIMALS, plain
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
+from panoloc.core.geometry.pose import quaternion_of
 
 FRAME_ID = "map"
 RADIUS_PER_SIGMA = 1.872

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from core.geometry.pose import Pose
+from panoloc.core.geometry.pose import Pose
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any
 
 from PIL import Image
 
-from core.exports.tour import Georeference, LeftOut, PlacedPhoto, Tour
-from core.geometry.pose import Pose
+from panoloc.core.exports.tour import Georeference, LeftOut, PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
 
 _EXIF_IFD, _TAKEN, _TAKEN_OFFSET, _TAKEN_FRACTION, _ORIENTATION = 0x8769, 0x9003, 0x9011, 0x9291, 0x0112
 _ON_ITS_SIDE = (5, 6, 7, 8)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.exports.angles import photo_angles
-from core.exports.axes import GL_FROM_FLU, Y_UP_FROM_Z_UP, quaternion_wxyz
-from core.exports.number_text import TIME_DECIMALS, fixed, plain
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
-from core.geometry.pose import quaternion_of
+from panoloc.core.exports.angles import photo_angles
+from panoloc.core.exports.axes import GL_FROM_FLU, Y_UP_FROM_Z_UP, quaternion_wxyz
+from panoloc.core.exports.number_text import TIME_DECIMALS, fixed, plain
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
+from panoloc.core.geometry.pose import quaternion_of
 
 _POTREE_COLUMNS = ("filename", "time", "long", "lat", "alt", "course", "pitch", "roll")
 _NAVVIS_COLUMNS = (

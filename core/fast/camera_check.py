@@ -2,21 +2,21 @@
 
 A crop, a zoom, a video of a phone that shows less than its photos: a field of view that is some degrees off puts a camera decimetres too
 near or too far, and everything else fits, so that no score tells. But a focal length that is refined with the pose comes out right where
-photos have any information of it, and how much they have is known (see `core.refine.focal_refinement`).
+photos have any information of it, and how much they have is known (see `panoloc.core.refine.focal_refinement`).
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from core.config import LocalizerConfig
-from core.fast.fast_method import FastMethod
-from core.fast.field_of_view import focal_uncertainty
-from core.index.map_index import MapIndex
-from core.judge.hypotheses import MethodResult
-from core.options import Hints
-from core.panorama.session import Session, with_focal_factor
-from core.stage_clock import StageClock
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.fast.fast_method import FastMethod
+from panoloc.core.fast.field_of_view import focal_uncertainty
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.hypotheses import MethodResult
+from panoloc.core.options import Hints
+from panoloc.core.panorama.session import Session, with_focal_factor
+from panoloc.core.stage_clock import StageClock
 
 _WHAT_TO_DO = (
     "check fx_px, hfov_deg or the focal length in the EXIF data, and whether images were cropped or zoomed; "

@@ -4,15 +4,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from core.config import LocalizerConfig
-from core.fast.refinement_steps import RefinementSteps
-from core.judge.agreement import likeness
-from core.judge.hypotheses import Hypothesis, by_map, by_score, distinct, merged, with_distinctness
-from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery
-from core.refine.refinement import CandidatePoints
-from core.stage_clock import StageClock
-from core.views.comparison import Comparison
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.fast.refinement_steps import RefinementSteps
+from panoloc.core.judge.agreement import likeness
+from panoloc.core.judge.hypotheses import Hypothesis, by_map, by_score, distinct, merged, with_distinctness
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.prepared_query import MapQuery
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.stage_clock import StageClock
+from panoloc.core.views.comparison import Comparison
 
 
 @dataclass

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from core.config import PhotoRefinementConfig, SearchConfig
-from core.judge.hypotheses import Hypothesis
-from core.prepared_query import MapQuery
-from core.search.map_search import MapCandidates
+from panoloc.core.config import PhotoRefinementConfig, SearchConfig
+from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.prepared_query import MapQuery
+from panoloc.core.search.map_search import MapCandidates
 
 
 def best_candidates(queries: Sequence[MapQuery], found: Sequence[MapCandidates], count: int) -> list[Hypothesis]:

@@ -8,17 +8,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from core.camera.camera import Camera
-from core.config import FieldOfViewConfig
-from core.errors import OptionsError
-from core.fast.fast_method import FastMethod
-from core.index.map_index import MapIndex
-from core.judge.hypotheses import Hypothesis
-from core.options import Hints
-from core.panorama.session import Session, with_focal_factor
-from core.results import Localization
-from core.stage_clock import StageClock
-from core.views.comparison import Comparison
+from panoloc.core.camera.camera import Camera
+from panoloc.core.config import FieldOfViewConfig
+from panoloc.core.errors import OptionsError
+from panoloc.core.fast.fast_method import FastMethod
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.options import Hints
+from panoloc.core.panorama.session import Session, with_focal_factor
+from panoloc.core.results import Localization
+from panoloc.core.stage_clock import StageClock
+from panoloc.core.views.comparison import Comparison
 
 _AT_BOUND_DEG = 0.1
 

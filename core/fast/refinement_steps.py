@@ -6,18 +6,18 @@ from dataclasses import replace
 
 import torch
 
-from core.config import LocalizerConfig, StepConfig, StoppingRule
-from core.fast.candidates import most_promising
-from core.judge.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
-from core.panorama.image_level import ImageLevel
-from core.prepared_panorama import PreparedPanorama
-from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery, by_colors, within_limits
-from core.refine.focal_refinement import FocalRefined, refine_with_focal
-from core.refine.halves import halves_apart
-from core.refine.refinement import CandidatePoints, joined, refine
-from core.refine.rig_level import RigLevel
-from core.stage_clock import StageClock
+from panoloc.core.config import LocalizerConfig, StepConfig, StoppingRule
+from panoloc.core.fast.candidates import most_promising
+from panoloc.core.judge.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
+from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.prepared_panorama import PreparedPanorama
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.prepared_query import MapQuery, by_colors, within_limits
+from panoloc.core.refine.focal_refinement import FocalRefined, refine_with_focal
+from panoloc.core.refine.halves import halves_apart
+from panoloc.core.refine.refinement import CandidatePoints, joined, refine
+from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.stage_clock import StageClock
 
 
 class RefinementSteps:

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from core.config import PoseDistance
+from panoloc.core.config import PoseDistance
 
 Flags = NDArray[np.bool_]
 

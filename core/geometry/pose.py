@@ -11,8 +11,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import OptionsError
-from core.options import Frame
+from panoloc.core.errors import OptionsError
+from panoloc.core.options import Frame
 
 FRAMES: tuple[Frame, ...] = get_args(Frame)
 

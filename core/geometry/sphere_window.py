@@ -10,7 +10,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from core.geometry.projection import pixel_solid_angles, project, unproject
+from panoloc.core.geometry.projection import pixel_solid_angles, project, unproject
 
 _ROUNDING = 1e-6  # of a cell
 _SECTORS = 720  # of the horizon, in which its used part is told from the rest

@@ -12,19 +12,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from core.config import IndexConfig, StartsConfig
-from core.describe.fine_views import FineViewCollector, RenderedViews, histograms_of_views
-from core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
-from core.describe.spherical_patches import PatchGrid
-from core.index.map_index import INDEX_VERSION, MapIndex
-from core.index.starts import Starts, grid_starts, octree_starts
-from core.light.color_equalization import LabelCodes, label_codes
-from core.options import IndexOptions
-from core.scan.point_cloud import PointCloud
-from core.scan.voxel_thinning import thin_to_spacing
-from core.views.described_view import views_to_describe
-from core.views.render_cloud import RenderCloud, make_render_cloud, point_spacing
-from core.views.synthetic_view import RENDER_BATCH
+from panoloc.core.config import IndexConfig, StartsConfig
+from panoloc.core.describe.fine_views import FineViewCollector, RenderedViews, histograms_of_views
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.index.map_index import INDEX_VERSION, MapIndex
+from panoloc.core.index.starts import Starts, grid_starts, octree_starts
+from panoloc.core.light.color_equalization import LabelCodes, label_codes
+from panoloc.core.options import IndexOptions
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.voxel_thinning import thin_to_spacing
+from panoloc.core.views.described_view import views_to_describe
+from panoloc.core.views.render_cloud import RenderCloud, make_render_cloud, point_spacing
+from panoloc.core.views.synthetic_view import RENDER_BATCH
 
 Progress = Callable[[str, float], None]
 

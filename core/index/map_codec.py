@@ -15,11 +15,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from core.describe.fine_views import FineViews
-from core.describe.patch_descriptors import ViewDescriptors
-from core.errors import IndexFormatError
-from core.index.map_index import INDEX_VERSION, MapIndex
-from core.light.color_equalization import LabelCodes
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.describe.patch_descriptors import ViewDescriptors
+from panoloc.core.errors import IndexFormatError
+from panoloc.core.index.map_index import INDEX_VERSION, MapIndex
+from panoloc.core.light.color_equalization import LabelCodes
 
 Bytes = NDArray[np.uint8]
 _MAGIC = b"PLMI"

@@ -1,13 +1,13 @@
 """What the operator should know of a map that became ready although it can hardly serve.
 
-The readers of `core.scan` note what they did to the file; here is what only the finished index shows.
+The readers of `panoloc.core.scan` note what they did to the file; here is what only the finished index shows.
 """
 
 import numpy as np
 
-from core.index.map_index import MapIndex
-from core.options import IndexOptions
-from core.scan.point_cloud import Diagnostic
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import IndexOptions
+from panoloc.core.scan.point_cloud import Diagnostic
 
 # A furnished room of 12 m² scanned with fewer covers less than a sixth of what its best start could see, measured.
 _FEW_POINTS = 1000

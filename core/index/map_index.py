@@ -8,12 +8,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from core.describe.fine_views import FineViews
-from core.describe.patch_descriptors import ViewDescriptors, pooled
-from core.index.wall_axes import wall_axes
-from core.light.color_equalization import LabelCodes
-from core.options import ColorKind
-from core.views.render_cloud import RenderCloud, make_render_cloud
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, pooled
+from panoloc.core.index.wall_axes import wall_axes
+from panoloc.core.light.color_equalization import LabelCodes
+from panoloc.core.options import ColorKind
+from panoloc.core.views.render_cloud import RenderCloud, make_render_cloud
 
 INDEX_VERSION = 5  # of what an index holds and means; rises with every change, so that older ones are built again
 _RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
@@ -97,7 +97,8 @@ class MapIndex:
 
     @cached_property
     def wall_axes(self) -> tuple[Tensor, float]:
-        """Return the axes that the walls are built along, and the share of the walls that are (see `core.index.wall_axes`); made once."""
+        """Return the axes that the walls are built along, and the share of the walls that are (see
+        `panoloc.core.index.wall_axes`); made once."""
         with torch.inference_mode(False):
             return wall_axes(self.positions)
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.config import StartsConfig
-from core.errors import OptionsError
+from panoloc.core.config import StartsConfig
+from panoloc.core.errors import OptionsError
 
 FloatArray = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from core.config import JudgeConfig
-from core.judge.hypotheses import Hypothesis
-from core.judge.patch_correlation import correlation, correlation_in_patches, in_patches, in_shifted_patches
-from core.views.comparison import Comparison
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.judge.patch_correlation import correlation, correlation_in_patches, in_patches, in_shifted_patches
+from panoloc.core.views.comparison import Comparison
 
 
 @dataclass(frozen=True)

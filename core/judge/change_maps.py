@@ -12,12 +12,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from core.config import ChangeConfig
-from core.geometry.projection import pixel_directions, project, sample_bilinear, wrap_border
-from core.light.light_fit import fit_gain_offset
-from core.views.comparison import Comparison
-from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import visible_points
+from panoloc.core.config import ChangeConfig
+from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear, wrap_border
+from panoloc.core.light.light_fit import fit_gain_offset
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.render_cloud import RenderCloud
+from panoloc.core.views.synthetic_view import visible_points
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from importlib import resources
 
 import torch
 
-from core.config import JudgeConfig
-from core.judge.hypotheses import Hypothesis
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.hypotheses import Hypothesis
 
 RIGHT_M, RIGHT_DEG = 0.3, 10.0  # nearer than both a pose is right
 _HELD = 0.68  # of the poses are within their radii
@@ -65,7 +65,7 @@ class ConfidenceModel:
 
 def load_confidence_model() -> ConfidenceModel:
     """Read the fitted coefficients that ship with the package."""
-    data = json.loads(resources.files("core.judge").joinpath("confidence.json").read_text())
+    data = json.loads(resources.files("panoloc.core.judge").joinpath("confidence.json").read_text())
     return ConfidenceModel(
         data["intercept"],
         data["coefficients"],

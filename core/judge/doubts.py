@@ -4,10 +4,10 @@ show, images that show next to nothing, a field of view at the end of its bounds
 from collections.abc import Sequence
 from dataclasses import replace
 
-from core.config import JudgeConfig
-from core.judge.confidence import share_within
-from core.judge.photo_agreement import PhotoAgreement
-from core.results import Localization
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.confidence import share_within
+from panoloc.core.judge.photo_agreement import PhotoAgreement
+from panoloc.core.results import Localization
 
 
 class Doubts:

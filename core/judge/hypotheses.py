@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from core.config import PoseDistance
-from core.geometry.distinct_poses import first_distinct
-from core.geometry.rotations import rotation_angle
-from core.refine.refinement import Refined
-from core.views.comparison import Comparison
-from core.views.render_cloud import RenderCloud
+from panoloc.core.config import PoseDistance
+from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.geometry.rotations import rotation_angle
+from panoloc.core.refine.refinement import Refined
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.render_cloud import RenderCloud
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class MethodResult:
     """What a method returns: hypotheses, best first; the comparison of the best one with its scan at full size; and counts for the log.
 
     edges_deg: how long all edges of photos are together, degrees; None of panoramas and of labels. focal_pull: how strongly photos want
-    another focal length at the best pose (see `core.fast.camera_check`).
+    another focal length at the best pose (see `panoloc.core.fast.camera_check`).
     """
 
     hypotheses: list[Hypothesis]

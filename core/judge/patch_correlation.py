@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from core.geometry.sphere_window import SphereWindow
+from panoloc.core.geometry.sphere_window import SphereWindow
 
 
 def correlation(first: Tensor, second: Tensor, share: Tensor, floor: float, joint_channels: bool = False) -> Tensor:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import JudgeConfig
-from core.judge.patch_correlation import correlation, correlation_in_patches, in_patches
-from core.views.comparison import Comparison
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.patch_correlation import correlation, correlation_in_patches, in_patches
+from panoloc.core.views.comparison import Comparison
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from core.config import JudgeConfig
-from core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, share_within
-from core.judge.hypotheses import Hypothesis, distinct, with_distinctness
-from core.options import Status
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.confidence import ConfidenceModel, error_radii, features_of, formal_radii, share_within
+from panoloc.core.judge.hypotheses import Hypothesis, distinct, with_distinctness
+from panoloc.core.options import Status
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from core.config import LIGHT_FIT
+from panoloc.core.config import LIGHT_FIT
 
 
 def fit_gain_offset(source: Tensor, target: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:

@@ -13,8 +13,8 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from core.config import CONTRAST
-from core.geometry.sphere_window import SphereWindow
+from panoloc.core.config import CONTRAST
+from panoloc.core.geometry.sphere_window import SphereWindow
 
 _ROWS = CONTRAST.rows
 

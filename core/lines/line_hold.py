@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import LineConfig
-from core.lines.edge_model import LEAST_SINE, alignment_ratio
-from core.lines.photo_edges import Edges
+from panoloc.core.config import LineConfig
+from panoloc.core.lines.edge_model import LEAST_SINE, alignment_ratio
+from panoloc.core.lines.photo_edges import Edges
 
 
 @dataclass(frozen=True)

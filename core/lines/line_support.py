@@ -10,10 +10,10 @@ import math
 import torch
 from torch import Tensor
 
-from core.config import LineConfig
-from core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
-from core.lines.edge_model import LEAST_SINE, alignment_ratio
-from core.lines.photo_edges import Edges
+from panoloc.core.config import LineConfig
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, sample_planes, wrap_border
+from panoloc.core.lines.edge_model import LEAST_SINE, alignment_ratio
+from panoloc.core.lines.photo_edges import Edges
 
 _REACH = 3.0  # of the noise of edges
 _AXES_AT_ONCE = 1024  # what they are to all edges stays in the processor's cache

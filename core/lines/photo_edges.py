@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import LineConfig
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_level import PhotoWindows
+from panoloc.core.config import LineConfig
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_level import PhotoWindows
 
 _DARKEST = 0.05  # added to colours before their logarithm is taken, so that noise in the dark is no edge
 _SURELY_VALID = 0.999

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.errors import PanoramaTooLargeError, PanoramaUnusableError
+from panoloc.core.errors import PanoramaTooLargeError, PanoramaUnusableError
 
 MIN_HEIGHT = 64  # rows of a full sphere in which anything can be told apart
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from core.errors import MaskShapeError, PanoramaDamagedError
-from core.panorama.image_header import KNOWN_FORMATS, MASK, Upload, check_image
-from core.panorama.png_rows import check_png_rows
+from panoloc.core.errors import MaskShapeError, PanoramaDamagedError
+from panoloc.core.panorama.image_header import KNOWN_FORMATS, MASK, Upload, check_image
+from panoloc.core.panorama.png_rows import check_png_rows
 
 # Four bytes each in Pillow, and a dozen in what is computed of them.
 _MOST_WHOLE_PIXELS = 1 << 25

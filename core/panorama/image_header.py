@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from core.errors import (
+from panoloc.core.errors import (
     CoreError,
     MaskDamagedError,
     MaskFormatError,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.geometry.projection import fill_border
+from panoloc.core.geometry.projection import fill_border
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ A file is refused here only where the reader would find nothing either: what is 
 import struct
 from collections.abc import Sequence
 
-from core.errors import PanoramaShapeError
-from core.panorama.image_header import numbered, read_image_header
+from panoloc.core.errors import PanoramaShapeError
+from panoloc.core.panorama.image_header import numbered, read_image_header
 
 _START_OF_SCAN = 0xDA
 # Of EXIF data, of GPano fields, and of the orientation in an XMP packet.

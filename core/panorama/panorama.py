@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import PanoramaShapeError
+from panoloc.core.errors import PanoramaShapeError
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
-from core.camera.image_on_sphere import (
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.image_on_sphere import (
     LARGEST_STEP,
     directions_of_grid,
     sample_image,
@@ -18,10 +18,10 @@ from core.camera.image_on_sphere import (
     small_sphere_directions,
     sphere_directions,
 )
-from core.camera.lens import project_to_image, share_with_direction
-from core.errors import OptionsError, PanoramaUnusableError
-from core.panorama.panorama import Panorama
-from core.panorama.session import Photo
+from panoloc.core.camera.lens import project_to_image, share_with_direction
+from panoloc.core.errors import OptionsError, PanoramaUnusableError
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Photo
 
 _MIN_ROWS, _MAX_ROWS = 256, 1024  # of the sphere; refinement looks no closer than at 512
 _COARSEST_ROWS = 16  # windows begin and end at whole pixels of a sphere of so many rows

@@ -12,15 +12,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from core.camera.image_on_sphere import small_sphere_directions
-from core.camera.lens import project_to_image
-from core.errors import PanoramaUnusableError
-from core.geometry.projection import pixel_solid_angles, unproject
-from core.geometry.rotations import even_directions
-from core.light.color_equalization import LabelCodes
-from core.panorama.photo import PhotoOnWindow, photo_on_window
-from core.panorama.photo_level import PhotoWindows
-from core.panorama.session import Photo, Session, session_from_rig
+from panoloc.core.camera.image_on_sphere import small_sphere_directions
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.errors import PanoramaUnusableError
+from panoloc.core.geometry.projection import pixel_solid_angles, unproject
+from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.light.color_equalization import LabelCodes
+from panoloc.core.panorama.photo import PhotoOnWindow, photo_on_window
+from panoloc.core.panorama.photo_level import PhotoWindows
+from panoloc.core.panorama.session import Photo, Session, session_from_rig
 
 _LEAST_ROWS = 256
 _EXTENT_LEVEL = 32  # rows of the windows that tell what photos show

@@ -6,10 +6,10 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from core.config import CONTRAST
-from core.light.color_equalization import equalize
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_level import PhotoLevel, PhotoWindows
+from panoloc.core.config import CONTRAST
+from panoloc.core.light.color_equalization import equalize
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_level import PhotoLevel, PhotoWindows
 
 _SURROUNDINGS_ROWS = 32  # of the windows whose pixels stand for what is around
 
@@ -21,7 +21,7 @@ def equalized_windows(windows: PhotoWindows) -> Tensor:
 
 
 class PhotoContrast:
-    """The local contrast of the photos of an atlas, as `core.light.local_contrast` has it for a sphere."""
+    """The local contrast of the photos of an atlas, as `panoloc.core.light.local_contrast` has it for a sphere."""
 
     def __init__(self, atlas: PhotoAtlas) -> None:
         self._atlas = atlas

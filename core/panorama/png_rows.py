@@ -4,7 +4,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 
-from core.panorama.image_header import Upload
+from panoloc.core.panorama.image_header import Upload
 
 _SIGNATURE_BYTES = 8
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}

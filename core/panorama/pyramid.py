@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from core.geometry.projection import pixel_solid_angles
-from core.light.color_equalization import LabelCodes, apply_tables, equalize
-from core.panorama.panorama import Panorama
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.light.color_equalization import LabelCodes, apply_tables, equalize
+from panoloc.core.panorama.panorama import Panorama
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 EXIF orientation is honoured. GPano crop fields place a cropped panorama in the full sphere. A photo is placed there by its camera: the one
 that the caller describes, else a pinhole of the focal length that EXIF gives. Without any of these anything but 2:1 is an error. An
-alpha channel or a separate mask marks pixels to ignore, and what is found not to be the place (`core.panorama.missing`) is ignored as well.
+alpha channel or a separate mask marks pixels to ignore, and what is found not to be the place
+(`panoloc.core.panorama.missing`) is ignored as well.
 """
 
 import math
@@ -12,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.camera.camera import Camera, CameraDescription, have_one_shape
-from core.camera.exif import camera_of_photo, rounding_share, size_when_taken
-from core.errors import MaskShapeError, PanoramaUnusableError
-from core.options import MAX_PIXELS
-from core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
-from core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
-from core.panorama.image_header import IMAGE
-from core.panorama.known_camera import cropped_error, is_full_sphere, no_camera_error, perhaps_cropped
-from core.panorama.missing.finding import find_missing
-from core.panorama.panorama import Panorama
-from core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
-from core.panorama.session import Photo
+from panoloc.core.camera.camera import Camera, CameraDescription, have_one_shape
+from panoloc.core.camera.exif import camera_of_photo, rounding_share, size_when_taken
+from panoloc.core.errors import MaskShapeError, PanoramaUnusableError
+from panoloc.core.options import MAX_PIXELS
+from panoloc.core.panorama.gpano import MIN_HEIGHT, crop_fields, place_crop
+from panoloc.core.panorama.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
+from panoloc.core.panorama.image_header import IMAGE
+from panoloc.core.panorama.known_camera import cropped_error, is_full_sphere, no_camera_error, perhaps_cropped
+from panoloc.core.panorama.missing.finding import find_missing
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.photo import FINEST_PX_PER_RAD, check_share, photo_on_sphere
+from panoloc.core.panorama.session import Photo
 
 _DRAFT_HEIGHT = 512  # nothing looks closer; a JPEG of twice this or more is decoded at a half, a quarter or an eighth
 

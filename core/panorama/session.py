@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
-from core.errors import PanoramaShapeError
-from core.geometry.pose import Pose
-from core.options import SessionOptions
-from core.panorama.panorama import Panorama
+from panoloc.core.camera.camera import Camera
+from panoloc.core.errors import PanoramaShapeError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import SessionOptions
+from panoloc.core.panorama.panorama import Panorama
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from core.panorama.photo import photo_on_sphere
-from core.panorama.session import Session, session_from_rig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.photo import photo_on_sphere
+from panoloc.core.panorama.session import Session, session_from_rig
 
 
 def session_on_sphere(session: Session) -> tuple[Panorama, Pose]:

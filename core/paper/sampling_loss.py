@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import PaperConfig
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import project, sample_bilinear
-from core.geometry.rotations import rotation_from_vector
-from core.paper.score_maps import sample_patch_map
+from panoloc.core.config import PaperConfig
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.projection import project, sample_bilinear
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.paper.score_maps import sample_patch_map
 
 _LEAST = 1e-12
 _NOTHING_IN_VIEW = 2.0  # weights are at most one, and colours differ by no more than the root of three

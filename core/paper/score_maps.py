@@ -6,8 +6,8 @@ Paper: §3.2, Eq. 2 (2D) and Eq. 3 (3D). Both are reductions of the intersection
 import torch
 from torch import Tensor
 
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import project
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.projection import project
 
 
 def score_map_2d(tensor: Tensor, table: Tensor) -> Tensor:

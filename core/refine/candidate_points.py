@@ -6,16 +6,16 @@ Points behind a wall must not vote (docs/method.md): both kinds come out of a z-
 import torch
 from torch import Tensor
 
-from core.config import RefinementConfig
-from core.geometry.projection import pixel_solid_angles, pixels_towards
-from core.geometry.rotations import even_directions
-from core.index.map_index import MapIndex
-from core.light.color_equalization import equalize
-from core.light.local_contrast import mixed_with_contrast
-from core.refine.refinement import CandidatePoints
-from core.views.comparison import Comparison
-from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import RENDER_BATCH, SyntheticViews, halve, render_views
+from panoloc.core.config import RefinementConfig
+from panoloc.core.geometry.projection import pixel_solid_angles, pixels_towards
+from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.light.color_equalization import equalize
+from panoloc.core.light.local_contrast import mixed_with_contrast
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.render_cloud import RenderCloud
+from panoloc.core.views.synthetic_view import RENDER_BATCH, SyntheticViews, halve, render_views
 
 
 def points_seen_from_starts(

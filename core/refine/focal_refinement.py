@@ -1,8 +1,9 @@
 """Refinement of a pose together with the focal length of the photos.
 
 A wider picture of a nearer wall looks almost the same, so pose and focal length pull against each other, and only steps that move both
-at once come to rest. The focal length is a seventh unknown of the equations of `core.refine.patch_step`: aligned patch by patch, a room
-of which much has changed still tells it. How sharply it does is told as well, for a photo of one wall may not tell it at all.
+at once come to rest. The focal length is a seventh unknown of the equations of `panoloc.core.refine.patch_step`:
+aligned patch by patch, a room of which much has changed still tells it. How sharply it does is told as well, for a
+photo of one wall may not tell it at all.
 """
 
 from dataclasses import dataclass
@@ -10,11 +11,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import StepConfig
-from core.geometry.rotations import rotation_from_vector
-from core.refine.patch_step import patch_equations
-from core.refine.refinement import CandidatePoints
-from core.refine.rig_level import RigLevel
+from panoloc.core.config import StepConfig
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.refine.patch_step import patch_equations
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.rig_level import RigLevel
 
 _MAX_STEP = 0.08  # of the logarithm of the focal length
 _DAMPING = 0.02

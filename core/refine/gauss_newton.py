@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import StepConfig
-from core.geometry.rotations import rotation_from_vector
-from core.light.light_fit import fit_planes, weighted_sums
-from core.lines.line_hold import LineHold
-from core.panorama.image_level import ImageLevel
-from core.refine.patch_sums import PatchSums
-from core.refine.point_sampling import SampledPoints, sample_points
-from core.refine.rig_level import RigLevel
+from panoloc.core.config import StepConfig
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.light.light_fit import fit_planes, weighted_sums
+from panoloc.core.lines.line_hold import LineHold
+from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.point_sampling import SampledPoints, sample_points
+from panoloc.core.refine.rig_level import RigLevel
 
 
 @dataclass(frozen=True)

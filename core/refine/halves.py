@@ -11,12 +11,12 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from core.config import HalvesConfig, StepConfig
-from core.geometry.rotations import rotation_angle
-from core.panorama.image_level import ImageLevel
-from core.refine.refinement import CandidatePoints, refine
-from core.refine.rig_level import RigLevel
-from core.refine.sphere_squares import on_black_squares
+from panoloc.core.config import HalvesConfig, StepConfig
+from panoloc.core.geometry.rotations import rotation_angle
+from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.refine.refinement import CandidatePoints, refine
+from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.refine.sphere_squares import on_black_squares
 
 _NOWHERE_M, _NOWHERE_RAD = 1.0, math.pi / 2  # of halves that nothing is known of
 

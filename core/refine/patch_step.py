@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import StepConfig
-from core.geometry.rotations import rotation_from_vector
-from core.refine.gauss_newton import PointPlanes, StepHistory, next_relaxation, solve
-from core.refine.rig_level import RigLevel
+from panoloc.core.config import StepConfig
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.refine.gauss_newton import PointPlanes, StepHistory, next_relaxation, solve
+from panoloc.core.refine.rig_level import RigLevel
 
 _FEWEST_POINTS = 8.0  # of a patch that has a vote
 _MOST_CORRELATED = 0.999

@@ -12,14 +12,14 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from core.config import PoseDistance, StepConfig, StoppingRule
-from core.geometry.distinct_poses import first_distinct
-from core.lines.line_hold import LineHold
-from core.panorama.image_level import ImageLevel
-from core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
-from core.refine.patch_step import PatchStep, patch_step
-from core.refine.patch_sums import PatchSums
-from core.refine.rig_level import RigLevel
+from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
+from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.lines.line_hold import LineHold
+from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
+from panoloc.core.refine.patch_step import PatchStep, patch_step
+from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.rig_level import RigLevel
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class CandidatePoints:
     """What each of K candidates aligns: positions (K, N, 3) metres, colors (K, N, 3), weights (K, N) >= 0 (zero: no point).
 
     photos: (K, N) int64, which photo of a session shows each point; None: a panorama shows all, or the only photo. patches: (N,) int64,
-    which patch of the sphere each point lies in, where points are aligned patch by patch (see `core.refine.patch_step`); ascending.
-    lines: what edges say of the rotations as well.
+    which patch of the sphere each point lies in, where points are aligned patch by patch (see
+    `panoloc.core.refine.patch_step`); ascending. lines: what edges say of the rotations as well.
     """
 
     positions: Tensor

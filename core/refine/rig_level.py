@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.panorama.photo_level import PhotoLevel
-from core.refine.point_sampling import MIN_COSINE, MIN_DISTANCE_M, VALID_SHARE, SampledPoints
+from panoloc.core.panorama.photo_level import PhotoLevel
+from panoloc.core.refine.point_sampling import MIN_COSINE, MIN_DISTANCE_M, VALID_SHARE, SampledPoints
 
 
 @dataclass(frozen=True)

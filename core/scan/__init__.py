@@ -1,1 +1,2 @@
-"""Readers of scan files: `core.scan.reading.read_scan` detects the format and thins points while it reads chunks."""
+"""Readers of scan files: `panoloc.core.scan.reading.read_scan` detects the format and thins points while it reads
+chunks."""

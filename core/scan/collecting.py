@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import OptionsError, ScanContentError
-from core.georeference import coordinate_system
-from core.options import FARTHEST_M, METRES_PER_UNIT
-from core.scan.color_range import ColorRange
-from core.scan.point_cloud import PointCloud
-from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.voxel_grouping import column_bounds
-from core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
+from panoloc.core.errors import OptionsError, ScanContentError
+from panoloc.core.georeference import coordinate_system
+from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
+from panoloc.core.scan.color_range import ColorRange
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.scan.voxel_grouping import column_bounds
+from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
 
 # float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
 _LARGE_COORDINATE_M = 1000.0

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError
-from core.scan.point_cloud import Diagnostic
+from panoloc.core.errors import ScanContentError
+from panoloc.core.scan.point_cloud import Diagnostic
 
 # A little above 1, for colours that were interpolated or sharpened.
 _UNIT_RANGE_LIMIT = 1.01

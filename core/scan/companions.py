@@ -2,8 +2,8 @@
 
 from pathlib import Path, PurePosixPath
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.scan.reading_context import ReadingContext
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.scan.reading_context import ReadingContext
 
 
 def companion(context: ReadingContext, name: str, what: str) -> Path:

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path, PurePosixPath
 
-from core.errors import ScanDamagedError, ScanFormatError
+from panoloc.core.errors import ScanDamagedError, ScanFormatError
 
 HEAD_BYTES = 4096
 _SCAN_MAGIC = {b"ASTM-E57": "e57", b"LASF": "las", b"glTF": "gltf", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip"}

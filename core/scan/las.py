@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from core.errors import CUT_SHORT, ScanDamagedError, ScanError
-from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError, ScanError
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
 
 _COLORS = ("red", "green", "blue")
 # GeoTIFF keys; a key that holds its value in the directory itself has the location 0.

@@ -8,10 +8,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from core.scan.lzf import MAX_RATIO, decompress_lzf
-from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
-from core.scan.text.table import TextLines
+from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
+from panoloc.core.scan.lzf import MAX_RATIO, decompress_lzf
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
+from panoloc.core.scan.text.table import TextLines
 
 _MAX_HEADER_BYTES = 1 << 16
 _MAX_RECORD_BYTES = 1 << 16

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanDamagedError
-from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
-from core.scan.text.table import TextBlock, TextLines
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error
+from panoloc.core.scan.text.table import TextBlock, TextLines
 
 _HEADER_VALUES = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)
 """Numbers on each line before the points: columns, rows, position and axes of the scanner, the matrix of its pose."""

@@ -3,21 +3,21 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from core.options import ScanOptions
-from core.scan.collecting import ScanCollector
-from core.scan.e57.reader import read_e57
-from core.scan.format_detection import detect_format
-from core.scan.gltf.reader import read_gltf
-from core.scan.las import read_las
-from core.scan.obj.reader import read_obj
-from core.scan.pcd import read_pcd
-from core.scan.ply.reader import read_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.ptx import read_ptx
-from core.scan.reading_context import RawChunk, ReadingContext, ScanReader
-from core.scan.sandbox.limits import SandboxLimits
-from core.scan.sandbox.reading import read_in_sandbox
-from core.scan.text.reader import read_text
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.collecting import ScanCollector
+from panoloc.core.scan.e57.reader import read_e57
+from panoloc.core.scan.format_detection import detect_format
+from panoloc.core.scan.gltf.reader import read_gltf
+from panoloc.core.scan.las import read_las
+from panoloc.core.scan.obj.reader import read_obj
+from panoloc.core.scan.pcd import read_pcd
+from panoloc.core.scan.ply.reader import read_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.ptx import read_ptx
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext, ScanReader
+from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.reading import read_in_sandbox
+from panoloc.core.scan.text.reader import read_text
 
 READERS: dict[str, ScanReader] = {
     "ply": read_ply,
@@ -39,7 +39,8 @@ _SHARE_OF_READING = 0.95
 def read_file(
     path: Path, options: ScanOptions, report: Callable[[float], None], folder: Path | None = None
 ) -> PointCloud:
-    """Read one scan file as `core.scan.reading.read_scan` does. folder: the files that it may refer to lie below it."""
+    """Read one scan file as `panoloc.core.scan.reading.read_scan` does. folder: the files that it may refer to lie
+    below it."""
     name, remark = detect_format(path, options.format)
     context = ReadingContext(path, options, path.stat().st_size, folder=folder)
     if remark:

@@ -4,11 +4,11 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from core.options import ScanOptions
-from core.scan.archive.reading import read_archive
-from core.scan.format_detection import detect_format
-from core.scan.point_cloud import PointCloud
-from core.scan.readers import read_file
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.archive.reading import read_archive
+from panoloc.core.scan.format_detection import detect_format
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.readers import read_file
 
 
 def read_scan(

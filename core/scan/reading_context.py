@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.options import ScanOptions
-from core.scan.point_cloud import Diagnostic
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.point_cloud import Diagnostic
 
 CHUNK_ROWS = 1 << 20
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.options import ColorKind
-from core.scan.point_cloud import PointCloud
-from core.scan.voxel_grouping import VoxelGroups, column_bounds, group_by_voxel
+from panoloc.core.options import ColorKind
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.voxel_grouping import VoxelGroups, column_bounds, group_by_voxel
 
 # The table may hold this many times the points that remain, so that the final voxel size can be chosen finely.
 _TABLE_FACTOR = 8

@@ -9,15 +9,15 @@ from dataclasses import replace
 
 from torch import Tensor
 
-from core.config import LocalizerConfig
-from core.geometry.rotations import rotation_angle
-from core.index.map_index import MapIndex
-from core.search.described_photos import DescribedPhotos
-from core.search.line_evidence import LineEvidence
-from core.search.map_search import MapCandidates
-from core.search.photo_search import dense_rotations, line_rotations, search_likely, search_rotations
-from core.search.pose_limits import PoseLimits
-from core.search.position_sweep import swept
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.rotations import rotation_angle
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.search.described_photos import DescribedPhotos
+from panoloc.core.search.line_evidence import LineEvidence
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.photo_search import dense_rotations, line_rotations, search_likely, search_rotations
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.search.position_sweep import swept
 
 
 def search_around(

@@ -1,18 +1,19 @@
 """Scores of every start with a rotation at once, by what is inside of patches: a first look at all poses of a search.
 
-With one rotation all starts show a photo's pixels at the same places of their pictures. So what `core.search.pixel_scores` sums pose by
-pose are here products of small matrices, one for each square of pixels, and a pose costs a tenth. The price: the colours of the starts are
-equalized by one table for all of the map, not by what each pose sees.
+With one rotation all starts show a photo's pixels at the same places of their pictures. So what
+`panoloc.core.search.pixel_scores` sums pose by pose are here products of small matrices, one for each square of pixels,
+and a pose costs a tenth. The price: the colours of the starts are equalized by one table for all of the map, not by
+what each pose sees.
 """
 
 import torch
 from torch import Tensor
 
-from core.config import PhotoSearchConfig
-from core.describe.fine_views import FineViews
-from core.geometry.projection import pixels_towards
-from core.light.color_equalization import equalization_tables, equalize
-from core.search.described_photos import PhotoPixels
+from panoloc.core.config import PhotoSearchConfig
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.geometry.projection import pixels_towards
+from panoloc.core.light.color_equalization import equalization_tables, equalize
+from panoloc.core.search.described_photos import PhotoPixels
 
 _STARTS_AT_ONCE = 512
 _SAMPLED_PIXELS = 200_000  # of a map, that its colours are equalized by

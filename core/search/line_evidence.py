@@ -5,11 +5,11 @@ import math
 import torch
 from torch import Tensor
 
-from core.config import PhotoSearchConfig, PoseDistance
-from core.geometry.distinct_poses import first_distinct
-from core.geometry.rotations import rotations_of_axes
-from core.lines.line_support import LineSupport
-from core.search.pose_limits import PoseLimits
+from panoloc.core.config import PhotoSearchConfig, PoseDistance
+from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.geometry.rotations import rotations_of_axes
+from panoloc.core.lines.line_support import LineSupport
+from panoloc.core.search.pose_limits import PoseLimits
 
 
 class LineEvidence:

@@ -10,22 +10,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import DescriptorConfig, SearchConfig
-from core.describe.patch_descriptors import (
+from panoloc.core.config import DescriptorConfig, SearchConfig
+from panoloc.core.describe.patch_descriptors import (
     ViewDescriptors,
     centered_roots,
     normalize_per_view,
     pooled,
     similarity_tensor,
 )
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid, rotation_table
-from core.geometry.rotations import uniform_rotations
-from core.index.map_index import MapIndex
-from core.light.color_equalization import LabelCodes
-from core.panorama.pyramid import PanoramaPyramid
-from core.search.pose_limits import PoseLimits
-from core.search.pose_scores import Candidates, score_poses, select_candidates
+from panoloc.core.describe.patch_histograms import described_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.light.color_equalization import LabelCodes
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.search.pose_scores import Candidates, score_poses, select_candidates
 
 
 @dataclass(frozen=True)

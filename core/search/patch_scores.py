@@ -3,10 +3,10 @@
 import torch
 from torch import Tensor
 
-from core.describe.fine_views import FineViews
-from core.describe.patch_descriptors import ViewDescriptors, similarity_tensor
-from core.describe.spherical_patches import PatchGrid
-from core.search.described_photos import DescribedPhotos
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, similarity_tensor
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.search.described_photos import DescribedPhotos
 
 
 def patch_scores(photos: DescribedPhotos, views: ViewDescriptors, rotations: Tensor, grid: PatchGrid) -> Tensor:

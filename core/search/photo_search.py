@@ -13,21 +13,21 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from core.config import FineViewConfig, PhotoSearchConfig
-from core.describe.fine_views import FineViews
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.distinct_poses import first_distinct
-from core.geometry.rotations import uniform_rotations
-from core.index.map_index import MapIndex
-from core.search.described_photos import DescribedPhotos
-from core.search.every_pose import scores_of_every_pose
-from core.search.line_evidence import LineEvidence
-from core.search.map_search import MapCandidates
-from core.search.patch_scores import patch_scores, patch_scores_of
-from core.search.pixel_scores import pixel_scores
-from core.search.pose_limits import PoseLimits
-from core.search.pose_scores import Candidates
-from core.search.position_sweep import swept
+from panoloc.core.config import FineViewConfig, PhotoSearchConfig
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.search.described_photos import DescribedPhotos
+from panoloc.core.search.every_pose import scores_of_every_pose
+from panoloc.core.search.line_evidence import LineEvidence
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.patch_scores import patch_scores, patch_scores_of
+from panoloc.core.search.pixel_scores import pixel_scores
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.search.pose_scores import Candidates
+from panoloc.core.search.position_sweep import swept
 
 
 def search_photos(

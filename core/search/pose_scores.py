@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import SearchConfig
-from core.geometry.distinct_poses import first_distinct
+from panoloc.core.config import SearchConfig
+from panoloc.core.geometry.distinct_poses import first_distinct
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Candidates:
 def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
     """Return w (T, R): for each start and rotation the weighted sum over query patches of I[t, i, π_r(i)].
 
-    tensor: I (T, P, P), query patch first. table: π (R, P) from `core.describe.spherical_patches.rotation_table`. weights: (P,).
+    tensor: I (T, P, P), query patch first. table: π (R, P) from
+    `panoloc.core.describe.spherical_patches.rotation_table`. weights: (P,).
     """
     num_views, num_patches, _ = tensor.shape
     rows = tensor.permute(1, 2, 0).reshape(-1, num_views)

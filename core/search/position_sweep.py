@@ -10,15 +10,15 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from core.config import PhotoSearchConfig
-from core.geometry.distinct_poses import first_distinct
-from core.geometry.projection import pixels_towards
-from core.index.map_index import MapIndex
-from core.search.described_photos import DescribedPhotos, PhotoPixels
-from core.search.map_search import MapCandidates
-from core.search.pixel_scores import ComparedColors
-from core.search.pose_scores import Candidates
-from core.views.synthetic_view import RENDER_BATCH, render_views
+from panoloc.core.config import PhotoSearchConfig
+from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.geometry.projection import pixels_towards
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.search.described_photos import DescribedPhotos, PhotoPixels
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.pixel_scores import ComparedColors
+from panoloc.core.search.pose_scores import Candidates
+from panoloc.core.views.synthetic_view import RENDER_BATCH, render_views
 
 _PIXELS_AT_ONCE = 1_000_000
 _FAR_M, _NEAREST_M = 30.0, 0.1

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.geometry.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
-from core.light.color_equalization import apply_tables, equalization_tables
-from core.panorama.pyramid import PanoramaLevel
-from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import SyntheticViews, render_views
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, project, sample_bilinear
+from panoloc.core.light.color_equalization import apply_tables, equalization_tables
+from panoloc.core.panorama.pyramid import PanoramaLevel
+from panoloc.core.views.render_cloud import RenderCloud
+from panoloc.core.views.synthetic_view import SyntheticViews, render_views
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 from torch import Tensor
 
-from core.describe.fine_views import RenderedViews
-from core.geometry.projection import pixel_solid_angles
-from core.light.color_equalization import equalize
-from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import render_views
+from panoloc.core.describe.fine_views import RenderedViews
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.light.color_equalization import equalize
+from panoloc.core.views.render_cloud import RenderCloud
+from panoloc.core.views.synthetic_view import render_views
 
 
 def views_to_describe(

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.config import RENDERING
-from core.geometry.projection import project
-from core.geometry.sphere_window import SphereWindow
-from core.views.render_cloud import BLOCK, MAX_STRIDE_EXPONENT, RenderCloud
+from panoloc.core.config import RENDERING
+from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.views.render_cloud import BLOCK, MAX_STRIDE_EXPONENT, RenderCloud
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from core.geometry.sphere_window import window_around
-from core.light.color_equalization import equalize_where
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_level import PhotoLevel, PhotoWindows
-from core.views.comparison import Comparison
-from core.views.drawn_points import ViewParts
-from core.views.render_cloud import RenderCloud
-from core.views.synthetic_view import SyntheticViews, render_parts
+from panoloc.core.geometry.sphere_window import window_around
+from panoloc.core.light.color_equalization import equalize_where
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_level import PhotoLevel, PhotoWindows
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.drawn_points import ViewParts
+from panoloc.core.views.render_cloud import RenderCloud
+from panoloc.core.views.synthetic_view import SyntheticViews, render_parts
 
 _NEAR_M = 1.0  # what a photo shows is hardly nearer; parallax widens what must be drawn by no more
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from core.config import RENDERING
-from core.geometry.projection import project
-from core.geometry.sphere_window import SphereWindow
-from core.views.drawn_points import ViewParts, drawn_points
-from core.views.render_cloud import RenderCloud
+from panoloc.core.config import RENDERING
+from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.views.drawn_points import ViewParts, drawn_points
+from panoloc.core.views.render_cloud import RenderCloud
 
 RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
 

@@ -10,15 +10,15 @@ from typing import Any
 
 from PIL import Image
 
-from core.judge.confidence import RIGHT_DEG, RIGHT_M
-from core.panorama.panorama import Panorama
-from core.scan.ply.writer import write_ply
-from lab.benchmark.query_load import KnownQuery, send_queries
-from lab.benchmark.sizes import Sizes
-from lab.benchmark.timing import Say, Spread, spread_of
-from lab.rooms import Case, suite_cases
-from service.cli.session import Session
-from service.client import JsonObject, PanolocClient
+from panoloc.core.judge.confidence import RIGHT_DEG, RIGHT_M
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.lab.benchmark.query_load import KnownQuery, send_queries
+from panoloc.lab.benchmark.sizes import Sizes
+from panoloc.lab.benchmark.timing import Say, Spread, spread_of
+from panoloc.lab.rooms import Case, suite_cases
+from panoloc.service.cli.session import Session
+from panoloc.service.client import JsonObject, PanolocClient
 
 _SUITE = "changed"  # furniture moves between the scan and the photo, as it does
 _FIRST_SEED = 970

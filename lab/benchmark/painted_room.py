@@ -1,7 +1,8 @@
 """A painted room with boxes in it, in closed form: scans of any size and panoramas of known pose, from numpy alone.
 
-`lab.rooms` makes rooms that look like rooms, but needs a ray caster for it; how long a query takes hardly depends on the difference.
-The paint is a function of the point and of the surface that it lies on, so scans and panoramas agree exactly.
+`panoloc.lab.rooms` makes rooms that look like rooms, but needs a ray caster for it; how long a query takes hardly
+depends on the difference. The paint is a function of the point and of the surface that it lies on, so scans and
+panoramas agree exactly.
 """
 
 from collections.abc import Iterator
@@ -11,10 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from core.scan.point_cloud import PointCloud
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.scan.point_cloud import PointCloud
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from core.geometry.pose import Pose, PoseError, pose_error
-from lab.benchmark.timing import Spread, spread_of
-from service.cli.session import Session
-from service.client import ClientError, JsonObject
+from panoloc.core.geometry.pose import Pose, PoseError, pose_error
+from panoloc.lab.benchmark.timing import Spread, spread_of
+from panoloc.service.cli.session import Session
+from panoloc.service.client import ClientError, JsonObject
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import torch
 
-from core.errors import CoreError
-from core.index.map_builder import build_map_index
-from core.index.map_codec import encode_map_index
-from core.options import IndexOptions
-from core.scan.reading import read_scan
-from lab.benchmark.painted_room import PaintedRoom
-from lab.benchmark.rooms import spacing_for
-from lab.benchmark.scan_files import write_room_scan
-from lab.benchmark.timing import Say, Spread, spread_of
+from panoloc.core.errors import CoreError
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_codec import encode_map_index
+from panoloc.core.options import IndexOptions
+from panoloc.core.scan.reading import read_scan
+from panoloc.lab.benchmark.painted_room import PaintedRoom
+from panoloc.lab.benchmark.rooms import spacing_for
+from panoloc.lab.benchmark.scan_files import write_room_scan
+from panoloc.lab.benchmark.timing import Say, Spread, spread_of
 
 _SAMPLE_POINTS = 100_000
 _PAGE_LINES = {"VmHWM": "peak", "VmRSS": "resident"}

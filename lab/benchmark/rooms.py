@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import torch
 
-from core.config import StartsConfig
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.index.starts import octree_starts
-from core.options import IndexOptions, ScanOptions
-from core.scan.point_cloud import PointCloud
-from core.scan.voxel_thinning import thin_cloud
-from lab.benchmark.painted_room import PaintedRoom
+from panoloc.core.config import StartsConfig
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.index.starts import octree_starts
+from panoloc.core.options import IndexOptions, ScanOptions
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.voxel_thinning import thin_cloud
+from panoloc.lab.benchmark.painted_room import PaintedRoom
 
 _SAMPLE_POINTS = 50_000
 _SPACING_STEPS = 8

@@ -14,15 +14,15 @@ import torch
 from rich.console import Console
 from rich.markup import escape
 
-from core.errors import OptionsError
-from lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
-from lab.benchmark.rooms import Rooms
-from lab.benchmark.service_parts import SERVICE_PARTS, service_benchmark
-from lab.benchmark.sizes import Sizes
-from lab.benchmark.tables import tables_of
-from lab.display import print_tables, progress
-from lab.machine import machine, versions
-from service.cli.session import Session
+from panoloc.core.errors import OptionsError
+from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
+from panoloc.lab.benchmark.rooms import Rooms
+from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, service_benchmark
+from panoloc.lab.benchmark.sizes import Sizes
+from panoloc.lab.benchmark.tables import tables_of
+from panoloc.lab.display import print_tables, progress
+from panoloc.lab.machine import machine, versions
+from panoloc.service.cli.session import Session
 
 _TEXT_WIDTH = 240
 _BUSY_LOAD = 0.25  # of the processors

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from core.errors import OptionsError
-from lab.benchmark.painted_room import PaintedRoom
-from lab.benchmark.timing import Say
+from panoloc.core.errors import OptionsError
+from panoloc.lab.benchmark.painted_room import PaintedRoom
+from panoloc.lab.benchmark.timing import Say
 
 _LAZ_STEP_M = 0.0005
 _POINTS_PER_STATION = 5_000_000

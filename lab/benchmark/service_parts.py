@@ -9,18 +9,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lab.background_service import own_service, wait_until_ready
-from lab.benchmark.cameras import measure_cameras
-from lab.benchmark.painted_room import PaintedRoom
-from lab.benchmark.query_load import KnownQuery, LoadFigures, load_figures
-from lab.benchmark.registration import room_spacing
-from lab.benchmark.scan_files import write_room_scan
-from lab.benchmark.sizes import Sizes
-from lab.benchmark.timing import Say
-from lab.benchmark.whole_query import encode_jpeg
-from lab.process_memory import family_bytes
-from service.cli.session import Session
-from service.client import ClientError, JsonObject, PanolocClient
+from panoloc.lab.background_service import own_service, wait_until_ready
+from panoloc.lab.benchmark.cameras import measure_cameras
+from panoloc.lab.benchmark.painted_room import PaintedRoom
+from panoloc.lab.benchmark.query_load import KnownQuery, LoadFigures, load_figures
+from panoloc.lab.benchmark.registration import room_spacing
+from panoloc.lab.benchmark.scan_files import write_room_scan
+from panoloc.lab.benchmark.sizes import Sizes
+from panoloc.lab.benchmark.timing import Say
+from panoloc.lab.benchmark.whole_query import encode_jpeg
+from panoloc.lab.process_memory import family_bytes
+from panoloc.service.cli.session import Session
+from panoloc.service.client import ClientError, JsonObject, PanolocClient
 
 Figures = dict[str, Any]
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.markup import escape
 
-from lab.display import table
+from panoloc.lab.display import table
 
 Figures = dict[str, Any]
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from core.geometry.pose import pose_error
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.panorama import Panorama
-from core.results import Localization
-from lab.benchmark.rooms import IndexedRoom
-from lab.benchmark.timing import Spread, spread_of
+from panoloc.core.geometry.pose import pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.results import Localization
+from panoloc.lab.benchmark.rooms import IndexedRoom
+from panoloc.lab.benchmark.timing import Spread, spread_of
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def _run(
     times: dict[str, float] = {}
     began = time.perf_counter()
     if jpeg is not None:
-        from core.panorama.reader import read_panorama
+        from panoloc.core.panorama.reader import read_panorama
 
         panorama = read_panorama(jpeg)
         times["decode"] = _since(began)
@@ -100,7 +100,7 @@ def _run(
 
 def _picture_times(panorama: Panorama, maps: Sequence[MapIndex], answer: Localization) -> dict[str, float]:
     """Draw and encode the three pictures of an answer; return milliseconds of both."""
-    from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
+    from panoloc.core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 
     index = maps[answer.best.map_position if answer.best else 0]
     began = time.perf_counter()

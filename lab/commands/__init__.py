@@ -2,7 +2,7 @@
 
 import typer
 
-from lab.commands import bench, demo, evaluate
+from panoloc.lab.commands import bench, demo, evaluate
 
 
 def add_to(program: typer.Typer) -> None:

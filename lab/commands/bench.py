@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from lab.benchmark.sizes import FULL, QUICK
-from lab.commands.core_errors import core_errors_shown
-from service.cli.exit_codes import ExitCode
-from service.cli.session import JsonOption, Session
-from service.host.process_resources import bound_spinning
+from panoloc.lab.benchmark.sizes import FULL, QUICK
+from panoloc.lab.commands.core_errors import core_errors_shown
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import JsonOption, Session
+from panoloc.service.host.process_resources import bound_spinning
 
 _WHAT, _SIZES, _SERVICE, _MACHINE, _OUTPUT = "What", "Sizes", "Service", "Machine", "Output"
 
@@ -104,7 +104,7 @@ def bench(
     with core_errors_shown(session) as failed:
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
-        from lab.benchmark.run import BenchRequest, run_bench
+        from panoloc.lab.benchmark.run import BenchRequest, run_bench
 
         given: dict[str, Any] = {
             "points": points,

@@ -5,13 +5,13 @@ from contextlib import contextmanager
 
 from rich.markup import escape
 
-from service.cli.session import Session
+from panoloc.service.cli.session import Session
 
 
 @contextmanager
 def core_errors_shown(session: Session) -> Iterator[list[str]]:
     """Show an error of the algorithm or of a source as one message; yields the list that then holds it."""
-    from core.errors import CoreError
+    from panoloc.core.errors import CoreError
 
     failed: list[str] = []
     try:

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from lab.background_service import BackgroundService, start_in_background, wait_until_ready
-from lab.commands.core_errors import core_errors_shown
-from service.cli.answer_files import AnswerFolder
-from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.progress import show_waiting
-from service.cli.register import upload_and_wait
-from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.cli.tables import map_summary
-from service.client import JsonObject, PanolocClient
-from service.jobs import ARTIFACTS
+from panoloc.lab.background_service import BackgroundService, start_in_background, wait_until_ready
+from panoloc.lab.commands.core_errors import core_errors_shown
+from panoloc.service.cli.answer_files import AnswerFolder
+from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from panoloc.service.cli.progress import show_waiting
+from panoloc.service.cli.register import upload_and_wait
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.tables import map_summary
+from panoloc.service.client import JsonObject, PanolocClient
+from panoloc.service.jobs import ARTIFACTS
 
 if TYPE_CHECKING:
-    from lab.commands.demo_scene import DemoQuery
+    from panoloc.lab.commands.demo_scene import DemoQuery
 
 LOCALIZE_TIMEOUT_S = 120.0
 
@@ -48,8 +48,8 @@ def demo(
 def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
     """Make a room, register it, localize in it, and say what keeps running."""
     # The generator needs numpy and a ray caster, which client commands must not load.
-    from lab.commands.demo_scene import make_demo_scene
-    from lab.rooms.scenes.surface import load_open3d
+    from panoloc.lab.commands.demo_scene import make_demo_scene
+    from panoloc.lab.rooms.scenes.surface import load_open3d
 
     load_open3d()  # before a service is started that nothing could be shown with
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose, pose_error
-from lab.demo_room import CHANGED_FRACTION, JPEG_QUALITY, NUM_SCAN_POINTS, PANORAMA_WIDTH, demo_scene
-from lab.rooms import (
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.lab.demo_room import CHANGED_FRACTION, JPEG_QUALITY, NUM_SCAN_POINTS, PANORAMA_WIDTH, demo_scene
+from panoloc.lab.rooms import (
     PosedPanorama,
     Scene,
     change_scene,
@@ -20,8 +20,8 @@ from lab.rooms import (
     take_photo,
     write_case_folder,
 )
-from lab.rooms.capture.shooting import Shooting
-from service.client import JsonObject
+from panoloc.lab.rooms.capture.shooting import Shooting
+from panoloc.service.client import JsonObject
 
 _PHOTO_SIZE, _PHOTO_HFOV_DEG = (1600, 1200), 69.0
 _NUM_PHOTO_TRIES = 12

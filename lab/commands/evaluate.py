@@ -7,10 +7,10 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from lab.commands.core_errors import core_errors_shown
-from service.cli.exit_codes import ExitCode
-from service.cli.session import JsonOption, Session
-from service.host.process_resources import bound_spinning
+from panoloc.lab.commands.core_errors import core_errors_shown
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import JsonOption, Session
+from panoloc.service.host.process_resources import bound_spinning
 
 app = typer.Typer(help="Measure methods on cases with known poses, and fit the confidence on the rows.")
 
@@ -70,8 +70,8 @@ def evaluate(
     with core_errors_shown(session) as failed:
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
-        from lab.commands import evaluation_run
-        from lab.evaluation.runner import RunOptions
+        from panoloc.lab.commands import evaluation_run
+        from panoloc.lab.evaluation.runner import RunOptions
 
         scans = evaluation_run.scans_of(
             suites=suites or (),
@@ -111,9 +111,9 @@ def fit(
     with core_errors_shown(session) as failed:
         from json import dumps
 
-        from lab.commands.evaluation_tables import held_out_table
-        from lab.evaluation.fit_confidence import fit_confidence
-        from lab.evaluation.rows import read_rows
+        from panoloc.lab.commands.evaluation_tables import held_out_table
+        from panoloc.lab.evaluation.fit_confidence import fit_confidence
+        from panoloc.lab.evaluation.rows import read_rows
 
         rows = [row for row in read_rows(files) if row.method == method]
         fitted = fit_confidence(rows, regularization=regularization, max_wrong=max_wrong)

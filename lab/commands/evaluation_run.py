@@ -10,18 +10,18 @@ import torch
 from rich.console import Console
 from rich.markup import escape
 
-from core.errors import OptionsError
-from lab.commands.evaluation_tables import evaluation_tables
-from lab.display import print_tables, progress
-from lab.evaluation.datasets import dataset_scans
-from lab.evaluation.known_cases import ScanCases, limited
-from lab.evaluation.methods import compared_method
-from lab.evaluation.photo_source import as_photos
-from lab.evaluation.rows import Row, RowsFile
-from lab.evaluation.runner import Evaluation, RunOptions
-from lab.evaluation.sources import folder_scans, seed_range, suite_scans
-from lab.evaluation.summary import DEFAULT_LIMITS, Limits, report_document, summaries
-from service.cli.session import Session
+from panoloc.core.errors import OptionsError
+from panoloc.lab.commands.evaluation_tables import evaluation_tables
+from panoloc.lab.display import print_tables, progress
+from panoloc.lab.evaluation.datasets import dataset_scans
+from panoloc.lab.evaluation.known_cases import ScanCases, limited
+from panoloc.lab.evaluation.methods import compared_method
+from panoloc.lab.evaluation.photo_source import as_photos
+from panoloc.lab.evaluation.rows import Row, RowsFile
+from panoloc.lab.evaluation.runner import Evaluation, RunOptions
+from panoloc.lab.evaluation.sources import folder_scans, seed_range, suite_scans
+from panoloc.lab.evaluation.summary import DEFAULT_LIMITS, Limits, report_document, summaries
+from panoloc.service.cli.session import Session
 
 THREADS_VARIABLE = "PANOLOC_EVAL_THREADS"
 _TEXT_WIDTH = 240

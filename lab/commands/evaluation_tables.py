@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from lab.display import table
+from panoloc.lab.display import table
 
 if TYPE_CHECKING:
-    from lab.evaluation.fit_confidence import HeldOut
-    from lab.evaluation.summary import Quartiles, Summary
+    from panoloc.lab.evaluation.fit_confidence import HeldOut
+    from panoloc.lab.evaluation.summary import Quartiles, Summary
 
 
 def evaluation_tables(found: "Sequence[Summary]", limits: Sequence[tuple[float, float]]) -> list[Table]:

@@ -5,11 +5,11 @@ import open3d as o3d
 import torch
 from numpy.typing import NDArray
 
-from core.index.map_index import MapIndex
-from core.results import Localization
-from core.scan.point_cloud import PointCloud
-from lab.evaluation.known_cases import KnownQuery
-from lab.evaluation.ranking_metrics import average_precision
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.results import Localization
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.lab.evaluation.known_cases import KnownQuery
+from panoloc.lab.evaluation.ranking_metrics import average_precision
 
 Flags = NDArray[np.bool_]
 Floats = NDArray[np.float32]

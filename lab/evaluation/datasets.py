@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from core.options import IndexOptions
-from core.panorama.panorama import Panorama
-from core.panorama.reader import read_panorama
-from core.scan.reading import read_scan
-from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import IndexOptions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.reader import read_panorama
+from panoloc.core.scan.reading import read_scan
+from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 
 # The names of the paper's table 1, whose splits are those with changes.
 _PAPER_NAMES = {"robot": "change_robot", "handheld": "change_handheld"}

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CoreError
-from core.geometry.pose import Pose, PoseError, pose_error
-from core.options import Hints, IndexOptions
-from core.panorama.panorama import Panorama
-from core.panorama.session import Session
-from core.panorama.session_sphere import session_on_sphere
-from core.scan.point_cloud import PointCloud
-from lab.evaluation.rows import WRONG
+from panoloc.core.errors import CoreError
+from panoloc.core.geometry.pose import Pose, PoseError, pose_error
+from panoloc.core.options import Hints, IndexOptions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Session
+from panoloc.core.panorama.session_sphere import session_on_sphere
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.lab.evaluation.rows import WRONG
 
 
 class SourceError(CoreError):

@@ -2,14 +2,15 @@
 
 import ast
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any
 
-from core.config import LocalizerConfig, PaperConfig
-from core.errors import OptionsError
-from core.judge.confidence import load_confidence_model
-from core.options import Method
+from panoloc.core.config import LocalizerConfig, PaperConfig
+from panoloc.core.errors import OptionsError
+from panoloc.core.judge.confidence import load_confidence_model
+from panoloc.core.options import Method
 
 
 @dataclass(frozen=True)
@@ -67,21 +68,10 @@ def compared_method(text: str) -> ComparedMethod:
             f"method: expected one of {', '.join(METHOD_NAMES)}, or a variant NAME=BASE:section.field=value, got {text!r}"
         )
     method, config = _KNOWN[base]
-    for change in _split(changes):
+    # Values can be tuples, whose commas separate nothing.
+    for change in re.split(r",(?=\s*\w+\.\w+\s*=)", changes):
         config = _changed(config, change)
     return ComparedMethod(name, method, config)
-
-
-def _split(changes: str) -> list[str]:
-    """Split at commas outside of brackets, since values can be tuples."""
-    parts, depth = [""], 0
-    for character in changes:
-        depth += (character in "([") - (character in ")]")
-        if character == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += character
-    return parts
 
 
 def _changed(config: LocalizerConfig, change: str) -> LocalizerConfig:

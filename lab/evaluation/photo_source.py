@@ -11,20 +11,20 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from core.panorama.reader import read_panorama
-from core.panorama.session import Session
-from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
-from lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.reader import read_panorama
+from panoloc.core.panorama.session import Session
+from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
+from panoloc.lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
 
 
 def as_photos(scans: Sequence[ScanCases], camera: str, seeds: Sequence[int], width: int = 1024) -> list[ScanCases]:
     """Return the scans with photos in place of their panoramas; nothing is read before it is loaded.
 
-    camera: one of `lab.rooms.CAMERAS`. seeds: of headings and noise, one per panorama in turn. width: of a photo, pixels.
-    Raises OptionsError for an unknown camera.
+    camera: one of `panoloc.lab.rooms.CAMERAS`. seeds: of headings and noise, one per panorama in turn. width: of a
+    photo, pixels. Raises OptionsError for an unknown camera.
     """
     if camera not in CAMERAS:
         raise OptionsError(f"camera: expected one of {', '.join(CAMERAS)}, got {camera!r}")

@@ -7,15 +7,15 @@ from dataclasses import asdict, dataclass, field
 
 import torch
 
-from core.errors import CoreError
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.results import Localization
-from lab.evaluation.change_metrics import change_metrics
-from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, query_facts
-from lab.evaluation.methods import ComparedMethod
-from lab.evaluation.rows import Row, RowsFile
+from panoloc.core.errors import CoreError
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.results import Localization
+from panoloc.lab.evaluation.change_metrics import change_metrics
+from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, query_facts
+from panoloc.lab.evaluation.methods import ComparedMethod
+from panoloc.lab.evaluation.rows import Row, RowsFile
 
 
 @dataclass(frozen=True)

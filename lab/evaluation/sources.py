@@ -9,14 +9,14 @@ from typing import Any, get_args
 
 import numpy as np
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from core.options import ColorKind, IndexOptions, ScanOptions
-from core.panorama.reader import read_panorama
-from core.scan.reading import read_scan
-from lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
-from lab.evaluation.photo_source import as_uploaded
-from lab.rooms import suite_cases
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import ColorKind, IndexOptions, ScanOptions
+from panoloc.core.panorama.reader import read_panorama
+from panoloc.core.scan.reading import read_scan
+from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from panoloc.lab.evaluation.photo_source import as_uploaded
+from panoloc.lab.rooms import suite_cases
 
 
 def suite_scans(

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from lab.evaluation.methods import ComparedMethod
-from lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error, reliability_bins
-from lab.evaluation.rows import RIGHT, TIGHT, Row
-from lab.machine import machine, versions
+from panoloc.lab.evaluation.methods import ComparedMethod
+from panoloc.lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error, reliability_bins
+from panoloc.lab.evaluation.rows import RIGHT, TIGHT, Row
+from panoloc.lab.machine import machine, versions
 
 Limits = tuple[float, float]
 DEFAULT_LIMITS: tuple[Limits, ...] = (TIGHT, RIGHT, (0.1, 1.0), (0.01, 1.0))

@@ -8,10 +8,10 @@ from typing import Any
 
 from PIL import Image
 
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from core.scan.ply.writer import write_ply
-from core.scan.point_cloud import PointCloud
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.core.scan.point_cloud import PointCloud
 
 _CONVENTION = "x_map = rotation @ x_camera + position_m; camera: x forward (image centre), y left, z up"
 

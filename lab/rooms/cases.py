@@ -7,27 +7,27 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from core.options import Hints
-from core.panorama.panorama import Panorama
-from core.panorama.session import Session
-from core.panorama.session_sphere import session_on_sphere
-from core.scan.point_cloud import PointCloud
-from lab.rooms.cameras import QueryCamera
-from lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
-from lab.rooms.capture.change_truth import changed_pixels, changed_points
-from lab.rooms.capture.defects import with_any_defect
-from lab.rooms.capture.free_space import RotationKind, sample_pose
-from lab.rooms.capture.intruders import add_person, show_hand
-from lab.rooms.capture.photo_camera import take_photo
-from lab.rooms.capture.scanning import scan_with_truth
-from lab.rooms.capture.shooting import Shooting
-from lab.rooms.capture.spherical_camera import take_view
-from lab.rooms.capture.tracking import session_axes, tracked
-from lab.rooms.scenes.changes import change_scene
-from lab.rooms.scenes.generator import SceneKind, SceneSpec, build_scene
-from lab.rooms.scenes.scene import Scene
-from lab.rooms.scenes.twin_scene import twin_poses
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Hints
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Session
+from panoloc.core.panorama.session_sphere import session_on_sphere
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.lab.rooms.cameras import QueryCamera
+from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
+from panoloc.lab.rooms.capture.change_truth import changed_pixels, changed_points
+from panoloc.lab.rooms.capture.defects import with_any_defect
+from panoloc.lab.rooms.capture.free_space import RotationKind, sample_pose
+from panoloc.lab.rooms.capture.intruders import add_person, show_hand
+from panoloc.lab.rooms.capture.photo_camera import take_photo
+from panoloc.lab.rooms.capture.scanning import scan_with_truth
+from panoloc.lab.rooms.capture.shooting import Shooting
+from panoloc.lab.rooms.capture.spherical_camera import take_view
+from panoloc.lab.rooms.capture.tracking import session_axes, tracked
+from panoloc.lab.rooms.scenes.changes import change_scene
+from panoloc.lab.rooms.scenes.generator import SceneKind, SceneSpec, build_scene
+from panoloc.lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.scenes.twin_scene import twin_poses
 
 Region = tuple[tuple[float, float, float], tuple[float, float, float]]
 _PERSON_SHARE = 0.3
@@ -82,7 +82,6 @@ class Suite:
     in degrees, None for the full sphere. survey_frame: scan turned about z and given in large coordinates.
     """
 
-    description: str
     kind: SceneKind = "room"
     change: float = 0.0
     look: CameraLook | Callable[[np.random.Generator], CameraLook] = PHOTO

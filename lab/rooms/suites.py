@@ -1,43 +1,39 @@
-"""Named evaluation suites: recipes from which cases with known poses are made, one per seed."""
+"""Named evaluation suites: recipes of cases with known poses, one per seed; docs/evaluation.md describes each."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from core.errors import OptionsError
-from lab.rooms.cameras import CAMERAS, QueryCamera
-from lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
-from lab.rooms.cases import Case, Region, Suite, make_case
-from lab.rooms.scenes.changes import day, night
-from lab.rooms.scenes.generator import FAMILIES
+from panoloc.core.errors import OptionsError
+from panoloc.lab.rooms.cameras import CAMERAS, QueryCamera
+from panoloc.lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
+from panoloc.lab.rooms.cases import Case, Region, Suite, make_case
+from panoloc.lab.rooms.scenes.changes import day, night
+from panoloc.lab.rooms.scenes.generator import FAMILIES
 
 _STREET_REGION: Region = ((-25.0, -5.0, 0.0), (25.0, 5.0, 5.0))
 
 SUITES: dict[str, Suite] = {
-    "rooms": Suite("furnished rooms as scanned"),
-    "changed": Suite(
-        "60 % of the furniture moved, gone or new, carpets gone, a hand and perhaps a person in view", change=0.6
-    ),
-    "camera": Suite("60 % changed, another camera: exposure, balance, tone curve", change=0.6, look=random_look),
-    "flats": Suite("flats of 4 to 6 rooms as scanned", kind="flat", num_points=500_000),
-    "flats_changed": Suite("flats with 60 % changed", kind="flat", change=0.6, num_points=500_000),
-    "bare": Suite("nearly empty rooms with few textures", kind="bare"),
-    "dim": Suite("rooms at 67 % of the intensity", look=as_photo(DIM)),
-    "gamma": Suite("rooms with gamma 3", look=as_photo(GAMMA_3)),
-    "white_balance": Suite("rooms with white balance diag(1, 0.5, 0.5)", look=as_photo(WHITE_BALANCE)),
-    "night": Suite("rooms scanned by daylight, photographed at night by lamps", scan_light=day, light=night),
-    "partial": Suite(
-        "rooms, only a band of 45 degrees above and below the camera's horizon visible", max_elevation_deg=45.0
-    ),
-    "sparse": Suite("rooms scanned from one station only, 60,000 points", num_stations=1, num_points=60_000),
-    "survey": Suite("rooms turned about the vertical, in survey coordinates of millions of metres", survey_frame=True),
-    "twins": Suite("two equal rooms in one map: a second pose is as right as the first", kind="twins"),
-    "twins_like": Suite("two rooms that are equal but for one or two things or pictures", kind="twins_like"),
-    "mirrored": Suite("a room and its mirror image", kind="mirrored"),
-    "repeated": Suite("three equal rooms along a corridor", kind="repeated", num_points=500_000),
-    "labels": Suite("rooms as semantic labels", color_kind="labels"),
-    "labels_changed": Suite("rooms as semantic labels, 60 % changed", change=0.6, color_kind="labels"),
-    "street": Suite("a street as semantic labels", kind="street", color_kind="labels", region=_STREET_REGION),
-    "street_colors": Suite("a street in colors", kind="street", region=_STREET_REGION),
+    "rooms": Suite(),
+    "changed": Suite(change=0.6),
+    "camera": Suite(change=0.6, look=random_look),
+    "flats": Suite(kind="flat", num_points=500_000),
+    "flats_changed": Suite(kind="flat", change=0.6, num_points=500_000),
+    "bare": Suite(kind="bare"),
+    "dim": Suite(look=as_photo(DIM)),
+    "gamma": Suite(look=as_photo(GAMMA_3)),
+    "white_balance": Suite(look=as_photo(WHITE_BALANCE)),
+    "night": Suite(scan_light=day, light=night),
+    "partial": Suite(max_elevation_deg=45.0),
+    "sparse": Suite(num_stations=1, num_points=60_000),
+    "survey": Suite(survey_frame=True),
+    "twins": Suite(kind="twins"),
+    "twins_like": Suite(kind="twins_like"),
+    "mirrored": Suite(kind="mirrored"),
+    "repeated": Suite(kind="repeated", num_points=500_000),
+    "labels": Suite(color_kind="labels"),
+    "labels_changed": Suite(change=0.6, color_kind="labels"),
+    "street": Suite(kind="street", color_kind="labels", region=_STREET_REGION),
+    "street_colors": Suite(kind="street", region=_STREET_REGION),
 }
 
 

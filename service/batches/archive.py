@@ -9,9 +9,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from core.distinct_names import distinct_names
-from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
-from service.errors import ArchiveError, UploadTooLargeError
+from panoloc.core.distinct_names import distinct_names
+from panoloc.core.zip_opening import is_encrypted, is_link, leads_out, open_zip
+from panoloc.service.errors import ArchiveError, UploadTooLargeError
 
 IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp"})
 _BLOCK_BYTES = 2**20

@@ -11,19 +11,19 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from core.errors import ExportRefusedError
-from core.options import ExportFormat
-from core.scan.format_detection import detect_format
-from service.batches.overview import photo_of, placement_document
-from service.batches.record import BatchRecord, Result, image_key
-from service.batches.tour import TourDocument, maps_of
-from service.errors import ExportFailedError, StoredFileMissingError
-from service.jobs import new_id
-from service.maps.record import MapRecord, key_of, place_on_earth
-from service.storage import Storage
+from panoloc.core.errors import ExportRefusedError
+from panoloc.core.options import ExportFormat
+from panoloc.core.scan.format_detection import detect_format
+from panoloc.service.batches.overview import photo_of, placement_document
+from panoloc.service.batches.record import BatchRecord, image_key
+from panoloc.service.batches.tour import TourDocument, maps_of
+from panoloc.service.errors import ExportFailedError, StoredFileMissingError
+from panoloc.service.jobs import Result, new_id
+from panoloc.service.maps.record import MapRecord, key_of, place_on_earth
+from panoloc.service.storage import Storage
 
 REFUSED = 3
-"""Exit code of `core.exports` for what cannot be written in a format."""
+"""Exit code of `panoloc.core.exports` for what cannot be written in a format."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ async def open_export(storage: Storage, wanted: ExportRequest, place: MapRecord 
     """
     with ExitStack() as stack:
         document = await asyncio.to_thread(_tour_document, storage, wanted, place, stack)
-        return await _written(storage, "core.exports", document, (wanted.format,), ".zip", time_s)
+        return await _written(storage, "panoloc.core.exports", document, (wanted.format,), ".zip", time_s)
 
 
 async def draw_plan(
@@ -77,7 +77,7 @@ async def draw_plan(
         photos = [photo_of(name, results.get(number), map_id) for number, name in enumerate(record.names)]
         points = await asyncio.to_thread(_points, storage, place, stack)
         document = placement_document(map_id, points, photos)
-        with await _written(storage, "core.exports.overview", document, (), ".png", time_s) as picture:
+        with await _written(storage, "panoloc.core.exports.overview", document, (), ".png", time_s) as picture:
             return await asyncio.to_thread(picture.read)
 
 
@@ -125,7 +125,7 @@ def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
 async def _written(
     storage: Storage, module: str, document: dict[str, Any], options: tuple[str, ...], suffix: str, time_s: float
 ) -> BinaryIO:
-    """Return what a module of `core.exports` writes of a document, as an open file without a name."""
+    """Return what a module of `panoloc.core.exports` writes of a document, as an open file without a name."""
     folder = await asyncio.to_thread(storage.spool_folder)
     source, target = folder / new_id("document"), folder / f"{new_id('export')}{suffix}"
     try:

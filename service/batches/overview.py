@@ -1,10 +1,10 @@
-"""Results of images as `core.exports.overview` draws them; of batches, and of folders of the command line."""
+"""Results of images as `panoloc.core.exports.overview` draws them; of batches, and of folders of the command line."""
 
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from service.batches.record import Result
+from panoloc.service.jobs import Result
 
 _MAX_OTHERS = 4  # places of one ambiguous photo, besides the likeliest
 
@@ -30,7 +30,8 @@ def photo_of(name: str, result: Result | None, map_id: str | None, image: Path |
 
 
 def placement_document(map_id: str | None, scan: Path | None, photos: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Return the document of `core.exports.overview`. map_id: the map that is drawn. scan: a PLY with its points."""
+    """Return the document of `panoloc.core.exports.overview`. map_id: the map that is drawn. scan: a PLY with its
+    points."""
     return {"map": map_id or "no map", "scan": None if scan is None else str(scan), "photos": list(photos)}
 
 

@@ -1,28 +1,24 @@
 """One batch: the request, as it is stored; and the result of each image.
 
 In storage: `batches/{id}/batch.json`, written once, last of all that an upload brings; `images/00000` and so on;
-`results/00000.json` as each image is done. All but images contain their own digest, see `service.storage.sealed_json`.
+`results/00000.json` as each image is done. All but images contain their own digest, see
+`panoloc.service.storage.sealed_json`.
 """
-
-from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from core.camera.camera import CameraDescription
-from service.jobs import QueryOptions
-
-Result = dict[str, Any]
-"""`status` of the query or "failed", and either `answer` (body of `POST /localize`) or `error` (problem document)."""
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.service.jobs import QueryOptions, Result
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class BatchRecord:
     """The request. Times are RFC 3339 in UTC.
 
-    map_ids, tag: as in `service.maps.selection.MapChoice`. camera: of all images; None: each says so itself.
+    map_ids, tag: as in `panoloc.service.maps.selection.MapChoice`. camera: of all images; None: each says so itself.
     names: of the images, each once, in their order. ignored: files of an archive that are no images by their names.
-    tenant: see `service.keys.caller.Caller`.
+    tenant: see `panoloc.service.keys.caller.Caller`.
     """
 
     id: str

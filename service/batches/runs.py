@@ -11,15 +11,15 @@ from typing import Any, TypeVar
 
 import structlog
 
-from core.errors import DeadlineExceededError
-from core.panorama.image_header import IMAGE, check_image
-from service.batches.record import BatchRecord, Result
-from service.batches.store import BatchStore
-from service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError
-from service.jobs import QueryImage, WorkerPool
-from service.localizations import Localizations, LocalizeRequest
-from service.maps.selection import MapChoice
-from service.problems import problem_document
+from panoloc.core.errors import DeadlineExceededError
+from panoloc.core.panorama.image_header import IMAGE, check_image
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.batches.store import BatchStore
+from panoloc.service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError
+from panoloc.service.jobs import QueryImage, Result, WorkerPool
+from panoloc.service.localizations import Localizations, LocalizeRequest
+from panoloc.service.maps.selection import MapChoice
+from panoloc.service.problems import problem_document
 
 _log = structlog.get_logger(__name__)
 

@@ -13,13 +13,14 @@ from pathlib import Path
 
 import structlog
 
-from service.batches.record import BatchRecord, Result, folder_of, image_key
-from service.batches.stored_batches import StoredBatches
-from service.errors import BatchLimitError, BatchNotFoundError, StorageError
-from service.sharing.change_signal import Publish, publish_nothing
-from service.sharing.keyed_lock import uninterrupted
-from service.sharing.locks import HeldLock, Locks, OwnLocks
-from service.storage import Storage
+from panoloc.service.batches.record import BatchRecord, folder_of, image_key
+from panoloc.service.batches.stored_batches import StoredBatches
+from panoloc.service.errors import BatchLimitError, BatchNotFoundError, StorageError
+from panoloc.service.jobs import Result
+from panoloc.service.sharing.change_signal import Publish, publish_nothing
+from panoloc.service.sharing.keyed_lock import uninterrupted
+from panoloc.service.sharing.locks import HeldLock, Locks, OwnLocks
+from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)
 

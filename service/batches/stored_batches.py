@@ -4,20 +4,20 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from service.batches.record import (
+from panoloc.service.batches.record import (
     BATCH,
     RESULT,
     BatchRecord,
-    Result,
     folder_of,
     image_key,
     record_key,
     result_key,
     results_prefix,
 )
-from service.errors import StoredFileDamagedError, StoredFileMissingError
-from service.storage import Storage
-from service.storage.sealed_json import seal, unseal
+from panoloc.service.errors import StoredFileDamagedError, StoredFileMissingError
+from panoloc.service.jobs import Result
+from panoloc.service.storage import Storage
+from panoloc.service.storage.sealed_json import seal, unseal
 
 # A bucket answers each after a while, and many in the same while.
 _AT_A_TIME = 8

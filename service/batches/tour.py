@@ -1,12 +1,12 @@
-"""Results of images as the tour that `core.exports.tour_file` reads; of batches, and of folders of the command line."""
+"""Results of images as the tour that `panoloc.core.exports.tour_file` reads; of batches, and of folders of the command
+line."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from service.batches.record import Result
-from service.maps.record import ON_EARTH
+from panoloc.service.jobs import ON_EARTH, Result
 
 
 @dataclass

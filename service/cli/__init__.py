@@ -9,7 +9,7 @@ import sys
 def main() -> None:
     """Run the command line of this process and exit with its code; Ctrl-C ends it quietly from its first import on."""
     try:
-        from service.cli.entry import run
+        from panoloc.service.cli.entry import run
 
         sys.exit(run(sys.argv[1:]))
     except KeyboardInterrupt:

@@ -1,6 +1,6 @@
-"""Run the command line as `python -m service.cli`, for processes that start the service themselves."""
+"""Run the command line as `python -m panoloc.service.cli`, for processes that start the service themselves."""
 
-from service.cli import main
+from panoloc.service.cli import main
 
 if __name__ == "__main__":
     main()

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from service.client import JsonObject, PanolocClient
+from panoloc.service.client import JsonObject, PanolocClient
 
 
 class AnswerFolder:

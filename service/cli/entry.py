@@ -7,12 +7,12 @@ import httpx
 import typer
 from rich.markup import escape
 
-from service.cli import keys, localize, maps, register, serve, workers
-from service.cli.exit_codes import ExitCode
-from service.cli.placing import export, place
-from service.cli.session import Session
-from service.client import ClientError
-from service.keys.key_file import KeyFileError
+from panoloc.service.cli import keys, localize, maps, register, serve, workers
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.placing import export, place
+from panoloc.service.cli.session import Session
+from panoloc.service.client import ClientError
+from panoloc.service.keys.key_file import KeyFileError
 
 
 def _exit_with(code: int | None, **_: Any) -> None:

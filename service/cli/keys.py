@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from service.cli.exit_codes import ExitCode
-from service.cli.session import JsonOption, Session
-from service.keys.audit_log import AuditLog
-from service.keys.key_file import KeyFile, KeyFileError
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import JsonOption, Session
+from panoloc.service.keys.audit_log import AuditLog
+from panoloc.service.keys.key_file import KeyFile, KeyFileError
 
 app = typer.Typer(
     help="Make, list and revoke API keys in the data folder of a service. The service does not have to run.",
@@ -20,7 +20,7 @@ app = typer.Typer(
 
 
 class ScopeName(StrEnum):
-    """What a key may do; see `service.keys.caller.Scope`."""
+    """What a key may do; see `panoloc.service.keys.caller.Scope`."""
 
     read = "read"
     localize = "localize"

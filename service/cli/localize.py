@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from core.options import MAX_IMAGES, MAX_TOP_K, Frame
-from core.panorama.image_header import KNOWN_FORMATS
-from service.cli.answer_files import AnswerFolder
-from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.progress import show_waiting
-from service.cli.query_options import (
+from panoloc.core.options import MAX_IMAGES, MAX_TOP_K, Frame
+from panoloc.core.panorama.image_header import KNOWN_FORMATS
+from panoloc.service.cli.answer_files import AnswerFolder
+from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from panoloc.service.cli.progress import show_waiting
+from panoloc.service.cli.query_options import (
     HfovOption,
     MapOption,
     MethodOption,
@@ -23,10 +23,10 @@ from service.cli.query_options import (
     check_map_choice,
     hints_object,
 )
-from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
-from service.client import ApiProblemError, JsonObject, PanolocClient
-from service.jobs import ARTIFACTS, QueryOptions
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
+from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient
+from panoloc.service.jobs import ARTIFACTS, QueryOptions
 
 Point = tuple[float, float, float]
 Cuboid = tuple[float, float, float, float, float, float]

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from service.cli.exit_codes import ExitCode
-from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.cli.tables import map_table, older_revision
-from service.client import ApiProblemError, ClientError, JsonObject, UnreachableError
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.tables import map_table, older_revision
+from panoloc.service.client import ApiProblemError, ClientError, JsonObject, UnreachableError
 
 app = typer.Typer(help="List, share or delete maps.")
 

@@ -18,7 +18,7 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 
-from service.client import JsonObject, UploadProgress
+from panoloc.service.client import JsonObject, UploadProgress
 
 LINE_S = 30.0
 

@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from core.camera.camera import CameraDescription
-from core.errors import OptionsError
-from core.options import Method
-from service.client import JsonObject
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.errors import OptionsError
+from panoloc.core.options import Method
+from panoloc.service.client import JsonObject
 
 MapOption = Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")]
 TagOption = Annotated[str | None, typer.Option(help="Search all maps with this tag instead.")]

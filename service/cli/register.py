@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from core.options import ColorKind, ScanOptions, Unit, UpAxis
-from service.cli.progress import show_registration, show_upload
-from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.cli.tables import map_summary
-from service.client import ApiProblemError, JsonObject, PanolocClient, UnreachableError
-from service.jobs import LONGEST_NAME
+from panoloc.core.options import ColorKind, ScanOptions, Unit, UpAxis
+from panoloc.service.cli.progress import show_registration, show_upload
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.tables import map_summary
+from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient, UnreachableError
+from panoloc.service.jobs import LONGEST_NAME
 
 
 def register(

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.exit_codes import ExitCode
-from service.cli.session import Session
-from service.host.address import why_not_free
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import Session
+from panoloc.service.host.address import why_not_free
 
 # Variables that other commands, the scripts or the container image read.
 _OF_OTHER_COMMANDS = {
@@ -80,7 +80,7 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     """
     from pydantic import ValidationError
 
-    from service.settings import Settings
+    from panoloc.service.settings import Settings
 
     for sentence in unknown_settings(os.environ):
         session.messages.print(f"[yellow]Warning:[/] {sentence}")
@@ -105,7 +105,7 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
             markup=False,
         )
         return ExitCode.ERROR
-    from service.serve import run_service
+    from panoloc.service.serve import run_service
 
     return int(run_service(settings) or 0)
 
@@ -137,7 +137,7 @@ def _fault_of_ray_address(address: str) -> str | None:
 
 def unknown_settings(environment: Mapping[str, str]) -> list[str]:
     """Return a sentence for each variable that looks like a setting and is none, with the one that was probably meant."""
-    from service.settings import Settings
+    from panoloc.service.settings import Settings
 
     known = {f"PANOLOC_{name.upper()}" for name in Settings.model_fields} | _OF_OTHER_COMMANDS
     found = []

@@ -13,9 +13,16 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 
-from service.cli.exit_codes import ExitCode
-from service.cli.tables import alternatives_table, answer_summary, images_table
-from service.client import ApiProblemError, ClientError, JsonObject, MapFailedError, PanolocClient, UnreachableError
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.tables import alternatives_table, answer_summary, images_table
+from panoloc.service.client import (
+    ApiProblemError,
+    ClientError,
+    JsonObject,
+    MapFailedError,
+    PanolocClient,
+    UnreachableError,
+)
 
 _PIPE_WIDTH = 500
 # All control characters but tabs and line ends, and the Unicode characters that reverse the direction of text.

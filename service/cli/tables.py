@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
-from service.client import JsonObject
+from panoloc.service.client import JsonObject
 
 _WHOLE_TURN_DEG = 359.5
 

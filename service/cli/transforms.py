@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from core.options import Frame
-from core.panorama.image_header import KIND_BYTES, KNOWN_FORMATS, image_kind
-from service.client import JsonObject
+from panoloc.core.options import Frame
+from panoloc.core.panorama.image_header import KIND_BYTES, KNOWN_FORMATS, image_kind
+from panoloc.service.client import JsonObject
 
 FILE_NAME = "transforms.json"
 
@@ -142,7 +142,7 @@ def _pose(given: Any, frame: Frame) -> JsonObject:
     # Commands load numpy only when they need it.
     import numpy as np
 
-    from core.geometry.pose import Pose
+    from panoloc.core.geometry.pose import Pose
 
     try:
         matrix = np.asarray(given, np.float64)

@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from service.cli.exit_codes import ExitCode
-from service.cli.session import Session
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import Session
 
 
 def workers(
@@ -28,7 +28,7 @@ def workers(
     """
     session: Session = ctx.obj
     try:
-        from service.ray.application import deploy, plan_of_environment
+        from panoloc.service.ray.application import deploy, plan_of_environment
     except ModuleNotFoundError as error:
         if error.name != "ray":
             raise

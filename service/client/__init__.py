@@ -1,7 +1,7 @@
 """A client of the HTTP API for programs: `PanolocClient` and its exceptions."""
 
-from service.client.client import JsonObject, PanolocClient
-from service.client.errors import (
+from panoloc.service.client.client import JsonObject, PanolocClient
+from panoloc.service.client.errors import (
     ApiProblemError,
     ClientError,
     InvalidKeyError,
@@ -11,7 +11,7 @@ from service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
-from service.client.uploads import UploadProgress
+from panoloc.service.client.uploads import UploadProgress
 
 __all__ = [
     "ApiProblemError",

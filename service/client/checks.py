@@ -3,7 +3,7 @@
 import re
 from urllib.parse import urlsplit
 
-from service.client.errors import InvalidKeyError, InvalidUrlError
+from panoloc.service.client.errors import InvalidKeyError, InvalidUrlError
 
 _KEY = re.compile(r"[!-~]+")
 

@@ -4,7 +4,7 @@
         place = client.wait_for_map(client.register_map(Path("office.ply"))["id"])
         answer = client.localize(Path("photo.jpg"), map_ids=[place["id"]])    # or several images of one session
 
-Uploads are streamed from disk. All methods raise the classes of `service.client.errors`.
+Uploads are streamed from disk. All methods raise the classes of `panoloc.service.client.errors`.
 """
 
 import json
@@ -17,15 +17,15 @@ from typing import Any, BinaryIO, NoReturn, Self
 
 import httpx
 
-from service.client.checks import check_key, check_url
-from service.client.errors import (
+from panoloc.service.client.checks import check_key, check_url
+from panoloc.service.client.errors import (
     ApiProblemError,
     MapFailedError,
     UnexpectedReplyError,
     UnreachableError,
     WaitTimeoutError,
 )
-from service.client.uploads import ProgressFile, UploadProgress, paths_of, sendable
+from panoloc.service.client.uploads import ProgressFile, UploadProgress, paths_of, sendable
 
 JsonObject = dict[str, Any]
 

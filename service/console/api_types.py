@@ -1,6 +1,7 @@
 """Writes the TypeScript types of what the API sends, `src/api/schema.ts`, from the pydantic models that send it.
 
-`python -m service.console.api_types` in the project's folder rewrites the file; a test compares it with the models.
+`python -m panoloc.service.console.api_types` in the project's folder rewrites the file; a test compares it with the
+models.
 """
 
 import json
@@ -10,16 +11,14 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from service.answer import Localization
-from service.http.schemas import Batch, Georeference, Health, Map, PendingLocalization
-from service.http.schemas.batches import BatchOverview
-from service.http.schemas.changes import MapChanges
+from panoloc.service.answer import Localization
+from panoloc.service.http.schemas import Batch, Georeference, Health, Map, PendingLocalization
+from panoloc.service.http.schemas.batches import BatchOverview
+from panoloc.service.http.schemas.changes import MapChanges
 
 FILE = Path(__file__).parent / "src" / "api" / "schema.ts"
 
-_HEAD = (
-    "/** Generated from the models of the HTTP API by `python -m service.console.api_types`: change those instead. */\n"
-)
+_HEAD = "/** Generated from the models of the HTTP API by `python -m panoloc.service.console.api_types`: change those instead. */\n"
 _MODELS: tuple[type[BaseModel], ...] = (
     Localization,
     PendingLocalization,

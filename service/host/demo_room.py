@@ -6,13 +6,13 @@ import shutil
 import sys
 from pathlib import Path
 
-from service.errors import StoredFileMissingError, WorkerError
-from service.jobs import new_id
-from service.storage import Storage
+from panoloc.service.errors import StoredFileMissingError, WorkerError
+from panoloc.service.jobs import new_id
+from panoloc.service.storage import Storage
 
 DEMO_FILES = ("room.ply", "panorama.jpg")
 # Of another package, which the service does not import; it comes with the same installation.
-_MAKER = "lab.demo_room"
+_MAKER = "panoloc.lab.demo_room"
 
 
 class DemoRoom:

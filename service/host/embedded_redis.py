@@ -13,7 +13,7 @@ from pathlib import Path
 
 import redis
 
-from service.host.parent_death import ending_with_parent
+from panoloc.service.host.parent_death import ending_with_parent
 
 _log = logging.getLogger(__name__)
 

@@ -4,8 +4,8 @@ import asyncio
 import logging
 from urllib.parse import urlsplit
 
-from service.cache import Cache
-from service.errors import CacheDownError
+from panoloc.service.cache import Cache
+from panoloc.service.errors import CacheDownError
 
 _log = logging.getLogger(__name__)
 

@@ -5,14 +5,14 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from fastapi import Request, Security
 from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
 
-from service.batches.record import BatchRecord
-from service.errors import KeyMissingError, ScopeMissingError
-from service.keys.audit_log import Change
-from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.tokens import TokenRefusedError
-from service.maps.known_maps import VisibleMaps
-from service.maps.record import MapRecord
-from service.services import services_of
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.errors import KeyMissingError, ScopeMissingError
+from panoloc.service.keys.audit_log import Change
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.tokens import TokenRefusedError
+from panoloc.service.maps.known_maps import VisibleMaps
+from panoloc.service.maps.record import MapRecord
+from panoloc.service.services import services_of
 
 _bearer = HTTPBearer(auto_error=False, description="Required only if the operator has set keys.")
 _header = APIKeyHeader(
@@ -21,7 +21,8 @@ _header = APIKeyHeader(
 
 
 def caller_of(request: Request) -> Caller:
-    """Return who a request comes from: its API key or token where keys are asked for and it has one, else its address."""
+    """Return who a request comes from: its API key or token where keys are asked for and it has one, else its
+    address."""
     keys = services_of(request).settings.keys
     key = _presented(request)
     caller = keys.find(key) if key is not None and keys.required else None
@@ -58,7 +59,8 @@ def maps_seen(request: Request) -> VisibleMaps:
 
 
 def own_map(request: Request, map_id: str) -> MapRecord:
-    """Return a map that the caller may change. Raises MapNotFoundError, and ScopeMissingError for one that is only shared."""
+    """Return a map that the caller may change. Raises MapNotFoundError, and ScopeMissingError for one that is only
+    shared."""
     record = maps_seen(request).get(map_id)
     if not record.belongs_to(caller_of(request).tenant):
         raise ScopeMissingError(
@@ -79,7 +81,8 @@ def note_change(request: Request, change: Change, what: str) -> None:
 
 
 async def hold_upload_place(request: Request) -> AsyncIterator[None]:
-    """Depend on this, after the scope, where scans or batches are uploaded: a place is held until the answer. Raises UploadsError."""
+    """Depend on this, after the scope, where scans or batches are uploaded: a place is held until the answer. Raises
+    UploadsError."""
     with services_of(request).uploads.place(caller_of(request).id):
         yield
 
@@ -104,7 +107,8 @@ async def _learn_new_issuer_keys(request: Request, key: str) -> None:
 
 
 async def _refuse_unknown(request: Request, key: str) -> None:
-    """Raise KeyMissingError for a key that opens nothing. Callers whose genuine token has expired do not wait: they guess no keys."""
+    """Raise KeyMissingError for a key that opens nothing. Callers whose genuine token has expired do not wait: they
+    guess no keys."""
     try:
         services_of(request).settings.keys.caller_of(key)
     except TokenRefusedError as error:

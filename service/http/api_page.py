@@ -1,4 +1,5 @@
-"""The page that describes the API to people: made from the OpenAPI document alone, without scripts and without anything from elsewhere.
+"""The page that describes the API to people: made from the OpenAPI document alone, without scripts and without anything
+from elsewhere.
 
 A script of another host on a page of this service could read the key that the console keeps for its tab.
 """

@@ -10,9 +10,16 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Match
 
-from service.errors import EXPECTED_ERRORS, KeyMissingError, MapNotReadyError, Problem, TryAgainError, WorkerError
-from service.http.validation import validation_error
-from service.problems import HTTP_PROBLEMS, MEDIA_TYPE, document_with, problem_document, problem_of
+from panoloc.service.errors import (
+    EXPECTED_ERRORS,
+    KeyMissingError,
+    MapNotReadyError,
+    Problem,
+    TryAgainError,
+    WorkerError,
+)
+from panoloc.service.http.validation import validation_error
+from panoloc.service.problems import HTTP_PROBLEMS, MEDIA_TYPE, document_with, problem_document, problem_of
 
 _METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _log = structlog.get_logger(__name__)
@@ -21,7 +28,7 @@ _RETRY_AFTER_S = 2
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Register the handlers; `service.http.request_context` answers 500 to any other exception."""
+    """Register the handlers; `panoloc.service.http.request_context` answers 500 to any other exception."""
     handlers: dict[type[Exception], Any] = {
         **dict.fromkeys(EXPECTED_ERRORS, _expected_error),
         RequestValidationError: _validation_error,

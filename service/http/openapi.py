@@ -7,8 +7,15 @@ from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from service.http.schemas import BatchOptions, LocalizeOptions, MapOptions, MapPatch, ProblemDocument, ScanOptions
-from service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
+from panoloc.service.http.schemas import (
+    BatchOptions,
+    LocalizeOptions,
+    MapOptions,
+    MapPatch,
+    ProblemDocument,
+    ScanOptions,
+)
+from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
 
 _REF = "#/components/schemas/{model}"
 # Models of forms and bodies that FastAPI does not know.

@@ -1,13 +1,14 @@
-"""The images of a query, each with its mask, its camera and its pose; what does not belong together is refused by name."""
+"""The images of a query, each with its mask, its camera and its pose; what does not belong together is refused by
+name."""
 
 import math
 from collections.abc import Sequence
 
-from core.options import MAX_SESSION_SPAN_M, TrackedPose
-from service.errors import InvalidOptionsError
-from service.http.schemas.cameras import Camera
-from service.http.schemas.localization import LocalizeOptions
-from service.jobs import QueryImage
+from panoloc.core.options import MAX_SESSION_SPAN_M, TrackedPose
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.schemas.cameras import Camera
+from panoloc.service.http.schemas.localization import LocalizeOptions
+from panoloc.service.jobs import QueryImage
 
 _POSE = "session_from_camera"
 

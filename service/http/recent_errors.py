@@ -1,13 +1,14 @@
-"""The last requests that ended in a problem, for operators: callers report a request id, and this list says what it was about."""
+"""The last requests that ended in a problem, for operators: callers report a request id, and this list says what it was
+about."""
 
 import json
 from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
-from service.jobs import now
-from service.maps.record import MapRecord
-from service.problems import MEDIA_TYPE
+from panoloc.service.jobs import now
+from panoloc.service.maps.record import MapRecord
+from panoloc.service.problems import MEDIA_TYPE
 
 _MOST_ERRORS = 50
 _MOST_BYTES = 8192
@@ -30,8 +31,8 @@ class RecentErrors:
     def newest(self, failed: Iterable[MapRecord] = ()) -> list[dict[str, Any]]:
         """Return them, newest first.
 
-        failed: maps that could not be built. Their uploads were accepted, so no response reported the failure; they are listed as
-        long as they exist.
+        failed: maps that could not be built. Their uploads were accepted, so no response reported the failure; they are
+        listed as long as they exist.
         """
         of_maps = [_entry(each.updated_at, "POST", f"/maps/{each.id}", each.newest.error or {}) for each in failed]
         # All times have one format and one zone, so that their order is that of the text.

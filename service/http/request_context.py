@@ -1,4 +1,5 @@
-"""Around every request: its id, a log line, metrics, and a problem document for heads too large and for unexpected faults."""
+"""Around every request: its id, a log line, metrics, and a problem document for heads too large and for unexpected
+faults."""
 
 import re
 import time
@@ -8,11 +9,11 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.http.error_handlers import plain_problem_response, problem_response
-from service.http.recent_errors import RecentErrors
-from service.jobs import new_id
-from service.metrics import Metrics
-from service.problems import HTTP_PROBLEMS
+from panoloc.service.http.error_handlers import plain_problem_response, problem_response
+from panoloc.service.http.recent_errors import RecentErrors
+from panoloc.service.jobs import new_id
+from panoloc.service.metrics import Metrics
+from panoloc.service.problems import HTTP_PROBLEMS
 
 _log = structlog.get_logger("service.requests")
 _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._~:+/=-]{1,128}")
@@ -22,7 +23,8 @@ _MOST_HEAD_BYTES = 16 * 1024  # of the path and all headers
 
 
 class RequestContext:
-    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced; `request.state` holds it."""
+    """ASGI middleware. An id that came with the request is kept when it is harmless to log, else replaced;
+    `request.state` holds it."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics, errors: RecentErrors) -> None:
         self._app = app
@@ -55,7 +57,8 @@ class RequestContext:
         app = self._app
         if _num_head_bytes(scope) > _MOST_HEAD_BYTES:
             self._metrics.note_refusal("header-bytes")
-            detail = f"expected at most {_MOST_HEAD_BYTES:,} bytes of path and headers, got more; send long values in the body"
+            expected = f"expected at most {_MOST_HEAD_BYTES:,} bytes of path and headers, got more"
+            detail = f"{expected}; send long values in the body"
             app = plain_problem_response(HTTP_PROBLEMS[431], detail, Request(scope))
         try:
             await app(scope, receive, send_with_id)

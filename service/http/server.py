@@ -1,4 +1,5 @@
-"""uvicorn with the limits of this service, stopped in its order: refuse new work, finish what is under way, then close."""
+"""uvicorn with the limits of this service, stopped in its order: refuse new work, finish what is under way, then
+close."""
 
 import asyncio
 import logging
@@ -13,8 +14,8 @@ import uvicorn
 
 _log = logging.getLogger(__name__)
 
-# Longer than clients and proxies keep an idle connection (nginx and load balancers 60 s, httpx 5 s): they must be the ones that close
-# first, because a request that meets a closing connection gets no answer.
+# Longer than clients and proxies keep an idle connection (nginx and load balancers 60 s, httpx 5 s): they must be the
+# ones that close first, because a request that meets a closing connection gets no answer.
 _KEEP_ALIVE_S = 75
 # Idle connections count. uvicorn answers 503 in plain text beyond it.
 _MOST_CONNECTIONS = 1024
@@ -92,7 +93,8 @@ class DrainingServer(uvicorn.Server):
         self.should_exit = self.force_exit = True
 
     async def on_tick(self, counter: int) -> bool:
-        """Tell whether the main loop ends: once nothing is under way any more, or the time to drain is over. Called every 0.1 s."""
+        """Tell whether the main loop ends: once nothing is under way any more, or the time to drain is over. Called
+        every 0.1 s."""
         self._close_slow_heads(time.monotonic())
         if self._deadline is not None and not self.should_exit:
             if not self._is_draining:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from core.scan.format_detection import HEAD_BYTES, extension_of, format_of
-from service.errors import UploadTooLargeError
-from service.storage.disk import disk_errors
+from panoloc.core.scan.format_detection import HEAD_BYTES, extension_of, format_of
+from panoloc.service.errors import UploadTooLargeError
+from panoloc.service.storage.disk import disk_errors
 
 MAX_FIELD_BYTES = 64 * 1024
 
@@ -24,9 +24,9 @@ def check_scan_head(head: bytes, name: str) -> None:
 class PartRule:
     """What parts of one name may be.
 
-    max_bytes: of one part. setting: the name of that limit. spooled: written to a file. max_parts: how often it may come. max_full_parts:
-    how many of them may have `max_bytes`; all together have no more bytes than these. check_head: raises for a spooled file with the
-    first bytes, or the name, of an unwanted format.
+    max_bytes: of one part. setting: the name of that limit. spooled: written to a file. max_parts: how often it may
+    come. max_full_parts: how many of them may have `max_bytes`; all together have no more bytes than these. check_head:
+    raises for a spooled file with the first bytes, or the name, of an unwanted format.
     """
 
     max_bytes: int = MAX_FIELD_BYTES

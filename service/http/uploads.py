@@ -1,7 +1,7 @@
 """Reads multipart uploads while they stream in: passing a limit ends the request at once, with its rest unread.
 
-Scans, archives and the images of a batch go to files in the storage's spool folder, hashed on the way; the images of a query and
-fields stay in memory.
+Scans, archives and the images of a batch go to files in the storage's spool folder, hashed on the way; the images of a
+query and fields stay in memory.
 """
 
 import asyncio
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Self
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
-from service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile
-from service.limits.capacity import Held
+from panoloc.service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
+from panoloc.service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile
+from panoloc.service.limits.capacity import Held
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -81,11 +81,11 @@ async def read_form(
     held: Held | None = None,
     max_parts: int = MAX_PARTS,
 ) -> Form:
-    """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in memory. max_parts:
-    of all names together.
+    """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in
+    memory. max_parts: of all names together.
 
-    Raises MalformedRequestError, UploadTooLargeError, UnwantedPartError, StorageFullError, BytesInFlightError, SlowBodyError, and what
-    `format_of` raises as soon as the head of a scan is there.
+    Raises MalformedRequestError, UploadTooLargeError, UnwantedPartError, StorageFullError, BytesInFlightError,
+    SlowBodyError, and what `format_of` raises as soon as the head of a scan is there.
     """
     _check_length(headers, rules)
     reader = _FormReader(_boundary(headers), rules, spool_folder, held, max_parts)

@@ -10,8 +10,8 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from core.errors import PanoramaTooLargeError, ScanTooLargeError
-from service.errors import InvalidOptionsError, MalformedRequestError
+from panoloc.core.errors import PanoramaTooLargeError, ScanTooLargeError
+from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
 
 ModelType = TypeVar("ModelType", bound=BaseModel)
 
@@ -52,7 +52,8 @@ _UNIT = re.compile("_(deg|rad|px|m|s|mb)$")
 def parse_json(model: type[ModelType], data: bytes | None, where: str) -> ModelType:
     """Read JSON into a model; None and nothing count as `{}`. where: what it is called in messages.
 
-    Raises MalformedRequestError for what is no JSON, InvalidOptionsError for what does not fit the model or says a thing twice.
+    Raises MalformedRequestError for what is no JSON, InvalidOptionsError for what does not fit the model or says a
+    thing twice.
     """
     try:
         read = model.model_validate_json(data or b"{}")
@@ -121,7 +122,8 @@ def _expected(found: Mapping[str, Any], model: type[BaseModel] | None) -> str:
 
 
 def _meant(location: Sequence[int | str], model: type[BaseModel]) -> str | None:
-    """Return the field that is most like the unknown one at a location: of the same object, or with its path of an object within."""
+    """Return the field that is most like the unknown one at a location: of the same object, or with its path of an
+    object within."""
     at, unknown = [str(part) for part in location[:-1] if isinstance(part, str)], str(location[-1])
     paths = [path[len(at) :] for path in _field_paths(model) if list(path[: len(at)]) == at]
     near = _most_like(unknown, [path for path in paths if len(path) == 1], 0.6)
@@ -129,7 +131,8 @@ def _meant(location: Sequence[int | str], model: type[BaseModel]) -> str | None:
 
 
 def _most_like(unknown: str, paths: Sequence[tuple[str, ...]], least: float) -> str | None:
-    """Return the path whose last name is most like the unknown one. Units do not count, because callers often leave them out."""
+    """Return the path whose last name is most like the unknown one. Units do not count, because callers often leave
+    them out."""
     names = {_UNIT.sub("", path[-1]): ".".join(path) for path in reversed(paths)}
     near = difflib.get_close_matches(_UNIT.sub("", unknown), names, 1, least)
     return names[near[0]] if near else None

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
 
 NAME = "keys.json"
 _FORMAT = 1
@@ -129,7 +129,8 @@ def _key(stored: dict[str, Any]) -> StoredKey:
 
 
 def digest_of(key: str) -> str:
-    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is enough."""
+    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is
+    enough."""
     return hashlib.sha256(key.encode()).hexdigest()
 
 

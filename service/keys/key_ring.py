@@ -6,9 +6,9 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.key_file import KeyFile, KeyFileError, digest_of
-from service.keys.tokens import TokenRefusedError, Tokens
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.key_file import KeyFile, KeyFileError, digest_of
+from panoloc.service.keys.tokens import TokenRefusedError, Tokens
 
 _log = logging.getLogger(__name__)
 
@@ -23,7 +23,8 @@ _SCOPES: dict[str, frozenset[Scope]] = {
 
 
 def callers_of_setting(text: str) -> Mapping[str, Caller]:
-    """Read `key` and `key:scope` entries separated by commas; return callers by the digests of their keys. They see all tenants.
+    """Read `key` and `key:scope` entries separated by commas; return callers by the digests of their keys. They see all
+    tenants.
 
     Raises ValueError without quoting a key.
     """
@@ -45,7 +46,8 @@ class KeyRing:
     """Used from one event loop."""
 
     def __init__(self, setting: str, data_dir: Path, tokens: Tokens | None = None, look_s: float = _LOOK_S) -> None:
-        """setting: PANOLOC_API_KEYS. tokens: None where those of no issuer count. Raises ValueError where the setting cannot be read."""
+        """setting: PANOLOC_API_KEYS. tokens: None where those of no issuer count. Raises ValueError where the setting
+        cannot be read."""
         self._of_setting = callers_of_setting(setting)
         self.tokens = tokens
         self._file = KeyFile(data_dir)
@@ -56,7 +58,8 @@ class KeyRing:
 
     @property
     def required(self) -> bool:
-        """Tell whether callers have to present a key: also where all keys of the file are revoked, or it cannot be read."""
+        """Tell whether callers have to present a key: also where all keys of the file are revoked, or it cannot be
+        read."""
         self._look()
         return bool(self._of_setting) or self._seen is not None or self.tokens is not None
 

@@ -7,8 +7,8 @@ from typing import Any, get_args
 
 import jwt
 
-from service.keys.caller import ALL_SCOPES, Caller, Scope
-from service.keys.issuer_keys import ALGORITHMS, IssuerKeys
+from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+from panoloc.service.keys.issuer_keys import ALGORITHMS, IssuerKeys
 
 # Between clocks that do not agree.
 _LEEWAY_S = 30.0
@@ -19,7 +19,8 @@ _CLAIMS = ["exp", "iss", "aud", "sub"]
 
 
 class TokenRefusedError(ValueError):
-    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may only just have been published."""
+    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may only just have been
+    published."""
 
     def __init__(self, message: str, *, is_genuine: bool = False, may_be_new: bool = False) -> None:
         super().__init__(message)
@@ -117,8 +118,8 @@ def _text(claims: Mapping[str, Any], name: str) -> str:
     value = _claim(claims, name)
     if not isinstance(value, str) or not value.isprintable() or not 0 < len(value) <= _MOST_CHARACTERS or value == "*":
         raise TokenRefusedError(
-            f"expected a token whose claim {name!r} is a name of 1 to {_MOST_CHARACTERS} printable characters other than '*', got "
-            f"{ascii(value)[:40]}",
+            f"expected a token whose claim {name!r} is a name of 1 to {_MOST_CHARACTERS} printable characters other "
+            f"than '*', got {ascii(value)[:40]}",
             is_genuine=True,
         )
     return value

@@ -13,8 +13,8 @@ from limits.aio.strategies import FixedWindowRateLimiter, RateLimiter, SlidingWi
 from redis.asyncio import ConnectionPool
 from redis.exceptions import RedisError
 
-from service.errors import RateError
-from service.limits.capacity import Refusal
+from panoloc.service.errors import RateError
+from panoloc.service.limits.capacity import Refusal
 
 _T = TypeVar("_T")
 
@@ -56,7 +56,8 @@ class CallerRates:
         return self.limits != RateLimits(None, None)
 
     async def take(self, caller: str, brings_bytes: bool) -> None:
-        """Count a request. Raises RateError for too many requests, and for one that brings bytes after too many bytes."""
+        """Count a request. Raises RateError for too many requests, and for one that brings bytes after too many
+        bytes."""
         refused = await self._counted(lambda counts: counts.refusal(caller, brings_bytes))
         if refused is None:
             return
@@ -101,8 +102,8 @@ class _Counts:
 
     def __init__(self, storage: MemoryStorage | RedisStorage, limits: RateLimits) -> None:
         requests, num_bytes = limits.requests_per_minute, limits.bytes_per_hour
-        # A sliding window spreads requests over the minute. Of bytes, one upload may be more than the limit, which only fixed windows
-        # can count.
+        # A sliding window spreads requests over the minute. Of bytes, one upload may be more than the limit, which only
+        # fixed windows can count.
         self._sliding, self._fixed = SlidingWindowCounterRateLimiter(storage), FixedWindowRateLimiter(storage)
         self._requests = None if requests is None else RateLimitItemPerMinute(requests)
         self._bytes = None if num_bytes is None else RateLimitItemPerHour(num_bytes)

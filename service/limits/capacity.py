@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-from service.errors import BytesInFlightError, TryAgainError, UploadsError
+from panoloc.service.errors import BytesInFlightError, TryAgainError, UploadsError
 
 Refusal = Literal[
-    "header-bytes", "slow-body", "slow-reader", "bytes-in-flight", "uploads", "queue", "deadline", "registration", "request-rate",
-    "byte-rate",
+    "header-bytes", "slow-body", "slow-reader", "bytes-in-flight", "uploads", "queue", "deadline", "registration",
+    "request-rate", "byte-rate",
 ]  # fmt: skip
 """Limits that turn requests away; labels of the metric of refusals."""
 
@@ -22,8 +22,8 @@ _UPLOADS, _UPLOADS_OF_CALLER = 16, 8
 class Capacity:
     """Counts what requests hold, such as bytes in memory or uploads. Used from one event loop.
 
-    most, most_of_caller: of all callers, and of one. what: named in messages. refusal, error: what a refusal is counted and raised as.
-    note_total: called with what is held after each change.
+    most, most_of_caller: of all callers, and of one. what: named in messages. refusal, error: what a refusal is counted
+    and raised as. note_total: called with what is held after each change.
     """
 
     def __init__(
@@ -97,7 +97,8 @@ class Held:
 
 
 def bytes_in_flight(max_image_bytes: int, note_refusal: Callable[[Refusal], None]) -> Capacity:
-    """Return the capacity for the images of queries that are not yet answered, which are in the memory of this process."""
+    """Return the capacity for the images of queries that are not yet answered, which are in the memory of this
+    process."""
     most, most_of_caller = _LARGEST_IMAGES * max_image_bytes, _LARGEST_IMAGES_OF_CALLER * max_image_bytes
     what = "bytes of images (multiples of PANOLOC_MAX_IMAGE_BYTES)"
     return Capacity(most, most_of_caller, what, "bytes-in-flight", BytesInFlightError, note_refusal)

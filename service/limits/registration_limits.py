@@ -13,7 +13,8 @@ MAX_ATTEMPTS = 5
 class RegistrationLimits:
     """Limits that grow with the bytes of the scan's file, or of an archive's content.
 
-    The largest scan that was measured, 50 million points in 750 MB, takes minutes and less than 2 GB; a small one seconds.
+    The largest scan that was measured, 50 million points in 750 MB, takes minutes and less than 2 GB; a small one
+    seconds.
     """
 
     time_s: float = 600.0

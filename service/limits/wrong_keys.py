@@ -1,10 +1,11 @@
-"""Slows down callers who try keys: the wrong ones of an address are answered one after the other, with a pause before each."""
+"""Slows down callers who try keys: the wrong ones of an address are answered one after the other, with a pause before
+each."""
 
 import asyncio
 from collections import Counter
 from weakref import WeakValueDictionary
 
-from service.errors import WrongKeysError
+from panoloc.service.errors import WrongKeysError
 
 _PAUSE_S = 1.0
 _MOST_WAITING = 8
@@ -23,8 +24,8 @@ class WrongKeys:
         """Wait before a wrong key of this address is refused. Raises WrongKeysError where many wait already."""
         if self._waiting[address] >= self._most_waiting:
             raise WrongKeysError(
-                f"expected a known API key, got {self._most_waiting} unknown ones from this address within seconds; ask the "
-                "operator for a key",
+                f"expected a known API key, got {self._most_waiting} unknown ones from this address within seconds; "
+                "ask the operator for a key",
                 round(self._most_waiting * self._pause_s) or 1,
             )
         lock = self._locks.setdefault(address, asyncio.Lock())

@@ -17,10 +17,10 @@ from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from service.answer import Document, in_map_axes
-from service.errors import StorageError
-from service.jobs import MapRef
-from service.storage import Storage
+from panoloc.service.answer import Document, in_map_axes
+from panoloc.service.errors import StorageError
+from panoloc.service.jobs import MapRef
+from panoloc.service.storage import Storage
 
 MOST_ANSWERS = 200
 """Of a map; older ones make room."""
@@ -47,7 +47,7 @@ class ChangeLog:
     async def note(self, answer: Document, cells: dict[str, Any] | None, images: Sequence[bytes]) -> None:
         """Keep what an answer to images saw, in place of an earlier answer to the same ones.
 
-        cells: see `service.worker.change_cells`; None: nothing.
+        cells: see `panoloc.service.worker.change_cells`; None: nothing.
         """
         if self.is_kept and cells is not None and answer["map_id"] is not None:
             await asyncio.to_thread(self._note, answer, cells, images)

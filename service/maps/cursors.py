@@ -4,7 +4,7 @@ import base64
 import binascii
 import json
 
-from service.errors import InvalidOptionsError
+from panoloc.service.errors import InvalidOptionsError
 
 
 def encode_cursor(created_at: str, map_id: str) -> str:

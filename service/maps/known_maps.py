@@ -4,10 +4,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from service.errors import MapNotFoundError
-from service.jobs import MapRef
-from service.maps.cursors import decode_cursor, encode_cursor
-from service.maps.record import MapRecord, coordinate_system_of
+from panoloc.service.errors import MapNotFoundError
+from panoloc.service.jobs import MapRef
+from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.record import MapRecord, coordinate_system_of
 
 
 class VisibleMaps:

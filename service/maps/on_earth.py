@@ -3,11 +3,11 @@
 import math
 from dataclasses import dataclass
 
-from core.georeference import coordinate_system
-from service.errors import MapNotFoundError
-from service.maps.known_maps import VisibleMaps
-from service.maps.record import MapRecord, coordinate_system_of
-from service.maps.selection import MAX_MAPS, MapChoice, invalid_option
+from panoloc.core.georeference import coordinate_system
+from panoloc.service.errors import MapNotFoundError
+from panoloc.service.maps.known_maps import VisibleMaps
+from panoloc.service.maps.record import MapRecord, coordinate_system_of
+from panoloc.service.maps.selection import MAX_MAPS, MapChoice, invalid_option
 
 # Of a map around its known place, and of a device's error beyond the one that it states.
 _REACH_M = 1000.0

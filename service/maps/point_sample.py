@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
 
-from service.errors import StoredFileDamagedError
+from panoloc.service.errors import StoredFileDamagedError
 
 _COUNT = re.compile(rb"^element vertex (\d+)$", re.MULTILINE)
 _CODES = {"float": "f", "double": "d", "uchar": "B"}

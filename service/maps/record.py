@@ -10,14 +10,11 @@ from typing import Any, Literal
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from service.jobs import MapRef, RegisterOptions
-from service.storage import Stamp, Storage
-from service.storage.sealed_json import seal, unseal
+from panoloc.service.jobs import ON_EARTH, MapRef, RegisterOptions
+from panoloc.service.storage import Stamp, Storage
+from panoloc.service.storage.sealed_json import seal, unseal
 
 RevisionStatus = Literal["queued", "ready", "failed"]
-
-ON_EARTH = ("georeference", "coordinate_system", "geoid_undulation_m")
-"""Fields of a map's document about its place on Earth."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

@@ -12,8 +12,8 @@ from typing import Any
 
 import structlog
 
-from service.cache import Cache
-from service.errors import (
+from panoloc.service.cache import Cache
+from panoloc.service.errors import (
     EXPECTED_ERRORS,
     CacheDownError,
     MapNotFoundError,
@@ -23,12 +23,12 @@ from service.errors import (
     StorageReadOnlyError,
     TryAgainError,
 )
-from service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
-from service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
-from service.maps.registry import MapRegistry
-from service.metrics import Metrics
-from service.problems import problem_document
-from service.sharing.keyed_lock import uninterrupted
+from panoloc.service.jobs import MapRef, RegisterJob, RegisterOutcome, WorkerPool
+from panoloc.service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.metrics import Metrics
+from panoloc.service.problems import problem_document
+from panoloc.service.sharing.keyed_lock import uninterrupted
 
 _log = structlog.get_logger(__name__)
 

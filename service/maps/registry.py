@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import structlog
 
-from service.errors import (
+from panoloc.service.errors import (
     MapLimitError,
     MapNotFoundError,
     StorageError,
@@ -23,13 +23,13 @@ from service.errors import (
     StoredFileMissingError,
     VersionConflictError,
 )
-from service.jobs import MapRef, now
-from service.maps.known_maps import KnownMaps
-from service.maps.record import MapRecord, folder_of, key_of, read_stamped_record, write_record
-from service.sharing.change_signal import Publish, publish_nothing
-from service.sharing.keyed_lock import KeyedLock
-from service.sharing.locks import HeldLock, Locks, OwnLocks
-from service.storage import Stamp, Storage
+from panoloc.service.jobs import MapRef, now
+from panoloc.service.maps.known_maps import KnownMaps
+from panoloc.service.maps.record import MapRecord, folder_of, key_of, read_stamped_record, write_record
+from panoloc.service.sharing.change_signal import Publish, publish_nothing
+from panoloc.service.sharing.keyed_lock import KeyedLock
+from panoloc.service.sharing.locks import HeldLock, Locks, OwnLocks
+from panoloc.service.storage import Stamp, Storage
 
 Result = TypeVar("Result")
 

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
-from service.jobs import MapRef
-from service.maps.known_maps import KnownMaps
-from service.maps.record import MapRecord
+from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
+from panoloc.service.jobs import MapRef
+from panoloc.service.maps.known_maps import KnownMaps
+from panoloc.service.maps.record import MapRecord
 
 MAX_MAPS = 64
 """That one query searches."""

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from service.errors import QueueFullError
+from panoloc.service.errors import QueueFullError
 
 
 class Admission:

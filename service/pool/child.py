@@ -1,13 +1,14 @@
-"""The worker process: `python -m service.pool.child`. Answers queries, or builds one map, for the service that started it."""
+"""The worker process: `python -m panoloc.service.pool.child`. Answers queries, or builds one map, for the service that
+started it."""
 
 import os
 import queue
 import sys
 import threading
 
-from service.host.logging import configure_logging
-from service.host.process_resources import return_freed_memory
-from service.pool.messages import Answer, ChildPipes, Hello, Request, Status
+from panoloc.service.host.logging import configure_logging
+from panoloc.service.host.process_resources import return_freed_memory
+from panoloc.service.pool.messages import Answer, ChildPipes, Hello, Request, Status
 
 BUILDER = "builder"
 """The argument of a process that builds one map; it gives way to queries when it registers."""

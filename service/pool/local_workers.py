@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
-from service.pool.messages import Hello
-from service.pool.process_pool import ProcessPool, Seat
-from service.pool.worker_process import WorkerProcess
-from service.settings import Settings
-from service.worker.plan import WorkerPlan
+from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
+from panoloc.service.pool.messages import Hello
+from panoloc.service.pool.process_pool import ProcessPool, Seat
+from panoloc.service.pool.worker_process import WorkerProcess
+from panoloc.service.settings import Settings
+from panoloc.service.worker.plan import WorkerPlan
 
 # The rest is for the service, Redis and a registration. A worker beyond its share is replaced before the system ends something else.
 _WORKERS_SHARE = 0.8
@@ -26,4 +26,4 @@ def local_pool(settings: Settings, plan: WorkerPlan) -> ProcessPool:
 
 def _seat(hello: Hello, gpu: str | None) -> Seat:
     variables = {} if gpu is None else {"CUDA_VISIBLE_DEVICES": gpu}
-    return lambda on_change, on_loss: WorkerProcess("service.pool.child", hello, on_change, on_loss, variables)
+    return lambda on_change, on_loss: WorkerProcess("panoloc.service.pool.child", hello, on_change, on_loss, variables)

@@ -4,10 +4,10 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
-from service.errors import NoWorkerError, RegistrationLimitError
-from service.jobs import MapRef, RegisterJob, RegisterOutcome, at_once
-from service.pool.messages import Kind
-from service.worker.reply import WorkerReply, error_of
+from panoloc.service.errors import NoWorkerError, RegistrationLimitError
+from panoloc.service.jobs import MapRef, RegisterJob, RegisterOutcome, at_once
+from panoloc.service.pool.messages import Kind
+from panoloc.service.worker.reply import WorkerReply, error_of
 
 Build = Callable[[Kind, Any], Awaitable[WorkerReply[Any]]]
 """Runs one build in a process of its own, which ends when the call is cancelled. Raises NoWorkerError when that process dies."""
@@ -39,8 +39,7 @@ class MapBuilds:
                 if not limit.expired():
                     raise
                 raise RegistrationLimitError(
-                    f"expected a map within {job.time_limit_s:.0f} s, got none; thin the scan or export it in "
-                    "another format, or ask the operator to raise PANOLOC_REGISTRATION_TIME_S"
+                    f"expected a map within {job.time_limit_s:.0f} s, got none; thin the scan or export it in another format"
                 ) from error
 
     async def rebuild(self, maps: Iterable[MapRef]) -> None:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Literal
 
-from service.worker.plan import WorkerPlan
-from service.worker.reply import WorkerReply
+from panoloc.service.worker.plan import WorkerPlan
+from panoloc.service.worker.reply import WorkerReply
 
 _LENGTH = struct.Struct("<Q")
 

@@ -3,15 +3,15 @@
 import asyncio
 from typing import Any
 
-from service.pool.messages import Hello, Kind
-from service.pool.worker_process import Work, WorkerProcess
-from service.worker.reply import WorkerReply
+from panoloc.service.pool.messages import Hello, Kind
+from panoloc.service.pool.worker_process import Work, WorkerProcess
+from panoloc.service.worker.reply import WorkerReply
 
 
 async def run_build(hello: Hello, kind: Kind, job: Any) -> WorkerReply[Any]:
     """Run one build; cancelling the call ends its process. Raises NoWorkerError when the process dies."""
     work = Work(0, kind, job)
-    process = WorkerProcess("service.pool.child builder", hello, on_loss=_note_loss)
+    process = WorkerProcess("panoloc.service.pool.child builder", hello, on_loss=_note_loss)
     process.begin(work)
     running = asyncio.create_task(process.run())
     try:

@@ -9,15 +9,15 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Any, TypeVar
 
-from core.errors import DeadlineExceededError
-from service.errors import NoWorkerError
-from service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome, at_once
-from service.pool.admission import Admission
-from service.pool.map_builds import MapBuilds
-from service.pool.messages import Hello, Kind
-from service.pool.one_build import run_build
-from service.pool.worker_process import Work, WorkerProcess
-from service.worker.reply import WorkerReply, error_of
+from panoloc.core.errors import DeadlineExceededError
+from panoloc.service.errors import NoWorkerError
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome, at_once
+from panoloc.service.pool.admission import Admission
+from panoloc.service.pool.map_builds import MapBuilds
+from panoloc.service.pool.messages import Hello, Kind
+from panoloc.service.pool.one_build import run_build
+from panoloc.service.pool.worker_process import Work, WorkerProcess
+from panoloc.service.worker.reply import WorkerReply, error_of
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
@@ -32,7 +32,7 @@ Seat = Callable[[Callable[[], None], Callable[[Work, str], None]], WorkerProcess
 
 
 class ProcessPool:
-    """Implements `service.jobs.WorkerPool`. Used from one event loop.
+    """Implements `panoloc.service.jobs.WorkerPool`. Used from one event loop.
 
     A query goes to a worker that has its maps in memory, where one is free. It waits in the order of arrival. One whose worker is lost
     keeps its number, so it comes first.
@@ -207,7 +207,7 @@ class ProcessPool:
                 process.end_if_astray(self._memory_bytes)
 
     async def _build(self, kind: Kind, job: Any) -> WorkerReply[Any]:
-        """Run one build in a process that ends with it; see `service.pool.map_builds.Build`."""
+        """Run one build in a process that ends with it; see `panoloc.service.pool.map_builds.Build`."""
         return await run_build(self._hello, kind, job)
 
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from service.errors import NoWorkerError
-from service.host.process_resources import SPINNING
-from service.jobs import LocalizeJob, MapRef
-from service.pool.messages import Answer, Hello, Kind, Request, Status, packed, received
-from service.worker.reply import WorkerReply
+from panoloc.service.errors import NoWorkerError
+from panoloc.service.host.process_resources import SPINNING
+from panoloc.service.jobs import LocalizeJob, MapRef
+from panoloc.service.pool.messages import Answer, Hello, Kind, Request, Status, packed, received
+from panoloc.service.worker.reply import WorkerReply
 
 _MAX_ATTEMPTS = 4
 _BUFFER_BYTES = 1 << 20

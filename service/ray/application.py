@@ -1,6 +1,7 @@
 """The workers as one declared Ray Serve application: `panoloc workers`, `serve deploy` or KubeRay's RayService bring it up.
 
-The import path of a Serve config is `service.ray.application:workers`. Settings come from `PANOLOC_` variables where the config is built.
+The import path of a Serve config is `panoloc.service.ray.application:workers`. Settings come from `PANOLOC_` variables
+where the config is built.
 """
 
 import asyncio
@@ -15,15 +16,15 @@ from ray import serve
 from ray.serve.handle import DeploymentHandle
 from ray.serve.schema import LoggingConfig
 
-from service.host.process_resources import SPINNING, return_freed_memory
-from service.host.service_version import service_version
-from service.jobs import LocalizeJob, LocalizeOutcome
-from service.pool.messages import Hello, Kind
-from service.pool.one_build import run_build
-from service.pool.worker_process import OVERDUE_S
-from service.settings import Settings
-from service.worker.plan import WorkerPlan, WorkerSettings
-from service.worker.reply import WorkerReply
+from panoloc.service.host.process_resources import SPINNING, return_freed_memory
+from panoloc.service.host.service_version import service_version
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
+from panoloc.service.pool.messages import Hello, Kind
+from panoloc.service.pool.one_build import run_build
+from panoloc.service.pool.worker_process import OVERDUE_S
+from panoloc.service.settings import Settings
+from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.worker.reply import WorkerReply
 
 APPLICATION, LOCALIZER, BUILDER = "panoloc", "localizer", "builder"
 """The names under which API replicas find the application and its two deployments."""

@@ -1,4 +1,4 @@
-"""The process that speaks with a Ray cluster for the service: `python -m service.ray.bridge`.
+"""The process that speaks with a Ray cluster for the service: `python -m panoloc.service.ray.bridge`.
 
 Ray's calls may hang, and a lost cluster may end the process that asks it. So the service gives requests to this process as it gives
 them to a local worker, and starts another one when this one ends.
@@ -17,12 +17,12 @@ from ray.exceptions import RayError, RayTaskError
 from ray.serve.exceptions import RayServeException
 from ray.serve.handle import DeploymentHandle
 
-from service.host.logging import configure_logging
-from service.jobs import LocalizeJob
-from service.pool.messages import Answer, ChildPipes, Hello, Request, Status
-from service.ray.application import APPLICATION, BUILDER, REQUESTS_PER_WORKER, description, num_running
-from service.worker.plan import WorkerPlan
-from service.worker.reply import WorkerReply, guarded
+from panoloc.service.host.logging import configure_logging
+from panoloc.service.jobs import LocalizeJob
+from panoloc.service.pool.messages import Answer, ChildPipes, Hello, Request, Status
+from panoloc.service.ray.application import APPLICATION, BUILDER, REQUESTS_PER_WORKER, description, num_running
+from panoloc.service.worker.plan import WorkerPlan
+from panoloc.service.worker.reply import WorkerReply, guarded
 
 _LOOK_PERIOD_S = 1.0
 # Joining a cluster takes 3 to 10 s; then every second somebody answers, or the cluster is away.

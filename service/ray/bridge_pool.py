@@ -3,13 +3,13 @@
 import sys
 from typing import Any
 
-from service.errors import NoWorkerError
-from service.pool.messages import Hello, Kind
-from service.pool.process_pool import ProcessPool
-from service.pool.worker_process import Work, WorkerProcess
-from service.settings import Settings
-from service.worker.plan import WorkerPlan
-from service.worker.reply import WorkerReply, error_of
+from panoloc.service.errors import NoWorkerError
+from panoloc.service.pool.messages import Hello, Kind
+from panoloc.service.pool.process_pool import ProcessPool
+from panoloc.service.pool.worker_process import Work, WorkerProcess
+from panoloc.service.settings import Settings
+from panoloc.service.worker.plan import WorkerPlan
+from panoloc.service.worker.reply import WorkerReply, error_of
 
 
 def bridge_pool(settings: Settings, plan: WorkerPlan) -> "BridgePool":
@@ -22,7 +22,7 @@ class BridgePool(ProcessPool):
 
     def __init__(self, settings: Settings, hello: Hello) -> None:
         def bridge(on_change: Any, on_loss: Any) -> WorkerProcess:
-            module = f"service.ray.bridge {settings.ray_address}"
+            module = f"panoloc.service.ray.bridge {settings.ray_address}"
             return WorkerProcess(module, hello, on_change, on_loss, {"RAY_USAGE_STATS_ENABLED": "0"})
 
         super().__init__(hello, [bridge], settings.queue_limit, settings.num_registrations, sys.maxsize)

@@ -16,8 +16,8 @@ from redis.asyncio import Redis
 from redis.asyncio.lock import Lock
 from redis.exceptions import LockNotOwnedError, RedisError
 
-from service.errors import CacheDownError
-from service.sharing.locks import HeldLock, Locks
+from panoloc.service.errors import CacheDownError
+from panoloc.service.sharing.locks import HeldLock, Locks
 
 Answer = TypeVar("Answer")
 

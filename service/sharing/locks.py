@@ -2,7 +2,7 @@
 
 Replicas that share a folder lock files: the kernel drops the locks of a process that ends, at once and without a clock.
 Several machines need a file system on which `flock` counts for all of them, as NFS 4, CephFS and Amazon EFS do.
-Replicas that share a bucket hold leases in Redis, see `service.sharing.leases`.
+Replicas that share a bucket hold leases in Redis, see `panoloc.service.sharing.leases`.
 """
 
 import asyncio
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from service.errors import CacheDownError
-from service.storage.disk import disk_errors
+from panoloc.service.errors import CacheDownError
+from panoloc.service.storage.disk import disk_errors
 
 _PAUSE_S = 0.005
 _LONGEST_PAUSE_S = 0.1

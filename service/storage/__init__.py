@@ -1,8 +1,8 @@
 """Storage of scans, maps and batches: files under keys such as `maps/map_x/1/scan.ply`, in a folder or a bucket."""
 
-from service.storage.folder import FolderStorage
-from service.storage.protocol import Stamp, Storage
-from service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url
+from panoloc.service.storage.folder import FolderStorage
+from panoloc.service.storage.protocol import Stamp, Storage
+from panoloc.service.storage.urls import BUCKET_SCHEMES, BucketAccess, folder_of, split_url
 
 __all__ = ["BucketAccess", "FolderStorage", "Stamp", "Storage", "open_storage"]
 
@@ -14,6 +14,6 @@ def open_storage(url: str, access: BucketAccess | None = None) -> Storage:
     if access is None:
         raise ValueError(f"storage {url}: expected a folder for uploads and local copies with a bucket, got none")
     # Only here: processes with a folder do without obstore.
-    from service.storage.bucket import BucketStorage
+    from panoloc.service.storage.bucket import BucketStorage
 
     return BucketStorage(url, access)

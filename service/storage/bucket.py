@@ -22,13 +22,13 @@ from io import BufferedIOBase
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from service.errors import ServiceError, StorageError, StoredFileChangedError, StoredFileMissingError
-from service.storage.bucket_client import open_client
-from service.storage.bucket_objects import BucketObjects, FoundObject
-from service.storage.folder import FolderStorage
-from service.storage.local_copies import LocalCopies
-from service.storage.protocol import DIGEST_SUFFIX, Stamp, check_digest, parts_of
-from service.storage.urls import BucketAccess, split_url
+from panoloc.service.errors import ServiceError, StorageError, StoredFileChangedError, StoredFileMissingError
+from panoloc.service.storage.bucket_client import open_client
+from panoloc.service.storage.bucket_objects import BucketObjects, FoundObject
+from panoloc.service.storage.folder import FolderStorage
+from panoloc.service.storage.local_copies import LocalCopies
+from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, check_digest, parts_of
+from panoloc.service.storage.urls import BucketAccess, split_url
 
 _log = logging.getLogger(__name__)
 

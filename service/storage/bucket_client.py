@@ -7,8 +7,8 @@ from typing import Any
 from obstore.exceptions import BaseError, UnknownConfigurationKeyError
 from obstore.store import AzureStore, GCSStore, ObjectStore, S3Store
 
-from service.errors import StorageAwayError
-from service.storage.urls import split_url
+from panoloc.service.errors import StorageAwayError
+from panoloc.service.storage.urls import split_url
 
 # Of one request; files are sent and fetched in pieces.
 _TIMEOUT_S, _PROBE_TIMEOUT_S = 30.0, 5.0

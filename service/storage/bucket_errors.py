@@ -12,14 +12,14 @@ from obstore.exceptions import (
     UnauthenticatedError,
 )
 
-from service.errors import (
+from panoloc.service.errors import (
     ServiceError,
     StorageAwayError,
     StorageFullError,
     StorageReadOnlyError,
     StoredFileChangedError,
 )
-from service.storage.protocol import missing
+from panoloc.service.storage.protocol import missing
 
 _RETRY_AFTER_S = 10
 _LONGEST_REASON = 200

@@ -18,10 +18,10 @@ import obstore
 from obstore.exceptions import BaseError
 from obstore.store import ObjectStore
 
-from service.errors import StoredFileChangedError, StoredFileMissingError
-from service.storage.bucket_errors import bucket_errors
-from service.storage.protocol import DIGEST_SUFFIX, Stamp
-from service.storage.urls import split_url
+from panoloc.service.errors import StoredFileChangedError, StoredFileMissingError
+from panoloc.service.storage.bucket_errors import bucket_errors
+from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp
+from panoloc.service.storage.urls import split_url
 
 PIECE_BYTES = 8 * 2**20
 _PARTS_AT_A_TIME = 4

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from service.errors import ServiceError, StorageError
-from service.storage.bucket import BucketStorage
+from panoloc.service.errors import ServiceError, StorageError
+from panoloc.service.storage.bucket import BucketStorage
 
 _log = logging.getLogger(__name__)
 

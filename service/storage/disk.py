@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.errors import StorageFullError, StorageReadOnlyError
+from panoloc.service.errors import StorageFullError, StorageReadOnlyError
 
 _RETRY_AFTER_S = 60
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.errors import StoredFileChangedError
-from service.storage.disk import age_s, disk_errors, make_folder, sync_folder
-from service.storage.protocol import DIGEST_SUFFIX, Stamp, check_digest, missing, parts_of
+from panoloc.service.errors import StoredFileChangedError
+from panoloc.service.storage.disk import age_s, disk_errors, make_folder, sync_folder
+from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, check_digest, missing, parts_of
 
 _PROBE_BYTES = 4096
 _DELETED = "deleted-"

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from io import BufferedIOBase
 from pathlib import Path
 
-from service.storage.disk import disk_errors
+from panoloc.service.storage.disk import disk_errors
 
 _UNFINISHED = "."
 

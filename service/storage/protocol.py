@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Protocol
 
-from service.errors import StoredFileDamagedError, StoredFileMissingError
+from panoloc.service.errors import StoredFileDamagedError, StoredFileMissingError
 
 DIGEST_SUFFIX = ".sha256"
 

@@ -6,8 +6,8 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
-from core.errors import OptionsError
-from service.errors import StoredFileDamagedError
+from panoloc.core.errors import OptionsError
+from panoloc.service.errors import StoredFileDamagedError
 
 Record = TypeVar("Record")
 

@@ -2,9 +2,9 @@
 
 import uuid
 
-from service.errors import ServiceError, StorageError, StoredFileChangedError
-from service.storage.bucket import BucketStorage
-from service.storage.protocol import Storage
+from panoloc.service.errors import ServiceError, StorageError, StoredFileChangedError
+from panoloc.service.storage.bucket import BucketStorage
+from panoloc.service.storage.protocol import Storage
 
 
 class StorageUnusableError(RuntimeError):

@@ -7,14 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from core.geometry.pose import Pose
-from core.geopose import MapPose, geopose_of
-from core.georeference import coordinate_system
-from core.panorama.session import Photo
-from core.results import Candidate, Localization
-from service import answer
-from service.answer import Accuracy, Alternative, Change, GeoPose, ImageAnswer, ImageCamera, PoseAnswer, RigidMotion
-from service.jobs import ARTIFACTS, LocalizeJob
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geopose import MapPose, geopose_of
+from panoloc.core.georeference import coordinate_system
+from panoloc.core.panorama.session import Photo
+from panoloc.core.results import Candidate, Localization
+from panoloc.service import answer
+from panoloc.service.answer import (
+    Accuracy,
+    Alternative,
+    Change,
+    GeoPose,
+    ImageAnswer,
+    ImageCamera,
+    PoseAnswer,
+    RigidMotion,
+)
+from panoloc.service.jobs import ARTIFACTS, LocalizeJob
 
 _ACCURACY_LEVEL = 0.68
 
@@ -28,8 +37,8 @@ def answer_of(
 ) -> answer.Localization:
     """Return the answer to a query. Of one that is `not_localized`, the best guess is the first alternative.
 
-    photos: the images of the query, see `service.worker.query_images.photos_of`. timings_s: seconds measured around the
-    search, added to its own. pictures: PNGs by name.
+    photos: the images of the query, see `panoloc.service.worker.query_images.photos_of`. timings_s: seconds measured
+    around the search, added to its own. pictures: PNGs by name.
     """
     is_placed = found.status != "not_localized"
     best = found.best if is_placed else None

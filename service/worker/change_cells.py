@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.config import ChangeConfig
-from core.index.map_index import MapIndex
-from core.results import Localization
+from panoloc.core.config import ChangeConfig
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.results import Localization
 
 _CELL_M = 0.15
 _MOST_CELLS_ACROSS = 30_000  # int16

@@ -11,24 +11,24 @@ from typing import Any, TypeVar
 
 import torch
 
-from core.errors import DeadlineExceededError, IndexFormatError
-from core.index.map_builder import index_config_digest
-from core.index.map_codec import decode_map_index
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
-from core.results import Localization
-from service.cache import WorkerCache
-from service.errors import CacheDownError
-from service.host.process_resources import keep_freed_memory, num_usable_cpus
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef
-from service.worker.answers import answer_of
-from service.worker.change_cells import change_cells
-from service.worker.map_catalog import MapCatalog
-from service.worker.plan import WorkerSettings
-from service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
-from service.worker.reply import WorkerReply, guarded
-from service.worker.residency import Residency
+from panoloc.core.errors import DeadlineExceededError, IndexFormatError
+from panoloc.core.index.map_builder import index_config_digest
+from panoloc.core.index.map_codec import decode_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
+from panoloc.core.results import Localization
+from panoloc.service.cache import WorkerCache
+from panoloc.service.errors import CacheDownError
+from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
+from panoloc.service.worker.answers import answer_of
+from panoloc.service.worker.change_cells import change_cells
+from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
+from panoloc.service.worker.reply import WorkerReply, guarded
+from panoloc.service.worker.residency import Residency
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")

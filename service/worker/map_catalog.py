@@ -4,10 +4,10 @@ import logging
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from service.errors import MapNotFoundError, StorageError, StoredFileMissingError, TryAgainError
-from service.jobs import MapRef, RegisterJob
-from service.maps.record import folder_of, key_of, read_record
-from service.storage import Storage
+from panoloc.service.errors import MapNotFoundError, StorageError, StoredFileMissingError, TryAgainError
+from panoloc.service.jobs import MapRef, RegisterJob
+from panoloc.service.maps.record import folder_of, key_of, read_record
+from panoloc.service.storage import Storage
 
 _log = logging.getLogger(__name__)
 

@@ -7,13 +7,13 @@ import pkgutil
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from service.limits.registration_limits import RegistrationLimits
-from service.storage import BucketAccess, Storage, open_storage
-from service.worker.reply import WorkerReply
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from panoloc.service.limits.registration_limits import RegistrationLimits
+from panoloc.service.storage import BucketAccess, Storage, open_storage
+from panoloc.service.worker.reply import WorkerReply
 
 if TYPE_CHECKING:
-    from service.settings import Settings
+    from panoloc.service.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class WorkerPlan:
     """What workers run: two factories, "module:function", called with the settings in the worker's process."""
 
     settings: WorkerSettings
-    worker: str = "service.worker.localization_worker:build_worker"
-    registrar: str = "service.worker.registrar:build_registrar"
+    worker: str = "panoloc.service.worker.localization_worker:build_worker"
+    registrar: str = "panoloc.service.worker.registrar:build_registrar"
 
     def build_worker(self) -> QueryWorker:
         """Import the factory of query workers and call it."""

@@ -9,16 +9,16 @@ import numpy as np
 import torch
 from PIL import Image
 
-from core.errors import OptionsError, PanoramaTooLargeError
-from core.geometry.pose import Pose
-from core.options import Frame, SessionOptions, TrackedPose
-from core.panorama.image_header import numbered
-from core.panorama.panorama import Panorama
-from core.panorama.reader import read_image
-from core.panorama.session import Photo, Session, SessionImage
-from core.panorama.session_sphere import session_on_sphere
-from core.results import Localization
-from service.jobs import QueryImage
+from panoloc.core.errors import OptionsError, PanoramaTooLargeError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Frame, SessionOptions, TrackedPose
+from panoloc.core.panorama.image_header import numbered
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.reader import read_image
+from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.panorama.session_sphere import session_on_sphere
+from panoloc.core.results import Localization
+from panoloc.service.jobs import QueryImage
 
 Query = Panorama | Photo | Session
 

@@ -12,27 +12,27 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
-from core.errors import ScanContentError
-from core.index.map_builder import build_map_index, index_config_digest
-from core.index.map_codec import encode_map_index
-from core.index.map_diagnostics import map_diagnostics
-from core.index.map_index import MapIndex
-from core.options import MIN_POINTS
-from core.pictures import draw_map_preview, encode_png
-from core.scan.archive.unpacking import remove_remains
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
-from core.zip_opening import unpacked_bytes
-from service.cache import WorkerCache
-from service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError
-from service.host.process_resources import limit_process, num_usable_cpus
-from service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
-from service.limits.registration_limits import MAX_COUNTED_BYTES
-from service.worker.map_catalog import MapCatalog
-from service.worker.plan import WorkerSettings
-from service.worker.registration_progress import RegistrationProgress
-from service.worker.reply import WorkerReply, guarded
+from panoloc.core.errors import ScanContentError
+from panoloc.core.index.map_builder import build_map_index, index_config_digest
+from panoloc.core.index.map_codec import encode_map_index
+from panoloc.core.index.map_diagnostics import map_diagnostics
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import MIN_POINTS
+from panoloc.core.pictures import draw_map_preview, encode_png
+from panoloc.core.scan.archive.unpacking import remove_remains
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
+from panoloc.core.zip_opening import unpacked_bytes
+from panoloc.service.cache import WorkerCache
+from panoloc.service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError
+from panoloc.service.host.process_resources import limit_process, num_usable_cpus
+from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
+from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
+from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.registration_progress import RegistrationProgress
+from panoloc.service.worker.reply import WorkerReply, guarded
 
 Result = TypeVar("Result")
 

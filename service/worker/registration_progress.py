@@ -3,12 +3,13 @@
 import contextlib
 import time
 
-from service.cache import WorkerCache
-from service.errors import CacheDownError
-from service.jobs import MapRef
+from panoloc.service.cache import WorkerCache
+from panoloc.service.errors import CacheDownError
+from panoloc.service.jobs import MapRef
 
 _REPORT_PERIOD_S = 0.2
-# Stages of `core.index.map_builder`: name in `stats.seconds`, begin and end on the way from 0 to 1 (in furnished rooms).
+# Stages of `panoloc.core.index.map_builder`: name in `stats.seconds`, begin and end on the way from 0 to 1 (in
+# furnished rooms).
 _STAGES = {
     "reading": ("read", 0.0, 0.2),
     "finding starts": ("starts", 0.2, 0.25),

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-import core.errors
-import service.errors
-from core.errors import CoreError
-from service.errors import EXPECTED_ERRORS, ServiceError, WorkerError
-from service.jobs import MapRef
+import panoloc.core.errors
+import panoloc.service.errors
+from panoloc.core.errors import CoreError
+from panoloc.service.errors import EXPECTED_ERRORS, ServiceError, WorkerError
+from panoloc.service.jobs import MapRef
 
 Outcome = TypeVar("Outcome")
 
@@ -54,7 +54,7 @@ def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure 
 
 def error_of(failure: WorkerFailure) -> ServiceError | CoreError:
     """Return the exception to raise in the HTTP process: the same expected one, else a WorkerError."""
-    for module in (core.errors, service.errors):
+    for module in (panoloc.core.errors, panoloc.service.errors):
         found = getattr(module, failure.kind, None)
         if isinstance(found, type) and issubclass(found, EXPECTED_ERRORS) and found is not WorkerError:
             return found(failure.message)

@@ -15,10 +15,10 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
-from lab.benchmark.rooms import Rooms
-from lab.benchmark.sizes import FULL, QUICK
-from lab.machine import machine, versions
+from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
+from panoloc.lab.benchmark.rooms import Rooms
+from panoloc.lab.benchmark.sizes import FULL, QUICK
+from panoloc.lab.machine import machine, versions
 
 
 def main() -> None:

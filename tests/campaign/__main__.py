@@ -7,7 +7,7 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from service.host.logging import configure_logging
+from panoloc.service.host.logging import configure_logging
 from tests.campaign.outcome import Outcome, table
 
 

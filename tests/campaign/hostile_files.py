@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from core.errors import CoreError
-from core.options import ScanOptions, SessionOptions
-from core.scan.ply.writer import encode_ply
-from core.scan.reading import read_scan
-from service.jobs import QueryImage
-from service.worker.query_images import read_query
+from panoloc.core.errors import CoreError
+from panoloc.core.options import ScanOptions, SessionOptions
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.reading import read_scan
+from panoloc.service.jobs import QueryImage
+from panoloc.service.worker.query_images import read_query
 from tests.campaign.damage import damaged
 from tests.campaign.outcome import Outcome, quantile
 from tests.core.scan.test_coordinate_systems import las_of

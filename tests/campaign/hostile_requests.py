@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.http import server
-from service.http.guards import slow_clients
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http import server
+from panoloc.service.http.guards import slow_clients
 from tests.campaign.damage import damaged
 from tests.campaign.outcome import Outcome, quantile
 from tests.service.http.running_service import SCAN, listening, png_of

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from lab.process_memory import family_bytes
+from panoloc.lab.process_memory import family_bytes
 from tests.campaign.clients import Answers
 from tests.campaign.flood import Flood
 from tests.campaign.outcome import Outcome, quantile

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import redis
 
-from lab.process_memory import family_bytes
-from service.host.process_tree import command_of
+from panoloc.lab.process_memory import family_bytes
+from panoloc.service.host.process_tree import command_of
 from tests.campaign.clients import Answers, Clients
 from tests.campaign.outcome import Outcome, quantile
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
 # What comes back by itself.
-KILLED = {"worker": "service.pool.child", "redis": "redis.sock"}
+KILLED = {"worker": "panoloc.service.pool.child", "redis": "redis.sock"}
 PATIENCE_S = 300.0
 
 

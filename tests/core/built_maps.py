@@ -2,9 +2,9 @@
 
 from functools import cache
 
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.options import IndexOptions
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import IndexOptions
 from tests.core.painted_box import PaintedBox
 
 BOX = PaintedBox(seed=3)

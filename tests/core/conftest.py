@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.panorama import Panorama
-from core.results import Localization
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, OTHER_BOX, map_of
 from tests.core.painted_box import PaintedBox, rotation_of
 

@@ -1,7 +1,7 @@
 """How far a found pose may be from the true one."""
 
-from core.geometry.pose import Pose, pose_error
-from core.results import Localization
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.results import Localization
 
 
 def assert_found(found: Localization, pose: Pose, position_m: float = 0.05, orientation_deg: float = 5.0) -> None:

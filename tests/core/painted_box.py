@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from core.scan.point_cloud import PointCloud
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.scan.point_cloud import PointCloud
 
 Array = NDArray[np.float64]
 _TEXTURE = 96  # pixels per side of a wall's picture

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from core.geometry.pose import FRAMES, Pose
-from core.geometry.projection import pixel_directions, project, unproject
-from core.options import ScanOptions
-from core.scan.reading import read_scan
+from panoloc.core.geometry.pose import FRAMES, Pose
+from panoloc.core.geometry.projection import pixel_directions, project, unproject
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading import read_scan
 from tests.core.painted_box import rotation_of
 
 H, W = 64, 128

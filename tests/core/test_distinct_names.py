@@ -1,6 +1,6 @@
 """Each name once, and those of others left alone."""
 
-from core.distinct_names import distinct_names
+from panoloc.core.distinct_names import distinct_names
 
 
 def test_what_is_taken_gets_a_number_before_its_ending_that_nobody_else_has() -> None:

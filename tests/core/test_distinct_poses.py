@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.config import PoseDistance
-from core.geometry.distinct_poses import first_distinct
-from core.geometry.rotations import uniform_rotations
+from panoloc.core.config import PoseDistance
+from panoloc.core.geometry.distinct_poses import first_distinct
+from panoloc.core.geometry.rotations import uniform_rotations
 
 NEAR = PoseDistance(0.8, 60.0)
 

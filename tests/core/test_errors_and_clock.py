@@ -5,9 +5,9 @@ import time
 import pytest
 import torch
 
-from core import errors
-from core.errors import CoreError, DeadlineExceededError
-from core.stage_clock import StageClock
+from panoloc.core import errors
+from panoloc.core.errors import CoreError, DeadlineExceededError
+from panoloc.core.stage_clock import StageClock
 
 
 def test_every_error_is_an_error_of_core() -> None:

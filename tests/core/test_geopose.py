@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from core.exports.angles import photo_angles
-from core.exports.geodesy import earth_pose
-from core.exports.tour import Georeference
-from core.geometry.pose import Pose, quaternion_of
-from core.geopose import MapPose, geopose_of
+from panoloc.core.exports.angles import photo_angles
+from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.tour import Georeference
+from panoloc.core.geometry.pose import Pose, quaternion_of
+from panoloc.core.geopose import MapPose, geopose_of
 from tests.core.exports.tours import rotation_of
 
 GOLDEN = MapPose((1.25, -2.5, 1.6), 52.5, 12.25, 4.75)

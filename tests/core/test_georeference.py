@@ -5,8 +5,8 @@ import math
 import pytest
 from pyproj import CRS, Proj, Transformer
 
-from core.errors import OptionsError
-from core.georeference import coordinate_system
+from panoloc.core.errors import OptionsError
+from panoloc.core.georeference import coordinate_system
 
 UTM_32 = "EPSG:25832"
 # Grid positions far from and near to the middle of their zones.

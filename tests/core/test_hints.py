@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.options import Hints
-from core.panorama.panorama import Panorama
-from core.results import Localization
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import Hints
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.results import Localization
 from tests.core.found_pose import assert_found
 
 HINTS_THAT_HOLD = {

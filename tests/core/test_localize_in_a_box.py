@@ -6,16 +6,16 @@ import math
 import numpy as np
 import pytest
 
-from core.config import LocalizerConfig
-from core.geometry.pose import Pose, pose_error
-from core.index.map_builder import build_map_index
-from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.options import Hints, IndexOptions
-from core.panorama.panorama import Panorama
-from core.results import Localization
-from core.scan.point_cloud import PointCloud
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_codec import decode_map_index, encode_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import Hints, IndexOptions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.results import Localization
+from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.built_maps import AS_LABELS, LABELLED, map_of
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of

@@ -5,16 +5,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose, pose_error
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.options import IndexOptions
-from core.panorama.session import Session, SessionImage
-from core.pictures import draw_map_preview, draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
-from core.results import Localization
-from lab.rooms import (
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import IndexOptions
+from panoloc.core.panorama.session import Session, SessionImage
+from panoloc.core.pictures import (
+    draw_map_preview,
+    draw_overlay,
+    draw_score_map_2d,
+    draw_score_map_3d,
+    encode_png,
+    view_scan,
+)
+from panoloc.core.results import Localization
+from panoloc.lab.rooms import (
     Scene,
     SceneSpec,
     apply_look,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.panorama import Panorama
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.panorama import Panorama
 from tests.core.found_pose import assert_found
 
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from core.errors import DeadlineExceededError, OptionsError
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.panorama import Panorama
+from panoloc.core.errors import DeadlineExceededError, OptionsError
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.panorama import Panorama
 
 
 def test_a_deadline_that_has_passed_raises(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> None:

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 import panoloc
-from core.geometry.pose import Pose
-from core.scan.ply.writer import encode_ply
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.ply.writer import encode_ply
 from tests.core.painted_box import PaintedBox
 
 
@@ -38,6 +38,6 @@ def test_every_public_name_is_there_and_no_other() -> None:
 
 
 def test_importing_panoloc_loads_neither_torch_nor_numpy() -> None:
-    program = "import panoloc, core.errors, core.options, sys; print({'torch', 'numpy', 'open3d'} & set(sys.modules))"
+    program = "import panoloc, panoloc.core.errors, panoloc.core.options, sys; print({'torch', 'numpy', 'open3d'} & set(sys.modules))"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "set()"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from core.shown_name import shown_name
+from panoloc.core.shown_name import shown_name
 
 
 @pytest.mark.parametrize(

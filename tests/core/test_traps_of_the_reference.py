@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from core.describe.spherical_patches import PatchGrid
-from core.index.map_builder import build_map_index
-from core.options import IndexOptions
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
-from core.paper.sampling_loss import SamplingProblem, sampling_loss
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.options import IndexOptions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.paper.sampling_loss import SamplingProblem, sampling_loss
 from tests.core.painted_box import PaintedBox
 
 

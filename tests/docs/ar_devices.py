@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from core.options import Frame
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Frame
 from tests.docs.ar_snippets import entry_of, ros_functions, xyzw
 
 Array = NDArray[np.float64]

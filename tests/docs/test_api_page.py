@@ -6,8 +6,8 @@ from unittest.mock import Mock
 
 import pytest
 
-from service.app import create_app
-from service.settings import Settings
+from panoloc.service.app import create_app
+from panoloc.service.settings import Settings
 from tests.docs.documentation import PAGES, ROOT, shell_commands
 
 CURL = [(page, words) for page in PAGES for words in shell_commands(page) if words[0] == "curl"]

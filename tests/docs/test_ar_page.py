@@ -6,11 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from core.camera.lens import project_to_image
-from core.geometry.pose import Pose
-from core.options import Frame
-from service.http.schemas.cameras import Camera
-from service.http.schemas.localization import LocalizeOptions
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Frame
+from panoloc.service.http.schemas.cameras import Camera
+from panoloc.service.http.schemas.localization import LocalizeOptions
 from tests.docs.ar_devices import (
     CX,
     CY,

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from service.cli.entry import app
-from service.cli.exit_codes import ExitCode
+from panoloc.service.cli.entry import app
+from panoloc.service.cli.exit_codes import ExitCode
 from tests.docs.documentation import PAGES, ROOT, anchors, relative_links, shell_commands
 
 COMMANDS = [(page, words) for page in PAGES for words in shell_commands(page)]

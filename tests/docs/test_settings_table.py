@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from docs.settings_table import PAGE, settings_table, with_current_table
-from service.settings import Settings
+from panoloc.service.settings import Settings
 from tests.docs.documentation import PAGES
 
 SETTINGS = set(re.findall(r"PANOLOC_[A-Z_]+", settings_table()))

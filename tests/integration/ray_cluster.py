@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from service.host.process_tree import descendants
+from panoloc.service.host.process_tree import descendants
 from tests.integration.running_service import ROOT, eventually, free_port
 
 _RUNS = b"will now block forever"
@@ -86,6 +86,6 @@ class RayClusterOfOthers:
 def start_workers(address: str, data: Path, redis_url: str) -> None:
     """Run `panoloc workers` on a cluster, as an operator would."""
     variables = {"PANOLOC_DATA_DIR": str(data), "PANOLOC_REDIS_URL": redis_url, "PANOLOC_RAY_ADDRESS": address}
-    command = [sys.executable, "-m", "service.cli", "workers"]
+    command = [sys.executable, "-m", "panoloc.service.cli", "workers"]
     ended = subprocess.run(command, cwd=ROOT, env=os.environ | variables, capture_output=True, text=True, timeout=240)
     assert ended.returncode == 0, ended.stdout + ended.stderr

@@ -13,7 +13,7 @@ from typing import Any
 
 import httpx
 
-from service.host.process_tree import command_of, descendants
+from panoloc.service.host.process_tree import command_of, descendants
 
 ROOT = Path(__file__).parents[2]
 _WAITING = "panoloc_queue_depth "
@@ -75,7 +75,7 @@ class RunningService:
         )
         with self._log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "service.cli", "serve"],
+                [sys.executable, "-m", "panoloc.service.cli", "serve"],
                 cwd=ROOT, env=environment, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
         self.http = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=600)
@@ -141,7 +141,7 @@ class RunningService:
 
     def worker_pid(self) -> int:
         """Return the process that answers queries."""
-        (worker,) = [pid for pid in self.family() if command_of(pid).endswith("-m service.pool.child")]
+        (worker,) = [pid for pid in self.family() if command_of(pid).endswith("-m panoloc.service.pool.child")]
         return worker
 
     def stop(self) -> int:

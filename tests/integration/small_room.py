@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from core.geometry.pose import Pose, PoseError, pose_error
-from core.scan.ply.writer import encode_ply
-from lab.rooms import Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
+from panoloc.core.geometry.pose import Pose, PoseError, pose_error
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.lab.rooms import Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
 
 # A dozen starts suffice for a room of 12 m².
 OPTIONS = '{"starts": {"method": "grid", "spacing_m": 1.0}}'

@@ -15,7 +15,17 @@ pytestmark = pytest.mark.integration
 
 def test_queries_and_memory_of_a_service_started_for_it(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PANOLOC_", "RAY_"))}
-    command = [sys.executable, "-m", "service.cli", "bench", "--quick", "--threads", "1", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "panoloc.service.cli",
+        "bench",
+        "--quick",
+        "--threads",
+        "1",
+        "--out",
+        str(tmp_path),
+    ]
     command += [word for part in ("index", "query", "memory") for word in ("--part", part)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=250)
     log = tmp_path / "service.log"
@@ -29,6 +39,6 @@ def test_queries_and_memory_of_a_service_started_for_it(tmp_path: Path) -> None:
     assert parts["index"]["decode"]["median_ms"] > 0
     memory = parts["memory"]
     assert memory["peak_bytes"] >= memory["after_bytes"] > 0
-    assert any("ServeReplica" in name for name in memory["idle_by_process"])
+    assert any("pool.child" in name for name in memory["idle_by_process"])
     assert "Queries over HTTP" in done.stdout
     assert "Memory of the service" in done.stdout

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.host.embedded_redis import EmbeddedRedis
 from tests.integration.console_page import browser, page_of
 from tests.service.http.running_service import listening
 

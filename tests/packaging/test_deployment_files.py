@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from docs.settings_table import settings_table
-from service.jobs import PoolState
-from service.metrics import Metrics
+from panoloc.service.jobs import PoolState
+from panoloc.service.metrics import Metrics
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).resolve().parents[2]

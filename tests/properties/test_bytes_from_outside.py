@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from core.errors import CoreError, IndexFormatError, PanoramaError
-from core.index.map_builder import build_map_index
-from core.index.map_codec import decode_map_index, encode_map_index
-from core.options import IndexOptions
-from core.panorama.reader import read_panorama
+from panoloc.core.errors import CoreError, IndexFormatError, PanoramaError
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_codec import decode_map_index, encode_map_index
+from panoloc.core.options import IndexOptions
+from panoloc.core.panorama.reader import read_panorama
 from tests.core.painted_box import PaintedBox
 
 

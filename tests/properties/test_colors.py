@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from core.describe.patch_histograms import hard_histograms, soft_histograms
-from core.light.color_equalization import equalize, label_codes, transport
+from panoloc.core.describe.patch_histograms import hard_histograms, soft_histograms
+from panoloc.core.light.color_equalization import equalize, label_codes, transport
 from tests.properties.strategies import byte_colors
 
 # A strictly growing tone curve on the 256 levels, one per channel: which levels are in use, in order.

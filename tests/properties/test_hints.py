@@ -8,9 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.config import SearchConfig
-from core.options import Hints
-from core.search.pose_limits import pose_limits
+from panoloc.core.config import SearchConfig
+from panoloc.core.options import Hints
+from panoloc.core.search.pose_limits import pose_limits
 from tests.properties.strategies import Array, finite, rotations
 
 OFFSET = np.array([1_000_000.0, -2_000_000.0, 250.0])

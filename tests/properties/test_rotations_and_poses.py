@@ -8,14 +8,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.geometry.pose import FRAMES, Pose, pose_error, quaternion_of
-from core.geometry.rotations import (
+from panoloc.core.geometry.pose import FRAMES, Pose, pose_error, quaternion_of
+from panoloc.core.geometry.rotations import (
     matrix_from_quaternion,
     rotation_angle,
     rotation_from_vector,
     uniform_rotations,
 )
-from core.options import Frame
+from panoloc.core.options import Frame
 from tests.properties.strategies import Array, finite, matrix_of, quaternions, rotations, vectors
 
 # Axes of the camera frames written in FLU (x forward, y left, z up), and where the map's axes go.

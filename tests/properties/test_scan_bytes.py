@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.errors import CoreError, ScanError
-from core.options import ScanOptions
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.readers import READERS
-from core.scan.reading import read_scan
-from core.scan.reading_context import ReadingContext
+from panoloc.core.errors import CoreError, ScanError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.readers import READERS
+from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading_context import ReadingContext
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import colored_quad, glb, glb_of, obj_files, zip_of
 from tests.core.scan.ptx_files import station_text

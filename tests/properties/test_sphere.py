@@ -7,8 +7,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import project, sample_bilinear, unproject
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.projection import project, sample_bilinear, unproject
 from tests.properties.strategies import Array, finite, vectors
 
 HEIGHTS = st.sampled_from((4, 16, 100, 512))

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from core.config import StartsConfig
+from panoloc.core.config import StartsConfig
 
 Array = NDArray[np.float64]
 Leaf = tuple[tuple[float, ...], float]

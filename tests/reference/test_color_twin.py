@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from core.light.color_equalization import equalize, transport
+from panoloc.core.light.color_equalization import equalize, transport
 from tests.reference.color_twin import matched_by_sorting, rank_of
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.geometry.projection import pixel_solid_angles
-from core.geometry.sphere_window import SphereWindow
-from core.judge.agreement import Agreement, agreement
+from panoloc.core.config import JudgeConfig
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.judge.agreement import Agreement, agreement
 from tests.reference import judge_twin as twin
 
 HEIGHT, ROWS = 16, 4

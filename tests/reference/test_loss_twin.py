@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import PaperConfig
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import pixel_directions
-from core.geometry.rotations import rotation_from_vector, uniform_rotations
-from core.panorama.image_level import prepare_level
-from core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
-from core.refine import gauss_newton, point_sampling
+from panoloc.core.config import PaperConfig
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.rotations import rotation_from_vector, uniform_rotations
+from panoloc.core.panorama.image_level import prepare_level
+from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
+from panoloc.core.refine import gauss_newton, point_sampling
 from tests.reference import loss_twin
 from tests.reference.spherical_twin import direction_of
 

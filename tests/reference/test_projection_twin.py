@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from core.geometry.projection import (
+from panoloc.core.geometry.projection import (
     pixel_directions,
     pixel_solid_angles,
     project,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from core.geometry.projection import pixel_directions
-from core.views.render_cloud import make_render_cloud, point_spacing
-from core.views.synthetic_view import SyntheticViews, render_views, visible_points
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.views.render_cloud import make_render_cloud, point_spacing
+from panoloc.core.views.synthetic_view import SyntheticViews, render_views, visible_points
 from tests.reference.rendering_twin import splat
 
 HEIGHT, WIDTH = 16, 32

@@ -4,13 +4,19 @@ import numpy as np
 import pytest
 import torch
 
-from core.describe.patch_descriptors import centered_roots, normalize_per_view, similarity_tensor
-from core.describe.patch_histograms import hard_histograms, soft_histograms
-from core.describe.spherical_patches import PatchGrid, rotation_table
-from core.geometry.rotations import uniform_rotations
-from core.paper.intersection import bin_major, intersection_tensor
-from core.paper.score_maps import pairing_counts, sample_patch_map, score_map_2d, score_map_3d, view_patch_scores
-from core.search.pose_scores import score_poses
+from panoloc.core.describe.patch_descriptors import centered_roots, normalize_per_view, similarity_tensor
+from panoloc.core.describe.patch_histograms import hard_histograms, soft_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.paper.intersection import bin_major, intersection_tensor
+from panoloc.core.paper.score_maps import (
+    pairing_counts,
+    sample_patch_map,
+    score_map_2d,
+    score_map_3d,
+    view_patch_scores,
+)
+from panoloc.core.search.pose_scores import score_poses
 from tests.reference import search_twin as twin
 from tests.reference.spherical_twin import patch_of
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.config import StartsConfig
-from core.errors import OptionsError
-from core.index.starts import Starts, grid_starts, octree_starts
+from panoloc.core.config import StartsConfig
+from panoloc.core.errors import OptionsError
+from panoloc.core.index.starts import Starts, grid_starts, octree_starts
 from tests.reference import starts_twin as twin
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.storage.bucket import BucketStorage
+from panoloc.service.storage.bucket import BucketStorage
 from tests.service.storage.bucket_server import BucketServer
 
 

@@ -2,20 +2,20 @@
 
 FOR_COMMANDS = frozenset(
     {
-        "core",
-        "core.camera",
-        "core.camera.camera",
-        "core.distinct_names",
-        "core.errors",
-        "core.options",
-        "core.panorama",
-        "core.panorama.image_header",
-        "core.shown_name",
-        "core.zip_opening",
+        "panoloc.core",
+        "panoloc.core.camera",
+        "panoloc.core.camera.camera",
+        "panoloc.core.distinct_names",
+        "panoloc.core.errors",
+        "panoloc.core.options",
+        "panoloc.core.panorama",
+        "panoloc.core.panorama.image_header",
+        "panoloc.core.shown_name",
+        "panoloc.core.zip_opening",
     }
 )
 
 
 def core_modules(loaded: set[str]) -> set[str]:
     """Return those of `core` among the names of modules."""
-    return {name for name in loaded if name.partition(".")[0] == "core"}
+    return {name for name in loaded if name.startswith("panoloc.core.") or name == "panoloc.core"}

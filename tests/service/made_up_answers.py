@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from service.answer import Change, Localization
+from panoloc.service.answer import Change, Localization
 
 
 def empty_answer(**changes: Any) -> Localization:

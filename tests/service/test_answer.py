@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from pyproj import Proj, Transformer
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose
-from core.options import Frame, Status, TrackedPose
-from core.panorama.panorama import Panorama
-from core.panorama.session import Photo, Session, SessionImage
-from core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
-from service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
-from service.worker.answers import answer_of
-from service.worker.query_images import Query, photos_of
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Frame, Status, TrackedPose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
+from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
+from panoloc.service.worker.answers import answer_of
+from panoloc.service.worker.query_images import Query, photos_of
 
 PANORAMA = Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool))
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
@@ -120,7 +120,7 @@ def test_the_search_of_an_answer_has_the_figures_of_the_search_the_best_pose_and
     }
 
 
-def test_without_a_fitting_pose_the_best_guess_leads_the_alternatives() -> None:
+def test_without_a_fitting_pose_the_best_guess_is_the_first_alternative() -> None:
     body = body_of(localization("not_localized", candidate(confidence=0.2)))
     assert body["pose"] is None
     assert body["map_id"] is None

@@ -12,10 +12,10 @@ from typing import TypeVar
 import pytest
 import redis
 
-from service.cache import Cache, WorkerCache
-from service.errors import CacheDownError
-from service.host.embedded_redis import EmbeddedRedis
-from service.jobs import ARTIFACTS, MapRef
+from panoloc.service.cache import Cache, WorkerCache
+from panoloc.service.errors import CacheDownError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.jobs import ARTIFACTS, MapRef
 
 Result = TypeVar("Result")
 REF, DIGEST = MapRef("map_a", 2), "0f"

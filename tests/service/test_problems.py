@@ -4,15 +4,15 @@ import inspect
 
 import pytest
 
-import core.errors
-import service.errors
-from core.errors import CoreError, PanoramaShapeError, PanoramaUnusableError
-from service.errors import InvalidOptionsError, QueueFullError, WorkerError
-from service.problems import CORE_PROBLEMS, error_responses, known_problems, problem_document, problem_of
+import panoloc.core.errors
+import panoloc.service.errors
+from panoloc.core.errors import CoreError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.service.errors import InvalidOptionsError, QueueFullError, WorkerError
+from panoloc.service.problems import CORE_PROBLEMS, error_responses, known_problems, problem_document, problem_of
 
 TREES = {
-    service.errors: service.errors.ServiceError,
-    core.errors: core.errors.CoreError,
+    panoloc.service.errors: panoloc.service.errors.ServiceError,
+    panoloc.core.errors: panoloc.core.errors.CoreError,
 }
 KINDS = {
     kind

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from service.host.run_folder import lock_folder
-from service.serve import run_service, take_secrets_out, why_exposed
-from service.settings import Settings
-from service.storage.claim import BucketClaim
-from service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.host.run_folder import lock_folder
+from panoloc.service.serve import run_service, take_secrets_out, why_exposed
+from panoloc.service.settings import Settings
+from panoloc.service.storage.claim import BucketClaim
+from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 
@@ -33,7 +33,7 @@ def test_children_inherit_no_keys() -> None:
 
 _SHOWS_ITSELF = """
 import os, sys
-from service.serve import take_secrets_out
+from panoloc.service.serve import take_secrets_out
 take_secrets_out(os.environ)
 sys.stdout.buffer.write(open("/proc/self/environ", "rb").read())
 """
@@ -129,7 +129,7 @@ def test_a_bucket_has_one_service_at_a_time(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("service.storage.claim._RENEW_S", 0.1)
+    monkeypatch.setattr("panoloc.service.storage.claim._RENEW_S", 0.1)
     other = BucketClaim(bucket_server.storage(tmp_path, prefix), tmp_path, is_shared=True)
     other.take()
     for name, value in bucket_server.variables.items():

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from service.settings import Settings
+from panoloc.service.settings import Settings
 
 
 def test_replicas_that_share_a_folder_need_one_redis_for_all(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,14 +11,14 @@ PROGRAM = """
 import sys
 sys.modules["open3d"] = None  # as if it were not installed
 from pathlib import Path
-import service.serve, service.pool.child, service.worker.localization_worker, service.worker.registrar
-from core.index.map_builder import build_map_index
-from core.localizer import Localizer
-from core.options import IndexOptions
-from core.scan.reading import read_scan
-from core.scan.ply.writer import write_ply
+import panoloc.service.serve, panoloc.service.pool.child, panoloc.service.worker.localization_worker, panoloc.service.worker.registrar
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import IndexOptions
+from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.ply.writer import write_ply
 from tests.core.painted_box import PaintedBox, rotation_of
-from core.geometry.pose import Pose
+from panoloc.core.geometry.pose import Pose
 import numpy as np
 box = PaintedBox(seed=3)
 write_ply(Path(sys.argv[1]), box.scan())

@@ -4,10 +4,10 @@ import csv
 import io
 from collections.abc import Iterator
 
-from core.exports.angles import photo_angles
-from core.exports.earth.placing import grid_of, on_earth, time_text
-from core.exports.number_text import plain
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from panoloc.core.exports.angles import photo_angles
+from panoloc.core.exports.earth.placing import grid_of, on_earth, time_text
+from panoloc.core.exports.number_text import plain
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour
 
 _WGS84 = 4326
 _MAX_ROLL_DEG = 90.0

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from core.exports.earth.placing import coordinates, on_earth, time_text
-from core.exports.tour import ExportedFile, Tour, json_file
+from panoloc.core.exports.earth.placing import coordinates, on_earth, time_text
+from panoloc.core.exports.tour import ExportedFile, Tour, json_file
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:

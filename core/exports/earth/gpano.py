@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from pathlib import PurePosixPath
 
-from core.exports.angles import PhotoAngles
-from core.exports.earth.jpeg_xmp import with_fields
-from core.exports.earth.placing import on_earth
-from core.exports.image_kind import why_not_as_named
-from core.exports.number_text import plain
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour
+from panoloc.core.exports.angles import PhotoAngles
+from panoloc.core.exports.earth.jpeg_xmp import with_fields
+from panoloc.core.exports.earth.placing import on_earth
+from panoloc.core.exports.image_kind import why_not_as_named
+from panoloc.core.exports.number_text import plain
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour
 
 _ENDINGS = (".jpg", ".jpeg")
 

@@ -4,11 +4,11 @@ import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from core.errors import ExportRefusedError
-from core.exports.angles import PhotoAngles, photo_angles
-from core.exports.geodesy import EarthPose, earth_pose, turned_by
-from core.exports.tour import PlacedPhoto, Tour
-from core.georeference import coordinate_system
+from panoloc.core.errors import ExportRefusedError
+from panoloc.core.exports.angles import PhotoAngles, photo_angles
+from panoloc.core.exports.geodesy import EarthPose, earth_pose, turned_by
+from panoloc.core.exports.tour import PlacedPhoto, Tour
+from panoloc.core.georeference import coordinate_system
 
 _EPSG = re.compile(r"(?i)epsg:(\d+)")
 

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from typing import Any
 
-from core.distinct_names import distinct_names
-from core.exports.angles import PhotoAngles, photo_angles
-from core.exports.axes import GL_FROM_FLU
-from core.exports.earth.placing import coordinates, grid_of, on_earth, time_text
-from core.exports.geodesy import EarthPose
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
+from panoloc.core.distinct_names import distinct_names
+from panoloc.core.exports.angles import PhotoAngles, photo_angles
+from panoloc.core.exports.axes import GL_FROM_FLU
+from panoloc.core.exports.earth.placing import coordinates, grid_of, on_earth, time_text
+from panoloc.core.exports.geodesy import EarthPose
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
 
 _EXTENSIONS = (
     "https://360-geo.github.io/stac-panorama/v1.0.0/schema.json",

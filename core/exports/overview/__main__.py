@@ -1,13 +1,14 @@
-"""`python -m core.exports.overview DOCUMENT.json PICTURE...`: draw the plan (PNG) and the contact sheet (JPEG)."""
+"""`python -m panoloc.core.exports.overview DOCUMENT.json PICTURE...`: draw the plan (PNG) and the contact sheet
+(JPEG)."""
 
 import sys
 from pathlib import Path
 
 from PIL import Image
 
-from core.exports.overview.contact_sheet import draw_contact_sheet
-from core.exports.overview.document import read_placement
-from core.exports.overview.plan import draw_plan
+from panoloc.core.exports.overview.contact_sheet import draw_contact_sheet
+from panoloc.core.exports.overview.document import read_placement
+from panoloc.core.exports.overview.plan import draw_plan
 
 _QUALITY = 85
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from core.geometry.pose import Pose
+from panoloc.core.geometry.pose import Pose
 
 PhotoStatus = Literal["localized", "ambiguous", "not_localized", "failed", "waiting"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PIL import ImageFont
 
-from core.exports.overview.document import PhotoStatus
+from panoloc.core.exports.overview.document import PhotoStatus
 
 Color = tuple[int, int, int]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from core.exports.overview.document import PhotoSeen, Placement
-from core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, legible
-from core.options import ScanOptions
-from core.scan.from_above import Area, SeenFromAbove, draw_from_above
-from core.scan.reading import read_scan
+from panoloc.core.exports.overview.document import PhotoSeen, Placement
+from panoloc.core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, legible
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.from_above import Area, SeenFromAbove, draw_from_above
+from panoloc.core.scan.reading import read_scan
 
 _MAX_SIDE = 1200  # pixels
 _MARGIN_M = 0.5  # around photos that lie at the edge of the scan, or beyond

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from core.exports.axes import cam_from_world, quaternion_wxyz
-from core.exports.number_text import plain
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
-from core.geometry.pose import Pose
-from core.options import ScanOptions
-from core.scan.reading import read_scan
+from panoloc.core.exports.axes import cam_from_world, quaternion_wxyz
+from panoloc.core.exports.number_text import plain
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading import read_scan
 
 _DECIMALS = 15  # positions are multiplied by rotations: in national grids nine would lose millimetres
 _MAX_POINTS = 200_000

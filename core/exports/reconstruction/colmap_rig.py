@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from core.distinct_names import distinct_names
-from core.exports.axes import cam_from_world
-from core.exports.reconstruction.colmap import points_of, pose_text, table
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
-from core.geometry.pose import Pose
+from panoloc.core.distinct_names import distinct_names
+from panoloc.core.exports.axes import cam_from_world
+from panoloc.core.exports.reconstruction.colmap import points_of, pose_text, table
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, text_file
+from panoloc.core.geometry.pose import Pose
 
 FACES: tuple[str, ...] = ("front", "right", "back", "left", "up", "down")
 _AXIS_TURNS = {"front": (0, 0), "right": (0, 1), "back": (0, 2), "left": (0, 3), "up": (1, 0), "down": (-1, 0)}

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
-from core.distinct_names import distinct_names
-from core.exports.axes import CV_FROM_FLU
-from core.exports.number_text import plain
-from core.exports.tour import ExportedFile, Tour
-from core.geometry.pose import Pose
+from panoloc.core.distinct_names import distinct_names
+from panoloc.core.exports.axes import CV_FROM_FLU
+from panoloc.core.exports.number_text import plain
+from panoloc.core.exports.tour import ExportedFile, Tour
+from panoloc.core.geometry.pose import Pose
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:

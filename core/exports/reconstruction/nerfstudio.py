@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.exports.axes import GL_FROM_FLU
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
-from core.geometry.pose import Pose
-from core.options import ScanOptions
-from core.scan.ply.writer import encode_ply
-from core.scan.reading import read_scan
+from panoloc.core.exports.axes import GL_FROM_FLU
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.reading import read_scan
 
 _POINTS = "points.ply"
 _LARGE_M = 1000.0  # single precision resolves 0.06 mm there

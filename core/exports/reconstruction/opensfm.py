@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.exports.axes import cam_from_world
-from core.exports.geodesy import enu_from_map
-from core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
-from core.geometry.pose import Pose, quaternion_of
+from panoloc.core.exports.axes import cam_from_world
+from panoloc.core.exports.geodesy import enu_from_map
+from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file
+from panoloc.core.geometry.pose import Pose, quaternion_of
 
 
 def write(tour: Tour) -> Iterator[ExportedFile]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from core.panorama.missing.flat_colors import color_name
+from panoloc.core.panorama.missing.flat_colors import color_name
 
 Mask = NDArray[np.bool_]
 

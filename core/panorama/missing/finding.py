@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.panorama.missing.bars import find_bars
-from core.panorama.missing.flat_colors import is_label_image
-from core.panorama.missing.flat_void import find_voids
-from core.panorama.missing.poles import find_polar_fills
+from panoloc.core.panorama.missing.bars import find_bars
+from panoloc.core.panorama.missing.flat_colors import is_label_image
+from panoloc.core.panorama.missing.flat_void import find_voids
+from panoloc.core.panorama.missing.poles import find_polar_fills
 
 Mask = NDArray[np.bool_]
 

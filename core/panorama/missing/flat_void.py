@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from core.panorama.missing.cells import CELL_PX, Cells, cells_of
-from core.panorama.missing.components import connected_components, grown, spread
-from core.panorama.missing.flat_colors import color_name
+from panoloc.core.panorama.missing.cells import CELL_PX, Cells, cells_of
+from panoloc.core.panorama.missing.components import connected_components, grown, spread
+from panoloc.core.panorama.missing.flat_colors import color_name
 
 Mask = NDArray[np.bool_]
 

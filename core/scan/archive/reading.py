@@ -6,15 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from core.errors import ScanContentError, ScanError
-from core.options import ScanOptions
-from core.scan.archive.unpacking import unpacked
-from core.scan.collecting import ScanCollector
-from core.scan.format_detection import HEAD_BYTES, KNOWN_FORMATS, detect_format, extension_of, is_named_like_a_scan
-from core.scan.point_cloud import PointCloud
-from core.scan.readers import read_file
-from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.text.layout import detect_layout
+from panoloc.core.errors import ScanContentError, ScanError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.archive.unpacking import unpacked
+from panoloc.core.scan.collecting import ScanCollector
+from panoloc.core.scan.format_detection import (
+    HEAD_BYTES,
+    KNOWN_FORMATS,
+    detect_format,
+    extension_of,
+    is_named_like_a_scan,
+)
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.readers import read_file
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.scan.text.layout import detect_layout
 
 _SHARE_OF_UNPACKING = 0.2
 # Files that scans refer to, or that come with them for people.
@@ -29,7 +35,7 @@ _OF_THE_WHOLE = {"large_coordinates", "suspicious_extent"}
 def read_archive(path: Path, options: ScanOptions, report: Callable[[float], None], temporary: Path) -> PointCloud:
     """Read all scans of the archive at `path`, unpacked below `temporary`, each with its own reader, in one frame.
 
-    Raises as `core.scan.reading.read_scan` does; errors of a scan begin with the name of its file.
+    Raises as `panoloc.core.scan.reading.read_scan` does; errors of a scan begin with the name of its file.
     """
     with unpacked(path, lambda share: report(_SHARE_OF_UNPACKING * share), temporary) as folder:
         scans = _scans_in(folder)

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.zip_opening import is_encrypted, is_link, leads_out, open_zip
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.zip_opening import is_encrypted, is_link, leads_out, open_zip
 
 MAX_MEMBERS = 10_000
 MAX_UNPACKED_BYTES = 64 << 30

@@ -1,4 +1,5 @@
-"""`python -m core.scan.e57 SCAN.e57 FOLDER`: write the images of a file into a folder, and print how many there are.
+"""`python -m panoloc.core.scan.e57 SCAN.e57 FOLDER`: write the images of a file into a folder, and print how many there
+are.
 
 `cameras.json` holds the intrinsics of pinhole images, such as cube faces, in the form that queries take. An image that
 is already there with the same bytes keeps its time. Damage is reported in one line on standard error, with exit code 3.
@@ -9,12 +10,12 @@ import re
 import sys
 from pathlib import Path, PurePosixPath
 
-from core.distinct_names import distinct_names
-from core.errors import CoreError
-from core.options import CAMERAS_FILE, ScanOptions
-from core.scan.e57.images import E57Image, images_of
-from core.scan.e57.reader import opened
-from core.scan.reading_context import ReadingContext
+from panoloc.core.distinct_names import distinct_names
+from panoloc.core.errors import CoreError
+from panoloc.core.options import CAMERAS_FILE, ScanOptions
+from panoloc.core.scan.e57.images import E57Image, images_of
+from panoloc.core.scan.e57.reader import opened
+from panoloc.core.scan.reading_context import ReadingContext
 
 REFUSED = 3
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError
-from core.options import MAX_PIXELS
-from core.scan.e57.images import E57Image, Pinhole
+from panoloc.core.errors import ScanContentError
+from panoloc.core.options import MAX_PIXELS
+from panoloc.core.scan.e57.images import E57Image, Pinhole
 
 MAX_IMAGES = 400
 _DEPTH_ROWS, _DEPTH_COLUMNS = 256, 512  # 0.7 degrees: what scans of a few centimetres fill at a few metres

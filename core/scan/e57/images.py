@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.scan.e57.scan_entry import pose_of
+from panoloc.core.scan.e57.scan_entry import pose_of
 
 _BLOBS = {"jpegImage": ".jpg", "pngImage": ".png"}
 _MAX_IMAGE_BYTES = 256 << 20

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
-from core.scan.e57.coloring import ImageColors, with_poses
-from core.scan.e57.images import images_of
-from core.scan.e57.scan_entry import E57Scan
-from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
+from panoloc.core.errors import CUT_SHORT, CoreError, ScanContentError, ScanDamagedError, ScanFormatError
+from panoloc.core.scan.e57.coloring import ImageColors, with_poses
+from panoloc.core.scan.e57.images import images_of
+from panoloc.core.scan.e57.scan_entry import E57Scan
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
 
 def read_e57(context: ReadingContext) -> Iterator[RawChunk]:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from core.geometry.pose import Pose
-from core.scan.reading_context import CHUNK_ROWS
+from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.reading_context import CHUNK_ROWS
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")

@@ -9,9 +9,9 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from core.scan.companions import companion
-from core.scan.reading_context import ReadingContext
+from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
+from panoloc.core.scan.companions import companion
+from panoloc.core.scan.reading_context import ReadingContext
 
 Json = dict[str, Any]
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942

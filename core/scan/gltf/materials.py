@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.scan.gltf.file import GltfFile, Json
-from core.scan.mesh.sampling import linear_to_srgb
-from core.scan.mesh.surface import Paint
-from core.scan.mesh.texture import Texture, TextureReader, Wrap
+from panoloc.core.scan.gltf.file import GltfFile, Json
+from panoloc.core.scan.mesh.sampling import linear_to_srgb
+from panoloc.core.scan.mesh.surface import Paint
+from panoloc.core.scan.mesh.texture import Texture, TextureReader, Wrap
 
 _WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
 _CUTOFF = 0.5

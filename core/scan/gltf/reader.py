@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError, ScanTooLargeError
-from core.geometry.pose import Pose
-from core.scan.gltf.file import GltfFile, Json
-from core.scan.gltf.materials import Materials
-from core.scan.mesh.sampling import iter_surface_samples
-from core.scan.mesh.surface import SurfacePart, check_vertex_numbers
-from core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.errors import ScanDamagedError, ScanTooLargeError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.gltf.file import GltfFile, Json
+from panoloc.core.scan.gltf.materials import Materials
+from panoloc.core.scan.mesh.sampling import iter_surface_samples
+from panoloc.core.scan.mesh.surface import SurfacePart, check_vertex_numbers
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
 
 MAX_TRIANGLES = 20_000_000
 _POINTS, _TRIANGLES, _STRIP, _FAN = 0, 4, 5, 6

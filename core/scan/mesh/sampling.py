@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError
-from core.options import METRES_PER_UNIT
-from core.scan.mesh.surface import Paint, SurfacePart, triangle_areas
-from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error
+from panoloc.core.errors import ScanContentError
+from panoloc.core.options import METRES_PER_UNIT
+from panoloc.core.scan.mesh.surface import Paint, SurfacePart, triangle_areas
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error
 
 # Samples are this close, where they need not be fewer.
 SAMPLE_SPACING_M = 0.01

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
-from core.scan.mesh.texture import Texture
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.scan.mesh.texture import Texture
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.options import MAX_PIXELS
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.options import MAX_PIXELS
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TGA", "TIFF")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
+from panoloc.core.errors import ScanDamagedError
 
 # Options of map_Kd that take more than one value: how many at most.
 _NUM_VALUES = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}

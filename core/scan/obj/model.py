@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanDamagedError, ScanTooLargeError
-from core.scan.mesh.surface import check_vertex_numbers
-from core.scan.reading_context import CHUNK_ROWS
-from core.scan.text.table import TextLines, parse_numbers
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError, ScanTooLargeError
+from panoloc.core.scan.mesh.surface import check_vertex_numbers
+from panoloc.core.scan.reading_context import CHUNK_ROWS
+from panoloc.core.scan.text.table import TextLines, parse_numbers
 
 MAX_ROWS = 50_000_000
 """Of vertices, texture coordinates or faces."""

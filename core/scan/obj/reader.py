@@ -5,14 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError
-from core.scan.companions import companion
-from core.scan.mesh.sampling import iter_surface_samples
-from core.scan.mesh.surface import Paint, SurfacePart
-from core.scan.mesh.texture import Texture, TextureReader, Wrap
-from core.scan.obj.materials import ObjMaterial, read_materials
-from core.scan.obj.model import ObjModel, read_model
-from core.scan.reading_context import RawChunk, ReadingContext, no_color_error
+from panoloc.core.errors import ScanContentError
+from panoloc.core.scan.companions import companion
+from panoloc.core.scan.mesh.sampling import iter_surface_samples
+from panoloc.core.scan.mesh.surface import Paint, SurfacePart
+from panoloc.core.scan.mesh.texture import Texture, TextureReader, Wrap
+from panoloc.core.scan.obj.materials import ObjMaterial, read_materials
+from panoloc.core.scan.obj.model import ObjModel, read_model
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error
 
 
 def read_obj(context: ReadingContext) -> Iterator[RawChunk]:

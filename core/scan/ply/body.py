@@ -8,10 +8,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanDamagedError
-from core.scan.ply.header import PlyElement, PlyHeader
-from core.scan.reading_context import CHUNK_ROWS
-from core.scan.text.table import TextBlock, TextLines
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError
+from panoloc.core.scan.ply.header import PlyElement, PlyHeader
+from panoloc.core.scan.reading_context import CHUNK_ROWS
+from panoloc.core.scan.text.table import TextBlock, TextLines
 
 _BLOCK_BYTES = 1 << 23
 _MAX_ROW_BYTES = 1 << 24

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanDamagedError
-from core.scan.ply.header import PlyElement
-from core.scan.reading_context import stack_columns
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.scan.ply.header import PlyElement
+from panoloc.core.scan.reading_context import stack_columns
 
 POSITION_NAMES = ("x", "y", "z")
 _COLOR_NAMES = (

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from core.errors import CUT_SHORT, ScanDamagedError
-from core.options import ScanOptions
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError
+from panoloc.core.options import ScanOptions
 
 MAX_HEADER_BYTES = 1 << 20
 MAX_ELEMENTS = 64

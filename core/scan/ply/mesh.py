@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.options import METRES_PER_UNIT
-from core.scan.color_range import ColorRange
-from core.scan.companions import companion
-from core.scan.mesh.sampling import iter_surface_samples
-from core.scan.mesh.surface import Paint, SurfacePart, check_vertex_numbers, triangle_areas
-from core.scan.mesh.texture import TextureReader
-from core.scan.ply.body import PlyBody, RowBatch
-from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
-from core.scan.ply.header import PlyElement, PlyHeader
-from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.options import METRES_PER_UNIT
+from panoloc.core.scan.color_range import ColorRange
+from panoloc.core.scan.companions import companion
+from panoloc.core.scan.mesh.sampling import iter_surface_samples
+from panoloc.core.scan.mesh.surface import Paint, SurfacePart, check_vertex_numbers, triangle_areas
+from panoloc.core.scan.mesh.texture import TextureReader
+from panoloc.core.scan.ply.body import PlyBody, RowBatch
+from panoloc.core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
+from panoloc.core.scan.ply.header import PlyElement, PlyHeader
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
 
 # Above these counts the vertices of any room lie closer than its points are thinned to; the faces are not even read.
 MAX_VERTICES = 2_000_000

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from core.errors import ScanContentError
-from core.scan.ply.body import PlyBody
-from core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
-from core.scan.ply.header import PlyElement, PlyHeader, check_file_size, read_ply_header
-from core.scan.ply.mesh import has_face_colors, has_mesh, has_texture, read_mesh, texture_names
-from core.scan.ply.splats import has_splats, iter_splats
-from core.scan.reading_context import RawChunk, ReadingContext, no_color_error, stack_columns
+from panoloc.core.errors import ScanContentError
+from panoloc.core.scan.ply.body import PlyBody
+from panoloc.core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
+from panoloc.core.scan.ply.header import PlyElement, PlyHeader, check_file_size, read_ply_header
+from panoloc.core.scan.ply.mesh import has_face_colors, has_mesh, has_texture, read_mesh, texture_names
+from panoloc.core.scan.ply.splats import has_splats, iter_splats
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error, stack_columns
 
 
 def read_ply(context: ReadingContext) -> Iterator[RawChunk]:

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from core.errors import ScanContentError
-from core.scan.ply.body import PlyBody
-from core.scan.ply.columns import POSITION_NAMES
-from core.scan.ply.header import PlyElement, PlyHeader
-from core.scan.reading_context import RawChunk, ReadingContext, stack_columns
+from panoloc.core.errors import ScanContentError
+from panoloc.core.scan.ply.body import PlyBody
+from panoloc.core.scan.ply.columns import POSITION_NAMES
+from panoloc.core.scan.ply.header import PlyElement, PlyHeader
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext, stack_columns
 
 MIN_OPACITY = 0.5
 """Of a splat on a surface. More transparent ones are haze between surfaces and cameras."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.scan.point_cloud import PointCloud
+from panoloc.core.scan.point_cloud import PointCloud
 
 
 def encode_ply(cloud: PointCloud) -> bytes:

@@ -1,4 +1,5 @@
-"""The process of a sandboxed reader: `python -m core.scan.sandbox.child`, started by `core.scan.sandbox.reading`."""
+"""The process of a sandboxed reader: `python -m panoloc.core.scan.sandbox.child`, started by
+`panoloc.core.scan.sandbox.reading`."""
 
 import dataclasses
 import importlib
@@ -9,12 +10,12 @@ import threading
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from core.errors import ScanError
-from core.options import ScanOptions
-from core.scan.reading_context import ReadingContext, ScanReader
-from core.scan.sandbox.limits import SandboxLimits, take_limits
-from core.scan.sandbox.messages import send, send_chunk
-from core.scan.sandbox.system_calls import refuse_system_calls
+from panoloc.core.errors import ScanError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading_context import ReadingContext, ScanReader
+from panoloc.core.scan.sandbox.limits import SandboxLimits, take_limits
+from panoloc.core.scan.sandbox.messages import send, send_chunk
+from panoloc.core.scan.sandbox.system_calls import refuse_system_calls
 
 _LONGEST_MESSAGE = 2000
 
@@ -62,7 +63,7 @@ def _reader_of(name: str) -> ScanReader:
         module, _, function = name.partition(":")
         found: ScanReader = getattr(importlib.import_module(module), function)
         return found
-    from core.scan.readers import READERS
+    from panoloc.core.scan.readers import READERS
 
     return READERS[name]
 

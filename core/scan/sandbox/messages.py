@@ -6,8 +6,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from core.errors import ScanDamagedError
-from core.scan.reading_context import CHUNK_ROWS, RawChunk
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk
 
 Message = dict[str, Any]
 MAX_LINE_BYTES = 1 << 16

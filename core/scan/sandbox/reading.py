@@ -11,11 +11,11 @@ import time
 from collections.abc import Iterator
 from typing import NoReturn
 
-import core.errors
-from core.errors import ScanContentError, ScanDamagedError, ScanError
-from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.sandbox.limits import SandboxLimits
-from core.scan.sandbox.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
+import panoloc.core.errors
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
 
 _READ_BYTES = 1 << 20
 _NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
@@ -26,7 +26,7 @@ _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
     """Yield the chunks of a reader; its notes and its coordinate system reach `context` at the end.
 
-    reader: a format of `core.scan.readers.READERS`, or "module:function".
+    reader: a format of `panoloc.core.scan.readers.READERS`, or "module:function".
 
     Raises the reader's own errors; ScanDamagedError when it crashes, ScanContentError when it exceeds `limits`.
     """
@@ -62,7 +62,7 @@ class _Sandbox:
         one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "core.scan.sandbox.child", json.dumps(job)],
+            [sys.executable, "-m", "panoloc.core.scan.sandbox.child", json.dumps(job)],
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -93,7 +93,7 @@ class _Sandbox:
 
     def fail(self, kind: str, message: str) -> NoReturn:
         """Raise the error that the reader reported."""
-        found = getattr(core.errors, kind, None)
+        found = getattr(panoloc.core.errors, kind, None)
         if isinstance(found, type) and issubclass(found, ScanError):
             raise found(message)
         if kind == "MemoryError":

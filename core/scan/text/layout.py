@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import ScanFormatError
-from core.scan.reading_context import no_color_error
+from panoloc.core.errors import ScanFormatError
+from panoloc.core.scan.reading_context import no_color_error
 
 HEAD_BYTES = 1 << 16
 _MAX_LEADING_LINES = 100

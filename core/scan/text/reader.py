@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from core.errors import CUT_SHORT, ScanDamagedError
-from core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
-from core.scan.text.layout import HEAD_BYTES, TextLayout, choose_columns, detect_layout
-from core.scan.text.table import TextBlock, TextLines
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
+from panoloc.core.scan.text.layout import HEAD_BYTES, TextLayout, choose_columns, detect_layout
+from panoloc.core.scan.text.table import TextBlock, TextLines
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _COMMENT_CODES = tuple(b"#/")

@@ -9,8 +9,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CUT_SHORT, ScanDamagedError
-from core.scan.reading_context import CHUNK_ROWS
+from panoloc.core.errors import CUT_SHORT, ScanDamagedError
+from panoloc.core.scan.reading_context import CHUNK_ROWS
 
 BLOCK_BYTES = 1 << 22
 _NEWLINE = 10

@@ -7,10 +7,10 @@ inside a solid or under something that lies on it, as the floor under a carpet.
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.rooms.capture.scanning import Scan
-from lab.rooms.capture.spherical_camera import View
-from lab.rooms.scenes.scene import Scene, kept_objects
-from lab.rooms.scenes.surface import Hits
+from panoloc.lab.rooms.capture.scanning import Scan
+from panoloc.lab.rooms.capture.spherical_camera import View
+from panoloc.lab.rooms.scenes.scene import Scene, kept_objects
+from panoloc.lab.rooms.scenes.surface import Hits
 
 _COVER_M = 0.03
 

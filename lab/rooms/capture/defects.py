@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter
 
-from core.panorama.panorama import Panorama
-from lab.rooms.capture.camera_look import encode_jpeg
-from lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.lab.rooms.capture.camera_look import encode_jpeg
+from panoloc.lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
 
 Pixels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -5,9 +5,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from lab.rooms.scenes.scene import Scene
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms.scenes.scene import Scene
 
 RotationKind = Literal["any", "tilted", "upright"]
 _CLEARANCE_M = 0.4

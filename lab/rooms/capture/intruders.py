@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
-from lab.rooms.materials.artwork import random_rgb
-from lab.rooms.objects.decoration import person
-from lab.rooms.objects.objects import Footprint, placed
-from lab.rooms.scenes.scene import Scene
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
+from panoloc.lab.rooms.materials.artwork import random_rgb
+from panoloc.lab.rooms.objects.decoration import person
+from panoloc.lab.rooms.objects.objects import Footprint, placed
+from panoloc.lab.rooms.scenes.scene import Scene
 
 _TRIES = 30
 _STANDING_ROOM_M = 0.22

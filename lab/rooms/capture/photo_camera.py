@@ -8,15 +8,15 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.camera.camera import Camera
-from core.camera.pixel_rays import rays_of_pixels
-from core.geometry.pose import Pose
-from core.geometry.projection import project, sample_bilinear
-from core.panorama.panorama import Panorama
-from core.panorama.session import Photo
-from lab.rooms.capture.ray_imaging import PixelGrid, image_of
-from lab.rooms.scenes.scene import Scene
-from lab.rooms.scenes.surface import Hits
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.pixel_rays import rays_of_pixels
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import project, sample_bilinear
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Photo
+from panoloc.lab.rooms.capture.ray_imaging import PixelGrid, image_of
+from panoloc.lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.scenes.surface import Hits
 
 _SURELY_VALID = 0.999  # of the weights of the four pixels that one is mixed of
 

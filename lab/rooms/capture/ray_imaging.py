@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from lab.rooms.materials.labels import LABEL_TABLE, label_number
-from lab.rooms.scenes.scene import Scene
-from lab.rooms.scenes.surface import Hits
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms.materials.labels import LABEL_TABLE, label_number
+from panoloc.lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.scenes.surface import Hits
 
 # Where the four rays of an edge pixel go, in pixels from its centre (a rotated grid).
 _SUBPIXELS = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))

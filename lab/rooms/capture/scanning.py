@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.scan.point_cloud import PointCloud
-from lab.rooms.capture.free_space import scanner_positions
-from lab.rooms.capture.ray_imaging import label_colors, shade
-from lab.rooms.materials.labels import label_number
-from lab.rooms.scenes.scene import Scene
-from lab.rooms.scenes.surface import Hits
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.lab.rooms.capture.free_space import scanner_positions
+from panoloc.lab.rooms.capture.ray_imaging import label_colors, shade
+from panoloc.lab.rooms.materials.labels import label_number
+from panoloc.lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.scenes.surface import Hits
 
 _COLOR_NOISE = 0.012
 _GLASS_RETURNS = 0.3

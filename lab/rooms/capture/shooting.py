@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera, CameraModel
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from lab.rooms.capture.free_space import free_position
-from lab.rooms.scenes.scene import Scene
+from panoloc.core.camera.camera import Camera, CameraModel
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms.capture.free_space import free_position
+from panoloc.lab.rooms.scenes.scene import Scene
 
 LEVEL_DEG = 5.0  # pitch and roll of a photo that is meant to be level
 _TURN_JITTER_DEG = 5.0

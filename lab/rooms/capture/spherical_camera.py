@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from lab.rooms.capture.ray_imaging import PixelGrid, image_of
-from lab.rooms.scenes.scene import Scene
-from lab.rooms.scenes.surface import Hits
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.lab.rooms.capture.ray_imaging import PixelGrid, image_of
+from panoloc.lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.scenes.surface import Hits
 
 
 def viewing_directions(column: NDArray[np.floating], row: NDArray[np.floating], width: int) -> NDArray[np.float64]:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from core.options import SessionOptions
-from core.panorama.session import Photo, Session, SessionImage
-from lab.rooms.capture.free_space import random_rotation
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import SessionOptions
+from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.lab.rooms.capture.free_space import random_rotation
 
 _ORIGIN_M = 3.0
 

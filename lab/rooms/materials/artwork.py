@@ -5,8 +5,8 @@ import colorsys
 import numpy as np
 from PIL import Image, ImageDraw, ImageFilter
 
-from lab.rooms.materials.patterns import Rng, finished, noise
-from lab.rooms.materials.texture import Color, Texture
+from panoloc.lab.rooms.materials.patterns import Rng, finished, noise
+from panoloc.lab.rooms.materials.texture import Color, Texture
 
 _TEXELS_PER_M = 160
 _FRAME_M = 0.03

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from lab.rooms.materials.texture import Color, Texture
+from panoloc.lab.rooms.materials.texture import Color, Texture
 
 Rng = np.random.Generator
 _TEXEL_M = 0.006

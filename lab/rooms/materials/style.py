@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.errors import OptionsError
-from lab.rooms.materials import patterns
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.texture import Color, Texture
+from panoloc.core.errors import OptionsError
+from panoloc.lab.rooms.materials import patterns
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.texture import Color, Texture
 
 
 @dataclass(frozen=True)

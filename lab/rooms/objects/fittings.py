@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from lab.rooms.materials import artwork, patterns
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style, pick
-from lab.rooms.materials.texture import Color, Texture, plain
-from lab.rooms.objects.furniture import item
-from lab.rooms.objects.objects import Item, Piece
-from lab.rooms.objects.solids import Part, box, cylinder, quad
+from panoloc.lab.rooms.materials import artwork, patterns
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style, pick
+from panoloc.lab.rooms.materials.texture import Color, Texture, plain
+from panoloc.lab.rooms.objects.furniture import item
+from panoloc.lab.rooms.objects.objects import Item, Piece
+from panoloc.lab.rooms.objects.solids import Part, box, cylinder, quad
 
 
 def kitchen(rng: Rng, style: Style) -> Item:

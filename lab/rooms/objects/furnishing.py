@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style
-from lab.rooms.objects import decoration, fittings, furniture
-from lab.rooms.objects.objects import Item, SceneObject
-from lab.rooms.objects.placement import Placer
-from lab.rooms.objects.room_shell import Room
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style
+from panoloc.lab.rooms.objects import decoration, fittings, furniture
+from panoloc.lab.rooms.objects.objects import Item, SceneObject
+from panoloc.lab.rooms.objects.placement import Placer
+from panoloc.lab.rooms.objects.room_shell import Room
 
 Builder = Callable[[Rng, Style], Item]
 _WALL: dict[str, tuple[Builder, ...]] = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.rooms.objects.solids import Part, moved
+from panoloc.lab.rooms.objects.solids import Part, moved
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.objects.objects import Footprint, Item, SceneObject, placed
-from lab.rooms.objects.room_shell import Room
-from lab.rooms.objects.solids import Vector
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.objects.objects import Footprint, Item, SceneObject, placed
+from panoloc.lab.rooms.objects.room_shell import Room
+from panoloc.lab.rooms.objects.solids import Vector
 
 _TRIES = 40
 _WALKWAY_M = 0.9

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.rooms.materials import artwork, patterns
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style, floor_texture, pick, wall_texture
-from lab.rooms.materials.texture import Texture, plain
-from lab.rooms.objects.objects import Light, SceneObject, fixed
-from lab.rooms.objects.solids import Part, quad
+from panoloc.lab.rooms.materials import artwork, patterns
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style, floor_texture, pick, wall_texture
+from panoloc.lab.rooms.materials.texture import Texture, plain
+from panoloc.lab.rooms.objects.objects import Light, SceneObject, fixed
+from panoloc.lab.rooms.objects.solids import Part, quad
 
 _CASING_M = 0.01
 

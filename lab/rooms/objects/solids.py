@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.rooms.materials.texture import Texture
+from panoloc.lab.rooms.materials.texture import Texture
 
 Vector = Sequence[float] | NDArray[np.floating]
 

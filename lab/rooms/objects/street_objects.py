@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from lab.rooms.materials import artwork, patterns
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.texture import Texture, plain
-from lab.rooms.objects.furniture import item
-from lab.rooms.objects.objects import Item, Piece
-from lab.rooms.objects.solids import Part, box, cylinder, ellipsoid, moved, quad
+from panoloc.lab.rooms.materials import artwork, patterns
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.texture import Texture, plain
+from panoloc.lab.rooms.objects.furniture import item
+from panoloc.lab.rooms.objects.objects import Item, Piece
+from panoloc.lab.rooms.objects.solids import Part, box, cylinder, ellipsoid, moved, quad
 
 
 def car(rng: Rng) -> Item:

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.rooms.objects.furnishing import Furnisher
-from lab.rooms.objects.objects import Item, Piece, SceneObject
-from lab.rooms.objects.solids import moved
-from lab.rooms.scenes.lighting import Sky
-from lab.rooms.scenes.scene import Scene, unique_objects
-from lab.rooms.scenes.street_scene import StreetDresser
+from panoloc.lab.rooms.objects.furnishing import Furnisher
+from panoloc.lab.rooms.objects.objects import Item, Piece, SceneObject
+from panoloc.lab.rooms.objects.solids import moved
+from panoloc.lab.rooms.scenes.lighting import Sky
+from panoloc.lab.rooms.scenes.scene import Scene, unique_objects
+from panoloc.lab.rooms.scenes.street_scene import StreetDresser
 
 # Of the changed things, these shares move and vanish; the rest is replaced by something else.
 _MOVED, _REMOVED = 0.4, 0.35

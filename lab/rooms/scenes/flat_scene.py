@@ -5,14 +5,14 @@ from itertools import combinations
 
 import numpy as np
 
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style
-from lab.rooms.objects.furnishing import Furnisher
-from lab.rooms.objects.objects import Piece, SceneObject
-from lab.rooms.objects.room_shell import Opening, Room, build_shell, door_panel
-from lab.rooms.objects.solids import box, moved
-from lab.rooms.scenes.room_scene import random_door, random_windows
-from lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style
+from panoloc.lab.rooms.objects.furnishing import Furnisher
+from panoloc.lab.rooms.objects.objects import Piece, SceneObject
+from panoloc.lab.rooms.objects.room_shell import Opening, Room, build_shell, door_panel
+from panoloc.lab.rooms.objects.solids import box, moved
+from panoloc.lab.rooms.scenes.room_scene import random_door, random_windows
+from panoloc.lab.rooms.scenes.scene import Scene
 
 _WALL_M = 0.14
 _MIN_SIDE_M = 2.3

@@ -5,13 +5,13 @@ from typing import Literal
 
 import numpy as np
 
-from core.errors import OptionsError
-from lab.rooms.materials.style import STYLES, style_of
-from lab.rooms.scenes.flat_scene import furnished_flat
-from lab.rooms.scenes.room_scene import bare_room, furnished_room
-from lab.rooms.scenes.scene import Scene
-from lab.rooms.scenes.street_scene import street
-from lab.rooms.scenes.twin_scene import mirrored_rooms, nearly_twin_rooms, repeated_rooms, twin_rooms
+from panoloc.core.errors import OptionsError
+from panoloc.lab.rooms.materials.style import STYLES, style_of
+from panoloc.lab.rooms.scenes.flat_scene import furnished_flat
+from panoloc.lab.rooms.scenes.room_scene import bare_room, furnished_room
+from panoloc.lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.scenes.street_scene import street
+from panoloc.lab.rooms.scenes.twin_scene import mirrored_rooms, nearly_twin_rooms, repeated_rooms, twin_rooms
 
 SceneKind = Literal["room", "flat", "bare", "street", "twins", "twins_like", "mirrored", "repeated"]
 _ALIKE = {

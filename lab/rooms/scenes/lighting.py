@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.rooms.objects.objects import Light
-from lab.rooms.scenes.surface import Surface
+from panoloc.lab.rooms.objects.objects import Light
+from panoloc.lab.rooms.scenes.surface import Surface
 
 _NUM_BOUNCE_RAYS = 32
 _NUM_BOUNCES = 3

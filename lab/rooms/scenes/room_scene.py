@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.rooms.materials import patterns
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style, pick
-from lab.rooms.objects.furnishing import Furnisher
-from lab.rooms.objects.objects import Item, Piece, SceneObject
-from lab.rooms.objects.placement import Placer
-from lab.rooms.objects.room_shell import Opening, Room, build_shell
-from lab.rooms.objects.solids import box
-from lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.materials import patterns
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style, pick
+from panoloc.lab.rooms.objects.furnishing import Furnisher
+from panoloc.lab.rooms.objects.objects import Item, Piece, SceneObject
+from panoloc.lab.rooms.objects.placement import Placer
+from panoloc.lab.rooms.objects.room_shell import Opening, Room, build_shell
+from panoloc.lab.rooms.objects.solids import box
+from panoloc.lab.rooms.scenes.scene import Scene
 
 
 def furnished_room(rng: Rng, style: Style, area_m2: float | None) -> Scene:

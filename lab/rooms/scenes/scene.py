@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.rooms.materials.style import Style
-from lab.rooms.objects.objects import SceneObject
-from lab.rooms.objects.room_shell import Room
-from lab.rooms.scenes.lighting import Sky, bake_light, exposure_of
-from lab.rooms.scenes.surface import Surface, assemble
+from panoloc.lab.rooms.materials.style import Style
+from panoloc.lab.rooms.objects.objects import SceneObject
+from panoloc.lab.rooms.objects.room_shell import Room
+from panoloc.lab.rooms.scenes.lighting import Sky, bake_light, exposure_of
+from panoloc.lab.rooms.scenes.surface import Surface, assemble
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,18 +4,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lab.rooms.materials import artwork, patterns
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style
-from lab.rooms.materials.texture import plain
-from lab.rooms.objects.decoration import person
-from lab.rooms.objects.objects import Item, Light, Piece, SceneObject, fixed, placed
-from lab.rooms.objects.placement import turned_footprint
-from lab.rooms.objects.room_shell import Room
-from lab.rooms.objects.solids import box, moved, quad
-from lab.rooms.objects.street_objects import bench, car, facade, lamp_post, sign, tree
-from lab.rooms.scenes.lighting import Sky
-from lab.rooms.scenes.scene import Scene
+from panoloc.lab.rooms.materials import artwork, patterns
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style
+from panoloc.lab.rooms.materials.texture import plain
+from panoloc.lab.rooms.objects.decoration import person
+from panoloc.lab.rooms.objects.objects import Item, Light, Piece, SceneObject, fixed, placed
+from panoloc.lab.rooms.objects.placement import turned_footprint
+from panoloc.lab.rooms.objects.room_shell import Room
+from panoloc.lab.rooms.objects.solids import box, moved, quad
+from panoloc.lab.rooms.objects.street_objects import bench, car, facade, lamp_post, sign, tree
+from panoloc.lab.rooms.scenes.lighting import Sky
+from panoloc.lab.rooms.scenes.scene import Scene
 
 _HALF_LENGTH_M = 32.0
 _HALF_ROAD_M = 3.6

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.errors import CoreError
-from lab.rooms.materials.labels import label_number
-from lab.rooms.materials.texture import Texture, TextureAtlas
-from lab.rooms.objects.objects import SceneObject
+from panoloc.core.errors import CoreError
+from panoloc.lab.rooms.materials.labels import label_number
+from panoloc.lab.rooms.materials.texture import Texture, TextureAtlas
+from panoloc.lab.rooms.objects.objects import SceneObject
 
 
 class RayCasterMissingError(CoreError):

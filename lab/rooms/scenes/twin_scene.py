@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.geometry.pose import Pose
-from lab.rooms.materials.patterns import Rng
-from lab.rooms.materials.style import Style
-from lab.rooms.objects.furnishing import Furnisher
-from lab.rooms.objects.objects import Footprint, Light, SceneObject
-from lab.rooms.objects.room_shell import Opening, Room, build_shell
-from lab.rooms.objects.solids import Part
-from lab.rooms.scenes.room_scene import furnished, random_room
-from lab.rooms.scenes.scene import Scene, Twins
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import Style
+from panoloc.lab.rooms.objects.furnishing import Furnisher
+from panoloc.lab.rooms.objects.objects import Footprint, Light, SceneObject
+from panoloc.lab.rooms.objects.room_shell import Opening, Room, build_shell
+from panoloc.lab.rooms.objects.solids import Part
+from panoloc.lab.rooms.scenes.room_scene import furnished, random_room
+from panoloc.lab.rooms.scenes.scene import Scene, Twins
 
 _GAP_M = 0.5
 _CORRIDOR_M = 1.7

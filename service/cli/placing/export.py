@@ -13,13 +13,13 @@ from typing import Annotated, get_args
 import typer
 from rich.markup import escape
 
-from core.options import FORMATS_ON_EARTH, ExportFormat
-from service.cli.exit_codes import ExitCode
-from service.cli.placing.place_folder import PlaceFolder
-from service.cli.placing.processes import ProcessFailedError, write_export
-from service.cli.placing.saved_answers import SavedAnswers
-from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.client import ApiProblemError, ClientError, JsonObject, PanolocClient
+from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.placing.place_folder import PlaceFolder
+from panoloc.service.cli.placing.processes import ProcessFailedError, write_export
+from panoloc.service.cli.placing.saved_answers import SavedAnswers
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.client import ApiProblemError, ClientError, JsonObject, PanolocClient
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 _REFUSED = 422

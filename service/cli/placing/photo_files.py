@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.options import CAMERAS_FILE
-from service.batches.archive import IMAGE_ENDINGS
+from panoloc.core.options import CAMERAS_FILE
+from panoloc.service.batches.archive import IMAGE_ENDINGS
 
 _UNREAD_ENDINGS = frozenset(
     {".heic", ".heif", ".avif", ".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"}

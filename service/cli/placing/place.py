@@ -13,15 +13,14 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from core.errors import CoreError
-from service.batches.archive import IMAGE_ENDINGS
-from service.batches.record import Result
-from service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from service.cli.placing.export import check_on_earth, formats_of, show_refusals, write_exports
-from service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused
-from service.cli.placing.processes import draw_overviews, folder_of_photos
-from service.cli.progress import counts_text, show_counts
-from service.cli.query_options import (
+from panoloc.core.errors import CoreError
+from panoloc.service.batches.archive import IMAGE_ENDINGS
+from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from panoloc.service.cli.placing.export import check_on_earth, formats_of, show_refusals, write_exports
+from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused
+from panoloc.service.cli.placing.processes import draw_overviews, folder_of_photos
+from panoloc.service.cli.progress import counts_text, show_counts
+from panoloc.service.cli.query_options import (
     HfovOption,
     MapOption,
     MethodOption,
@@ -30,9 +29,9 @@ from service.cli.query_options import (
     camera_object,
     check_map_choice,
 )
-from service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from service.client import ApiProblemError, JsonObject, PanolocClient
-from service.jobs import MAX_SAMPLE_POINTS, QueryOptions
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient
+from panoloc.service.jobs import MAX_SAMPLE_POINTS, QueryOptions, Result
 
 # Statuses about the key or the map: every other photo would fail in the same way.
 _OF_ALL_PHOTOS = (401, 403, 404, 409)
@@ -213,8 +212,8 @@ def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> 
 
 def _is_panorama(photo: Path) -> bool:
     # Commands load these modules only when they need them.
-    from core.panorama.image_header import read_image_header
-    from core.panorama.known_camera import is_full_sphere
+    from panoloc.core.panorama.image_header import read_image_header
+    from panoloc.core.panorama.known_camera import is_full_sphere
 
     try:
         header = read_image_header(photo.read_bytes())

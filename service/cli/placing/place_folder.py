@@ -18,12 +18,12 @@ from typing import Any
 
 import typer
 
-from core.options import CAMERAS_FILE
-from core.shown_name import shown_name
-from service.batches.record import Result
-from service.batches.tour import TourDocument, maps_of
-from service.cli.placing.photo_files import PhotoFiles, photo_files
-from service.client import JsonObject
+from panoloc.core.options import CAMERAS_FILE
+from panoloc.core.shown_name import shown_name
+from panoloc.service.batches.tour import TourDocument, maps_of
+from panoloc.service.cli.placing.photo_files import PhotoFiles, photo_files
+from panoloc.service.client import JsonObject
+from panoloc.service.jobs import Result
 
 _QUESTION = "place.json"
 _LOCK = ".lock"
@@ -154,7 +154,7 @@ class PlaceFolder:
         return maps_of(result for name in self.names() if (result := self.result(name)) is not None)
 
     def tour(self, map_id: str, include_ambiguous: bool, survey: Path | None = None) -> dict[str, Any]:
-        """Return the photos of a map as `core.exports` reads them. survey: the scan itself, an E57.
+        """Return the photos of a map as `panoloc.core.exports` reads them. survey: the scan itself, an E57.
 
         Raises typer.BadParameter if the map is not stored.
         """

@@ -13,9 +13,9 @@ from typing import Any
 
 import typer
 
-from core.options import ExportFormat
-from service.batches.overview import photo_of, placement_document
-from service.cli.placing.place_folder import PlaceFolder
+from panoloc.core.options import ExportFormat
+from panoloc.service.batches.overview import photo_of, placement_document
+from panoloc.service.cli.placing.place_folder import PlaceFolder
 
 CONTACT_SHEET = "contact-sheet.jpg"
 _E57_HEAD = b"ASTM-E57"
@@ -28,7 +28,7 @@ class ProcessFailedError(Exception):
 def write_export(tour: dict[str, Any], name: ExportFormat, target: Path) -> None:
     """Write one format into the folder `target`. Raises ProcessFailedError where the format cannot hold the photos."""
     try:
-        _run("core.exports", name, str(target), document=tour)
+        _run("panoloc.core.exports", name, str(target), document=tour)
     except ProcessFailedError:
         with suppress(OSError):  # a refused format leaves an empty folder
             target.rmdir()
@@ -47,7 +47,7 @@ def draw_overviews(placed: PlaceFolder) -> tuple[list[Path], list[str]]:
         document = placement_document(map_id, None if map_id is None else placed.points(map_id), photos)
         targets = [placed.folder / name for name in names]
         try:
-            _run("core.exports.overview", *map(str, targets), document=document)
+            _run("panoloc.core.exports.overview", *map(str, targets), document=document)
             pictures += targets
         except ProcessFailedError as error:
             failures.append(f"{', '.join(names)}: cannot be drawn ({error})")
@@ -63,7 +63,7 @@ def folder_of_photos(given: Path, out: Path) -> Path:
             raise _wrong_folder(f"expected a folder of photos or an E57 file, got {given}, which is neither")
     folder = out / "images"
     try:
-        found = json.loads(_run("core.scan.e57", str(given), str(folder)))
+        found = json.loads(_run("panoloc.core.scan.e57", str(given), str(folder)))
     except ProcessFailedError as error:
         raise _wrong_folder(str(error)) from error
     if not found["num_images"]:

@@ -8,11 +8,10 @@ from typing import Any
 
 import typer
 
-from core.distinct_names import distinct_names
-from service.batches.record import Result
-from service.batches.tour import TourDocument, maps_of
-from service.client import JsonObject, PanolocClient
-from service.jobs import MAX_SAMPLE_POINTS
+from panoloc.core.distinct_names import distinct_names
+from panoloc.service.batches.tour import TourDocument, maps_of
+from panoloc.service.client import JsonObject, PanolocClient
+from panoloc.service.jobs import MAX_SAMPLE_POINTS, Result
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class SavedAnswers:
         return maps_of(photo.result for photo in self.photos)
 
     def tour(self, map_id: str, include_ambiguous: bool, survey: Path | None = None) -> dict[str, Any]:
-        """Return the photos of a map as `core.exports` reads them. survey: the scan itself, an E57."""
+        """Return the photos of a map as `panoloc.core.exports` reads them. survey: the scan itself, an E57."""
         tour = TourDocument(map_id, include_ambiguous)
         for photo in self.photos:
             reason = tour.why_not(photo.result)

@@ -1,1 +1,2 @@
-"""ASGI middleware that stands before the routes: slow clients, hosts and origins, rates and the queue, requests for heads."""
+"""ASGI middleware that stands before the routes: slow clients, hosts and origins, rates and the queue, requests for
+heads."""

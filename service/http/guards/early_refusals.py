@@ -1,7 +1,7 @@
 """Refuses requests by their head: of callers who ask too often, and queries for which the queue has no room.
 
-What a query is refused with after its body was read costs milliseconds: parts, options, images, Redis. Refused by its head it costs
-none of that, so that a flood leaves the processors to the others.
+What a query is refused with after its body was read costs milliseconds: parts, options, images, Redis. Refused by its
+head it costs none of that, so that a flood leaves the processors to the others.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import QueueFullError, RateError, ServiceError
-from service.http.access import caller_of
-from service.http.error_handlers import problem_response
-from service.limits.caller_rates import CallerRates
-from service.services import Services
+from panoloc.service.errors import QueueFullError, RateError, ServiceError
+from panoloc.service.http.access import caller_of
+from panoloc.service.http.error_handlers import problem_response
+from panoloc.service.limits.caller_rates import CallerRates
+from panoloc.service.services import Services
 
 # Probes ask without a key, all of them from a few addresses; and so do browsers for the page that asks for a key.
 _UNCOUNTED = re.compile(r"/(health(/.*)?|console/.*|favicon\.ico)?")
@@ -25,7 +25,8 @@ _WITH_UPLOADS = ("POST", "PUT")  # other methods bring a few words of JSON
 
 
 class RefusalPace:
-    """Spreads refusals over time: callers who ask again at once do so less often, and waiting takes no processor time."""
+    """Spreads refusals over time: callers who ask again at once do so less often, and waiting takes no processor
+    time."""
 
     def __init__(self, per_s: float = 200.0, longest_s: float = 0.025) -> None:
         """per_s: refusals that leave without delay, on average. longest_s: the longest delay."""
@@ -80,7 +81,8 @@ class CallerRateCheck:
 
 
 class QueueCheck:
-    """ASGI middleware: refuses queries while the queue is full. routes: those that take queries, for callers with the scope `localize`."""
+    """ASGI middleware: refuses queries while the queue is full. routes: those that take queries, for callers with the
+    scope `localize`."""
 
     def __init__(self, app: ASGIApp, services: Services, routes: Sequence[APIRoute]) -> None:
         self._app = app

@@ -1,7 +1,7 @@
 """Checks the host and origin of requests to a service that asks for no key.
 
-A browser sends requests of any page to any address that it reaches, this machine included. Two headers give such a request away: `Host`
-names the other site where its DNS points here (DNS rebinding), and `Origin` names the page.
+A browser sends requests of any page to any address that it reaches, this machine included. Two headers give such a
+request away: `Host` names the other site where its DNS points here (DNS rebinding), and `Origin` names the page.
 """
 
 import ipaddress
@@ -12,14 +12,15 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.errors import HostCheckError
-from service.http.error_handlers import problem_response
+from panoloc.service.errors import HostCheckError
+from panoloc.service.http.error_handlers import problem_response
 
 _HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 class HostCheck:
-    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed: while no key is."""
+    """ASGI middleware. allowed: names besides addresses, `localhost` and this machine's own; `*` for all. is_needed:
+    while no key is."""
 
     def __init__(self, app: ASGIApp, allowed: Collection[str], is_needed: Callable[[], bool]) -> None:
         self._app = app

@@ -1,7 +1,7 @@
 """Ends bodies that come too slowly and answers that are read too slowly, and lets refused clients read why.
 
-A server that closes while bytes still arrive resets the connection, and many clients then never see the answer. So an answer that is
-ready before its request was read leaves at once, the rest of the request is discarded for a moment, and then the connection closes.
+A server that closes while bytes still arrive resets the connection, and many clients never see the answer. So an answer
+that is ready early leaves at once, and the connection closes only after the rest was discarded for a moment.
 """
 
 import asyncio
@@ -12,8 +12,8 @@ from typing import TypeVar
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import SlowBodyError
-from service.limits.capacity import Refusal
+from panoloc.service.errors import SlowBodyError
+from panoloc.service.limits.capacity import Refusal
 
 TIMEOUT_S = 30.0  # that a transfer may lag behind the pace
 BYTES_PER_S = 1024.0
@@ -42,10 +42,9 @@ class SlowClients:
 
 
 class _Pace:
-    """Measures the seconds spent waiting in one direction; what the service does meanwhile is not the client's fault."""
+    """Measures the seconds spent waiting in one direction; time that the service takes does not count."""
 
-    def __init__(self) -> None:
-        self.num_bytes, self.waited_s = 0, 0.0
+    num_bytes, waited_s = 0, 0.0
 
     async def wait(self, transfer: Awaitable[_T]) -> _T:
         """Wait for a transfer. Raises TimeoutError where it lags too far behind."""
@@ -64,10 +63,11 @@ class _Exchange:
         self._received, self._sent = _Pace(), _Pace()
         declared = "" if "transfer-encoding" in headers else headers.get("content-length", "0")
         self._is_read = declared == "0"
-        self._closes = not declared.isdigit() or int(declared) > _MOST_UNREAD_BYTES
-        self._is_complete = self._is_gone = False
+        self._closes = not declared.isdecimal() or int(declared) > _MOST_UNREAD_BYTES
+        self._is_gone = False
 
     async def receive(self) -> Message:
+        """Return the next part of the request. Raises SlowBodyError."""
         try:
             return await (self._next() if self._is_read else self._received.wait(self._next()))
         except TimeoutError as error:
@@ -75,10 +75,12 @@ class _Exchange:
             self._note_refusal("slow-body")
             raise SlowBodyError(
                 f"expected a body of at least {BYTES_PER_S:g} bytes/s without pauses of {TIMEOUT_S:g} s, got "
-                f"{self._received.num_bytes:,} bytes in {self._received.waited_s:.0f} s; send it again over a faster connection"
+                f"{self._received.num_bytes:,} bytes in {self._received.waited_s:.0f} s; send it again over a faster "
+                "connection"
             ) from error
 
     async def send(self, message: Message) -> None:
+        """Send a part of the answer; its end is left to `finish`."""
         if message["type"] == "http.response.start":
             self._closes = self._closes and not self._is_read
             if self._closes:
@@ -88,7 +90,6 @@ class _Exchange:
         body = message.get("body", b"")
         for at in range(0, len(body), _PIECE_BYTES):
             await self._write({**message, "body": body[at : at + _PIECE_BYTES], "more_body": True})
-        self._is_complete = not message.get("more_body", False)
 
     async def _next(self) -> Message:
         message = await self._receive()
@@ -108,8 +109,7 @@ class _Exchange:
         self._sent.num_bytes += len(message.get("body", b""))
 
     async def finish(self) -> None:
-        if not self._is_complete:
-            return
+        """End the answer, once the rest of the request was discarded."""
         most = self._received.num_bytes + _MOST_LINGER_BYTES
         try:
             async with asyncio.timeout(_LINGER_S if self._closes else TIMEOUT_S):

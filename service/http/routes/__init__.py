@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
 
-from service.http.routes import (
+from panoloc.service.http.routes import (
     batches,
     demo,
     geopose,

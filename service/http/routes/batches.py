@@ -8,17 +8,17 @@ from typing import Annotated, Any, BinaryIO, Literal
 from fastapi import APIRouter, Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from core.options import ExportFormat
-from service.batches.export import ExportRequest, draw_plan, map_of, open_export
-from service.batches.record import BatchRecord, Result
-from service.errors import BatchNotFoundError, InvalidOptionsError
-from service.http.access import maps_seen, note_change, own_batch, require
-from service.http.openapi import picture_response
-from service.http.routes.localize import while_connected
-from service.http.schemas.batches import BATCH_EXAMPLE, Batch
-from service.maps.record import MapRecord
-from service.problems import error_responses
-from service.services import Services, services_of
+from panoloc.core.options import ExportFormat
+from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, open_export
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
+from panoloc.service.http.access import maps_seen, note_change, own_batch, require
+from panoloc.service.http.responses import file_response, json_response, nothing_left
+from panoloc.service.http.routes.localize import while_connected
+from panoloc.service.http.schemas.batches import BATCH_EXAMPLE, Batch
+from panoloc.service.jobs import Result
+from panoloc.service.maps.record import MapRecord
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["batches"])
 
@@ -28,25 +28,15 @@ _EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
 _IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
-_IMAGE_RESPONSE: dict[str, Any] = {
-    "description": "The bytes as uploaded.",
-    "content": {kind: {"schema": {"type": "string", "format": "binary"}} for _, kind in _IMAGE_HEADS},
-}
-_ZIP_RESPONSE: dict[str, Any] = {
-    "description": "A zip with the files of the format, `unplaced.txt` and `export.json`.",
-    "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
-}
+_IMAGE_TYPES = tuple(kind for _, kind in _IMAGE_HEADS)
+_ZIP = "A zip with the files of the format, `unplaced.txt` and `export.json`."
 
 
 @router.get(
     "/batches/{batch_id}",
     summary="Show a batch and the results of its images",
     dependencies=[Depends(require("localize"))],
-    response_model=None,
-    responses={
-        200: {"model": Batch, "content": {"application/json": {"example": BATCH_EXAMPLE}}},
-        **error_responses(401, 403, 404, 422),
-    },
+    responses=json_response(Batch, BATCH_EXAMPLE, 401, 403, 404, 422),
 )
 async def get_batch(
     request: Request,
@@ -69,7 +59,7 @@ async def get_batch(
     summary="Fetch an image of a batch",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses={200: _IMAGE_RESPONSE, **error_responses(401, 403, 404, 422)},
+    responses=file_response("The bytes as uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
 )
 async def get_image(
     request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
@@ -92,7 +82,7 @@ async def get_image(
     summary="Fetch the placed photos in the format of another system",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses={200: _ZIP_RESPONSE, **error_responses(401, 403, 404, 422)},
+    responses=file_response(_ZIP, ("application/zip",), 401, 403, 404, 422),
 )
 async def get_export(
     request: Request,
@@ -127,15 +117,15 @@ async def get_export(
     summary="The scan from above, with the photos placed so far",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses={200: picture_response("The picture."), **error_responses(401, 403, 404, 422)},
+    responses=file_response("The picture.", ("image/png",), 401, 403, 404, 422),
 )
 async def get_plan(
     request: Request,
     batch_id: str,
     map_id: _MapId = None,
 ) -> Response:
-    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are further places
-    that an ambiguous one fits.
+    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are
+    further places that an ambiguous one fits.
     """
     services = services_of(request)
     record = own_batch(request, batch_id)
@@ -156,8 +146,7 @@ async def get_plan(
     summary="Delete a batch with its images; a running batch is cancelled",
     dependencies=[Depends(require("localize"))],
     status_code=204,
-    response_model=None,
-    responses={204: {"description": "The batch is deleted completely."}, **error_responses(401, 403, 404)},
+    responses=nothing_left(401, 403, 404),
 )
 async def delete_batch(request: Request, batch_id: str) -> Response:
     """Cancel what is under way and delete images and results. There is no way back."""

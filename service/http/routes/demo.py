@@ -1,29 +1,20 @@
 """A made-up room to try everything with: its scan and a panorama of it."""
 
-from typing import Any
-
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
-from service.http.access import require
-from service.problems import error_responses
-from service.services import services_of
+from panoloc.service.http.access import require
+from panoloc.service.http.responses import file_response
+from panoloc.service.services import services_of
 
 router = APIRouter(tags=["operations"], dependencies=[Depends(require("read"))])
-
-_ERRORS = error_responses(401, 403, 503)
-
-
-def _file(description: str, media_type: str) -> dict[int | str, dict[str, Any]]:
-    content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
-    return {200: {"description": description, "content": content}, **_ERRORS}
 
 
 @router.get(
     "/demo/room.ply",
     summary="The scan of a synthetic room",
     response_class=Response,
-    responses=_file("A coloured point cloud.", "application/ply"),
+    responses=file_response("A coloured point cloud.", ("application/ply",), 401, 403, 503),
 )
 async def get_room(request: Request) -> Response:
     """Return a scan to register; made when it is first asked for, which takes some seconds."""
@@ -34,7 +25,7 @@ async def get_room(request: Request) -> Response:
     "/demo/panorama.jpg",
     summary="A panorama of the synthetic room, taken after furniture was moved",
     response_class=Response,
-    responses=_file("An equirectangular panorama.", "image/jpeg"),
+    responses=file_response("An equirectangular panorama.", ("image/jpeg",), 401, 403, 503),
 )
 async def get_panorama(request: Request) -> Response:
     """Return a panorama to localize in the map of that scan."""

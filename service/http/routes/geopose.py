@@ -9,13 +9,13 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from core.panorama.image_header import IMAGE, check_images
-from service.answer import Localization
-from service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
-from service.http.access import caller_of, maps_seen, require
-from service.http.openapi import json_body, json_part
-from service.http.routes.localize import checked_options, while_connected
-from service.http.schemas.geopose import (
+from panoloc.core.panorama.image_header import IMAGE, check_images
+from panoloc.service.answer import Localization
+from panoloc.service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
+from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.openapi import json_body, json_part
+from panoloc.service.http.routes.localize import checked_options, while_connected
+from panoloc.service.http.schemas.geopose import (
     GEOPOSE_REPLY_EXAMPLE,
     GEOPOSE_REQUEST_EXAMPLE,
     CameraReading,
@@ -24,16 +24,16 @@ from service.http.schemas.geopose import (
     GeoPoseReply,
     GeoPoseRequest,
 )
-from service.http.schemas.localization import LocalizeOptions
-from service.http.validation import limited_by, parse_json
-from service.jobs import QueryImage
-from service.limits.capacity import Held
-from service.localizations import LocalizeRequest
-from service.maps.on_earth import Place, maps_around
-from service.maps.selection import MapChoice
-from service.problems import error_responses
-from service.services import services_of
-from service.settings import Settings
+from panoloc.service.http.schemas.localization import LocalizeOptions
+from panoloc.service.http.validation import limited_by, parse_json
+from panoloc.service.jobs import QueryImage
+from panoloc.service.limits.capacity import Held
+from panoloc.service.localizations import LocalizeRequest
+from panoloc.service.maps.on_earth import Place, maps_around
+from panoloc.service.maps.selection import MapChoice
+from panoloc.service.problems import error_responses
+from panoloc.service.services import services_of
+from panoloc.service.settings import Settings
 
 router = APIRouter(tags=["localization"])
 
@@ -106,11 +106,8 @@ def _image(reading: CameraReading, settings: Settings) -> QueryImage:
         encoded = "".join(reading.imageBytes.rpartition(",")[2].split())
         data = base64.b64decode(encoded, validate=True)
     except (binascii.Error, ValueError) as error:
-        at, message = (
-            "sensorReadings.cameraReadings.0.imageBytes",
-            f"expected base64, but {error}; encode the image file",
-        )
-        raise InvalidOptionsError(f"{at}: {message}", [{"field": at, "message": message}]) from error
+        at = "sensorReadings.cameraReadings.0.imageBytes"
+        raise InvalidOptionsError.of(at, f"expected base64, but {error}; encode the image file") from error
     if len(data) > settings.max_image_bytes:
         raise UploadTooLargeError(
             f"image: expected at most {settings.max_image_bytes:,} bytes (PANOLOC_MAX_IMAGE_BYTES), got {len(data):,}; scale it down"

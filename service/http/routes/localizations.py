@@ -5,17 +5,17 @@ from typing import Any
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
-from service.answer import picture_path
-from service.http.access import require
-from service.http.openapi import picture_response
-from service.http.schemas import Localization, PendingLocalization
-from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
-from service.problems import error_responses
-from service.services import services_of
+from panoloc.service.answer import picture_path
+from panoloc.service.http.access import require
+from panoloc.service.http.responses import file_response
+from panoloc.service.http.schemas import Localization, PendingLocalization
+from panoloc.service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE, PENDING_EXAMPLE
+from panoloc.service.problems import error_responses
+from panoloc.service.services import services_of
 
 router = APIRouter(tags=["localization"], dependencies=[Depends(require("localize"))])
 
-_ERRORS = error_responses(401, 403, 404, 503)
+_ERRORS = (401, 403, 404, 503)
 _EITHER: dict[str, Any] = {
     "description": "The answer; or, while `status` is `queued`, `running` or `failed`, the state of the query.",
     "model": Localization | PendingLocalization,
@@ -33,8 +33,7 @@ _EITHER: dict[str, Any] = {
 @router.get(
     "/localizations/{localization_id}",
     summary="Fetch an answer",
-    response_model=None,
-    responses={200: _EITHER, **_ERRORS},
+    responses={200: _EITHER, **error_responses(*_ERRORS)},
 )
 async def get_localization(request: Request, localization_id: str) -> Response:
     """Return the answer to a query, or how far it is."""
@@ -44,7 +43,7 @@ async def get_localization(request: Request, localization_id: str) -> Response:
 
 
 def _offer_picture(name: str, summary: str, description: str) -> None:
-    """Add the path of one picture; `name`: as queries ask for it, see `service.jobs.ARTIFACTS`."""
+    """Add the path of one picture; `name`: as queries ask for it, see `panoloc.service.jobs.ARTIFACTS`."""
 
     async def get_picture(request: Request, localization_id: str) -> Response:
         data = await services_of(request).localizations.picture(localization_id, name)
@@ -57,7 +56,7 @@ def _offer_picture(name: str, summary: str, description: str) -> None:
         summary=summary,
         description=description,
         response_class=Response,
-        responses={200: picture_response("The picture."), **_ERRORS},
+        responses=file_response("The picture.", ("image/png",), *_ERRORS),
     )
 
 

@@ -8,31 +8,31 @@ from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
-from core.options import MAX_IMAGES
-from core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
-from core.panorama.known_camera import check_known_cameras
-from service.answer import Localization
-from service.errors import InvalidOptionsError
-from service.http.access import caller_of, require
-from service.http.openapi import accepted_headers, files_part, json_part, multipart
-from service.http.query_images import query_images
-from service.http.schemas import LocalizeOptions, PendingLocalization
-from service.http.schemas.localization_examples import (
+from panoloc.core.options import MAX_IMAGES
+from panoloc.core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
+from panoloc.core.panorama.known_camera import check_known_cameras
+from panoloc.service.answer import Localization
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.access import caller_of, require
+from panoloc.service.http.openapi import accepted_headers, files_part, json_part, multipart
+from panoloc.service.http.query_images import query_images
+from panoloc.service.http.schemas import LocalizeOptions, PendingLocalization
+from panoloc.service.http.schemas.localization_examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,
     PENDING_EXAMPLE,
     SESSION_EXAMPLE,
 )
-from service.http.spool import PartRule
-from service.http.uploads import MAX_PARTS, read_form
-from service.http.validation import limited_by, parse_json
-from service.jobs import QueryOptions
-from service.limits.capacity import Held
-from service.localizations import LocalizeRequest
-from service.maps.selection import MapChoice
-from service.problems import error_responses
-from service.services import services_of
-from service.settings import Settings
+from panoloc.service.http.spool import PartRule
+from panoloc.service.http.uploads import MAX_PARTS, read_form
+from panoloc.service.http.validation import limited_by, parse_json
+from panoloc.service.jobs import QueryOptions
+from panoloc.service.limits.capacity import Held
+from panoloc.service.localizations import LocalizeRequest
+from panoloc.service.maps.selection import MapChoice
+from panoloc.service.problems import error_responses
+from panoloc.service.services import services_of
+from panoloc.service.settings import Settings
 
 router = APIRouter(tags=["localization"])
 Result = TypeVar("Result")
@@ -143,11 +143,11 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
     is_searching_field_of_view = any(camera.hfov_range_deg for camera in given.cameras or ())
     options = given.to_options(settings.timeout_s_of(given.method, is_searching_field_of_view))
     if options.timeout_s > settings.max_timeout_s:
-        message = (
-            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; request less, or ask "
-            "the operator to raise PANOLOC_MAX_TIMEOUT_S"
+        raise InvalidOptionsError.of(
+            "timeout_s",
+            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; request less, or "
+            "ask the operator to raise PANOLOC_MAX_TIMEOUT_S",
         )
-        raise InvalidOptionsError(f"timeout_s: {message}", [{"field": "timeout_s", "message": message}])
     return options
 
 

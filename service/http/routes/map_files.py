@@ -9,25 +9,25 @@ from typing import Annotated, Any, Literal, TypeVar
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
-from service.errors import StoredFileMissingError
-from service.http.access import caller_of, maps_seen, require
-from service.http.openapi import picture_response
-from service.http.schemas import MapStarts
-from service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
-from service.jobs import MAX_SAMPLE_POINTS, MapRef
-from service.maps.point_sample import PlySample
-from service.maps.record import key_of
-from service.maps.selection import serving_ref
-from service.problems import error_responses
-from service.services import services_of
-from service.storage import Storage
+from panoloc.service.errors import StoredFileMissingError
+from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.responses import file_response, json_response
+from panoloc.service.http.schemas import MapStarts
+from panoloc.service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
+from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef
+from panoloc.service.maps.point_sample import PlySample
+from panoloc.service.maps.record import key_of
+from panoloc.service.maps.selection import serving_ref
+from panoloc.service.problems import error_responses
+from panoloc.service.services import services_of
+from panoloc.service.storage import Storage
 
 router = APIRouter(tags=["maps"], dependencies=[Depends(require("read"))])
 
 Found = TypeVar("Found")
 _PLY_TYPE = "application/ply"
 _MOST_JSON_POINTS = 200_000  # more would take seconds and gigabytes to write
-_ERRORS = error_responses(401, 403, 404, 409)
+_ERRORS = (401, 403, 404, 409)
 _STARTS_EXAMPLE = {
     "map_id": "map_2xk7q0v9m3d1c8fa",
     "revision": 1,
@@ -58,7 +58,7 @@ _POINTS_RESPONSE: dict[str, Any] = {
     "/maps/{map_id}/preview.png",
     summary="The scan from above, with the starts",
     response_class=Response,
-    responses={200: picture_response("The picture."), **_ERRORS},
+    responses=file_response("The picture.", ("image/png",), *_ERRORS),
 )
 async def get_preview(request: Request, map_id: str) -> Response:
     """Return a picture of the revision that answers queries."""
@@ -104,8 +104,7 @@ async def get_points(
 @router.get(
     "/maps/{map_id}/starts",
     summary="The starts of the search",
-    response_model=None,
-    responses={200: {"model": MapStarts, "content": {"application/json": {"example": _STARTS_EXAMPLE}}}, **_ERRORS},
+    responses=json_response(MapStarts, _STARTS_EXAMPLE, *_ERRORS),
 )
 async def get_starts(request: Request, map_id: str) -> Response:
     """Return the camera positions that a search in this map tries."""
@@ -118,14 +117,11 @@ async def get_starts(request: Request, map_id: str) -> Response:
 @router.get(
     "/maps/{map_id}/changes",
     summary="Changes since the scan, as seen by answers",
-    response_model=None,
-    responses={
-        200: {"model": MapChanges, "content": {"application/json": {"example": CHANGES_EXAMPLE}}},
-        **_ERRORS,
-    },
+    responses=json_response(MapChanges, CHANGES_EXAMPLE, *_ERRORS),
 )
 async def get_changes(request: Request, map_id: str) -> Response:
-    """Return the answers that count and the cells of space in which they saw a change, of the revision that answers queries."""
+    """Return the answers that count and the cells of space in which they saw a change, of the revision that answers
+    queries."""
     services = services_of(request)
     record = maps_seen(request).get(map_id)
     stats = (record.serving.stats if record.serving else None) or {}

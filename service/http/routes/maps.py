@@ -9,17 +9,17 @@ import structlog
 from fastapi import APIRouter, Depends, Header, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
-from service.http.access import caller_of, maps_seen, note_change, own_map, require
-from service.http.openapi import json_body
-from service.http.schemas import Map, MapPage, MapPatch
-from service.http.schemas.maps import MAP_EXAMPLE
-from service.http.uploads import read_body
-from service.http.validation import parse_json
-from service.jobs import LONGEST_TAG
-from service.maps.record import MapRecord, map_document
-from service.problems import error_responses
-from service.services import Services, services_of
+from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
+from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
+from panoloc.service.http.openapi import json_body
+from panoloc.service.http.responses import json_response, nothing_left
+from panoloc.service.http.schemas import Map, MapPage, MapPatch
+from panoloc.service.http.schemas.maps import MAP_EXAMPLE
+from panoloc.service.http.uploads import read_body
+from panoloc.service.http.validation import parse_json
+from panoloc.service.jobs import LONGEST_TAG
+from panoloc.service.maps.record import MapRecord, map_document
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["maps"])
 _log = structlog.get_logger(__name__)
@@ -30,14 +30,7 @@ _LAST_PROGRESS = 0.99
     "/maps",
     summary="List maps",
     dependencies=[Depends(require("read"))],
-    response_model=None,
-    responses={
-        200: {
-            "model": MapPage,
-            "content": {"application/json": {"example": {"items": [MAP_EXAMPLE], "next_cursor": None}}},
-        },
-        **error_responses(401, 403, 422),
-    },
+    responses=json_response(MapPage, {"items": [MAP_EXAMPLE], "next_cursor": None}, 401, 403, 422),
 )
 async def list_maps(
     request: Request,
@@ -55,11 +48,7 @@ async def list_maps(
     "/maps/{map_id}",
     summary="Show a map and the progress of its registration",
     dependencies=[Depends(require("read"))],
-    response_model=None,
-    responses={
-        200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
-        **error_responses(401, 403, 404),
-    },
+    responses=json_response(Map, MAP_EXAMPLE, 401, 403, 404),
 )
 async def get_map(request: Request, map_id: str) -> Response:
     """Return one map."""
@@ -77,11 +66,7 @@ async def get_map(request: Request, map_id: str) -> Response:
     "/maps/{map_id}",
     summary="Change name, tags or place on Earth",
     dependencies=[Depends(require("write"))],
-    response_model=None,
-    responses={
-        200: {"model": Map, "content": {"application/json": {"example": MAP_EXAMPLE}}},
-        **error_responses(400, 401, 403, 404, 408, 412, 413, 422, 503),
-    },
+    responses=json_response(Map, MAP_EXAMPLE, 400, 401, 403, 404, 408, 412, 413, 422, 503),
     openapi_extra=json_body(MapPatch, {"name": "4th floor", "tags": ["building 7"]}),
 )
 async def patch_map(
@@ -109,8 +94,7 @@ async def patch_map(
     summary="Delete a map with its scan, index and answers",
     dependencies=[Depends(require("write"))],
     status_code=204,
-    response_model=None,
-    responses={204: {"description": "The map is deleted completely."}, **error_responses(401, 403, 404, 503)},
+    responses=nothing_left(401, 403, 404, 503),
 )
 async def delete_map(request: Request, map_id: str) -> Response:
     """Delete a map; a registration under way ends. There is no way back."""

@@ -1,30 +1,36 @@
 """Upload many images to be localized one by one, and list what was uploaded."""
 
 import asyncio
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from core.panorama.image_header import KNOWN_FORMATS
-from service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
-from service.batches.record import BatchRecord
-from service.errors import ArchiveError, InvalidOptionsError
-from service.http.access import caller_of, hold_upload_place, note_change, require
-from service.http.openapi import accepted_headers, binary_part, files_part, json_part, multipart
-from service.http.routes.batches import batch_document, batch_overview
-from service.http.routes.localize import checked_options
-from service.http.schemas.batches import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE, Batch, BatchOptions, BatchPage
-from service.http.spool import PartRule
-from service.http.uploads import MAX_PARTS, Form, read_form
-from service.http.validation import parse_json
-from service.jobs import new_id, now
-from service.maps.cursors import decode_cursor, encode_cursor
-from service.maps.selection import MapChoice
-from service.problems import error_responses
-from service.services import Services, services_of
-from service.settings import Settings
-from service.storage.disk import disk_errors
+from panoloc.core.panorama.image_header import KNOWN_FORMATS
+from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
+from panoloc.service.batches.record import BatchRecord
+from panoloc.service.errors import ArchiveError, InvalidOptionsError
+from panoloc.service.http.access import caller_of, hold_upload_place, note_change, require
+from panoloc.service.http.openapi import binary_part, files_part, json_part, multipart
+from panoloc.service.http.responses import accepted_response, json_response
+from panoloc.service.http.routes.batches import batch_document, batch_overview
+from panoloc.service.http.routes.localize import checked_options
+from panoloc.service.http.schemas.batches import (
+    BATCH_PAGE_EXAMPLE,
+    QUEUED_BATCH_EXAMPLE,
+    Batch,
+    BatchOptions,
+    BatchPage,
+)
+from panoloc.service.http.spool import PartRule
+from panoloc.service.http.uploads import MAX_PARTS, Form, read_form
+from panoloc.service.http.validation import parse_json
+from panoloc.service.jobs import new_id, now
+from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.selection import MapChoice
+from panoloc.service.services import Services, services_of
+from panoloc.service.settings import Settings
+from panoloc.service.storage.disk import disk_errors
 
 router = APIRouter(tags=["batches"])
 
@@ -32,25 +38,14 @@ _RETRY_AFTER_S = 1
 # So many images of a batch may be as large as one may be; photos are mostly a tenth of that.
 _MAX_FULL_IMAGES = 256
 _ZIP_HEADS = (b"PK\x03\x04", b"PK\x05\x06")
-_ACCEPTED: dict[int | str, dict[str, Any]] = {
-    202: {
-        "model": Batch,
-        "description": "The images are stored; poll the batch until it is done.",
-        "headers": accepted_headers("batch"),
-        "content": {"application/json": {"example": QUEUED_BATCH_EXAMPLE}},
-    }
-}
+_ACCEPTED = "The images are stored; poll the batch until it is done."
 
 
 @router.get(
     "/batches",
     summary="List batches",
     dependencies=[Depends(require("read"))],
-    response_model=None,
-    responses={
-        200: {"model": BatchPage, "content": {"application/json": {"example": BATCH_PAGE_EXAMPLE}}},
-        **error_responses(401, 403, 422),
-    },
+    responses=json_response(BatchPage, BATCH_PAGE_EXAMPLE, 401, 403, 422),
 )
 async def list_batches(
     request: Request,
@@ -75,8 +70,9 @@ async def list_batches(
     summary="Localize many images, one by one",
     dependencies=[Depends(require("localize")), Depends(hold_upload_place)],
     status_code=202,
-    response_model=None,
-    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 409, 413, 415, 422, 503)},
+    responses=accepted_response(
+        Batch, QUEUED_BATCH_EXAMPLE, _ACCEPTED, "batch", 400, 401, 403, 404, 409, 413, 415, 422, 503
+    ),
     openapi_extra=multipart(
         {
             "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}. Repeat the part.", 2000),
@@ -129,8 +125,8 @@ async def post_batch(request: Request) -> Response:
 
 
 def _with_all_the_time(options: BatchOptions, settings: Settings) -> BatchOptions:
-    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a batch, and a busy
-    service must not fail it for good.
+    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a
+    batch, and a busy service must not fail it for good.
     """
     if options.timeout_s is not None:
         return options
@@ -173,7 +169,8 @@ def _check_zip(head: bytes, name: str) -> None:
 
 
 async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], list[str]]:
-    """Return the images that were sent, one way or the other. Raises InvalidOptionsError, ArchiveError and UploadTooLargeError."""
+    """Return the images that were sent, one way or the other. Raises InvalidOptionsError, ArchiveError and
+    UploadTooLargeError."""
     archives = form.files_of("archive")
     images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files_of("image")]
     if bool(images) == bool(archives):

@@ -2,42 +2,34 @@
 
 import asyncio
 from dataclasses import replace
-from typing import Any
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
-from core import options
-from core.scan.format_detection import KNOWN_FORMATS, extension_of
-from core.scan.ply.header import check_ply_file
-from core.zip_opening import unpacked_bytes
-from service.errors import InvalidOptionsError
-from service.http.access import caller_of, hold_upload_place, note_change, own_map, require
-from service.http.openapi import accepted_headers, binary_part, json_part, multipart
-from service.http.schemas import Map, MapOptions, ScanOptions
-from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
-from service.http.schemas.maps import QUEUED_MAP_EXAMPLE
-from service.http.spool import PartRule, SpooledFile
-from service.http.uploads import Form, read_form
-from service.http.validation import limited_by, parse_json
-from service.jobs import MapRef, RegisterOptions, new_id, now
-from service.limits.registration_limits import MAX_COUNTED_BYTES
-from service.maps.record import MapRecord, Revision, map_document
-from service.problems import error_responses
-from service.services import Services, services_of
+from panoloc.core import options
+from panoloc.core.scan.format_detection import KNOWN_FORMATS, extension_of
+from panoloc.core.scan.ply.header import check_ply_file
+from panoloc.core.zip_opening import unpacked_bytes
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_map, require
+from panoloc.service.http.openapi import binary_part, json_part, multipart
+from panoloc.service.http.responses import accepted_response
+from panoloc.service.http.schemas import Map, MapOptions, ScanOptions
+from panoloc.service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
+from panoloc.service.http.schemas.maps import QUEUED_MAP_EXAMPLE
+from panoloc.service.http.spool import PartRule, SpooledFile
+from panoloc.service.http.uploads import Form, read_form
+from panoloc.service.http.validation import limited_by, parse_json
+from panoloc.service.jobs import MapRef, RegisterOptions, new_id, now
+from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
+from panoloc.service.maps.record import MapRecord, Revision, map_document
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["maps"])
 
 _RETRY_AFTER_S = 1
 _SCAN_PART = binary_part(f"The scan: {KNOWN_FORMATS}, with colours.")
-_ACCEPTED: dict[int | str, dict[str, Any]] = {
-    202: {
-        "model": Map,
-        "description": "The scan is stored; poll the map until it is ready.",
-        "headers": accepted_headers("map"),
-        "content": {"application/json": {"example": QUEUED_MAP_EXAMPLE}},
-    }
-}
+_ACCEPTED = "The scan is stored; poll the map until it is ready."
 
 
 @router.post(
@@ -45,8 +37,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
     summary="Register a scan",
     dependencies=[Depends(require("write")), Depends(hold_upload_place)],
     status_code=202,
-    response_model=None,
-    responses={**_ACCEPTED, **error_responses(400, 401, 403, 408, 409, 413, 415, 422, 503)},
+    responses=accepted_response(Map, QUEUED_MAP_EXAMPLE, _ACCEPTED, "map", 400, 401, 403, 408, 409, 413, 415, 422, 503),
     openapi_extra=multipart(
         {"file": _SCAN_PART, "options": json_part(MapOptions)},
         ["file"],
@@ -88,8 +79,7 @@ async def post_map(request: Request) -> Response:
     summary="Replace a map's scan with a newer one",
     dependencies=[Depends(require("write")), Depends(hold_upload_place)],
     status_code=202,
-    response_model=None,
-    responses={**_ACCEPTED, **error_responses(400, 401, 403, 404, 408, 413, 415, 422, 503)},
+    responses=accepted_response(Map, QUEUED_MAP_EXAMPLE, _ACCEPTED, "map", 400, 401, 403, 404, 408, 413, 415, 422, 503),
     openapi_extra=multipart({"file": _SCAN_PART, "options": json_part(ScanOptions)}, ["file"]),
 )
 async def put_scan(request: Request, map_id: str) -> Response:

@@ -6,21 +6,21 @@ from typing import Any
 from fastapi import APIRouter, Depends, Request
 from starlette.convertors import Convertor, register_url_convertor
 
-from core.panorama.image_header import IMAGE, KNOWN_FORMATS, check_images
-from service.answer import Localization
-from service.http.access import caller_of, maps_seen, require
-from service.http.openapi import files_part, multipart
-from service.http.query_images import query_images
-from service.http.routes.localize import checked_options, while_connected
-from service.http.schemas.geopose import OpenFlameAnswer, OpenFlameCapabilities
-from service.http.schemas.localization import LocalizeOptions
-from service.http.spool import PartRule
-from service.http.uploads import read_form
-from service.http.validation import limited_by
-from service.localizations import LocalizeRequest
-from service.maps.selection import MapChoice
-from service.problems import error_responses
-from service.services import services_of
+from panoloc.core.panorama.image_header import IMAGE, KNOWN_FORMATS, check_images
+from panoloc.service.answer import Localization
+from panoloc.service.http.access import caller_of, maps_seen, require
+from panoloc.service.http.openapi import files_part, multipart
+from panoloc.service.http.query_images import query_images
+from panoloc.service.http.routes.localize import checked_options, while_connected
+from panoloc.service.http.schemas.geopose import OpenFlameAnswer, OpenFlameCapabilities
+from panoloc.service.http.schemas.localization import LocalizeOptions
+from panoloc.service.http.spool import PartRule
+from panoloc.service.http.uploads import read_form
+from panoloc.service.http.validation import limited_by
+from panoloc.service.localizations import LocalizeRequest
+from panoloc.service.maps.selection import MapChoice
+from panoloc.service.problems import error_responses
+from panoloc.service.services import services_of
 
 router = APIRouter(tags=["localization"])
 

@@ -7,13 +7,13 @@ from fastapi import APIRouter, Depends, Request
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.responses import JSONResponse, Response
 
-from service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
-from service.host.service_version import service_version
-from service.http.access import caller_of, require
-from service.http.error_handlers import plain_problem_response
-from service.http.schemas import Health, Liveness, Readiness
-from service.problems import HTTP_PROBLEMS, error_responses, known_problems
-from service.services import Services, services_of
+from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
+from panoloc.service.host.service_version import service_version
+from panoloc.service.http.access import caller_of, require
+from panoloc.service.http.error_handlers import plain_problem_response
+from panoloc.service.http.schemas import Health, Liveness, Readiness
+from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
+from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["operations"])
 
@@ -23,7 +23,6 @@ _RETRY_AFTER_S = 2
 @router.get(
     "/health/live",
     summary="Check that the process runs",
-    response_model=None,
     responses={200: {"model": Liveness}, **error_responses()},
 )
 async def live() -> Response:
@@ -34,7 +33,6 @@ async def live() -> Response:
 @router.get(
     "/health/ready",
     summary="Check that requests are served",
-    response_model=None,
     responses={
         200: {"model": Health | Readiness},
         503: {
@@ -64,11 +62,11 @@ async def ready(request: Request) -> Response:
     "/health",
     summary="Show details for people",
     dependencies=[Depends(require("read"))],
-    response_model=None,
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a problem."""
+    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a
+    problem."""
     services = services_of(request)
     tenant = caller_of(request).tenant
     details = await _details(services, tenant)

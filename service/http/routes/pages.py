@@ -10,8 +10,8 @@ from fastapi import APIRouter, Depends, Request
 from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 
-from service.http.access import require
-from service.http.api_page import HEADERS, api_page
+from panoloc.service.http.access import require
+from panoloc.service.http.api_page import HEADERS, api_page
 
 router = APIRouter(include_in_schema=False)
 

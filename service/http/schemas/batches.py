@@ -5,11 +5,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from service.answer import Localization, ResponseModel
-from service.http.schemas.cameras import Camera
-from service.http.schemas.localization import LocalizeOptions
-from service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
-from service.http.schemas.problem import ProblemDocument
+from panoloc.service.answer import Localization, ResponseModel
+from panoloc.service.http.schemas.cameras import Camera
+from panoloc.service.http.schemas.localization import LocalizeOptions
+from panoloc.service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
+from panoloc.service.http.schemas.problem import ProblemDocument
 
 BatchStatus = Literal["queued", "running", "done"]
 ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "failed"]

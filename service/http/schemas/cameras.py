@@ -5,16 +5,16 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
-from core.errors import OptionsError
-from core.options import (
+from panoloc.core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
+from panoloc.core.errors import OptionsError
+from panoloc.core.options import (
     MAX_ORIENTATION_NOISE_DEG,
     MAX_POSITION_NOISE_M,
     QUATERNION_TOLERANCE,
     SessionOptions,
     TrackedPose,
 )
-from service.http.schemas.geometry import Coordinate, RequestModel
+from panoloc.service.http.schemas.geometry import Coordinate, RequestModel
 
 _Pixels = Annotated[int, Field(ge=1, le=65_535)]
 _Number = Annotated[float, Field(strict=True)]  # neither text nor `true`, which would be one degree

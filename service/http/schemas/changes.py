@@ -5,8 +5,8 @@ from typing import Any
 
 from pydantic import Field
 
-from service.answer import ResponseModel
-from service.http.schemas.geometry import Vector
+from panoloc.service.answer import ResponseModel
+from panoloc.service.http.schemas.geometry import Vector
 
 
 class AnswerWithChange(ResponseModel):

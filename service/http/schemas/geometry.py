@@ -4,8 +4,8 @@ from typing import Annotated, Self, cast
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from core import options
-from core.options import FARTHEST_M
+from panoloc.core import options
+from panoloc.core.options import FARTHEST_M
 
 Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]

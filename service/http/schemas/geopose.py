@@ -4,12 +4,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
-from core.errors import OptionsError
-from service.answer import GeoPose, ResponseModel
-from service.errors import InvalidOptionsError
-from service.http.schemas.cameras import Camera
+from panoloc.core.errors import OptionsError
+from panoloc.service.answer import GeoPose, ResponseModel
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.schemas.cameras import Camera
 
 _DEPTH = "DEPTH"
+_READINGS = "sensorReadings.cameraReadings"
 # COLMAP's names. The first numbers are so many focal lengths; the centre and the distortion follow.
 _FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
 _FISHEYE = "OPENCV_FISHEYE"
@@ -68,8 +69,9 @@ class CameraReading(_Lenient):
         """Return the camera; None: from the image's metadata. Raises InvalidOptionsError."""
         turned = self.imageOrientation
         if turned is not None and (turned.mirrored or turned.rotation % 360 != 0):
-            raise _mistake(
-                "imageOrientation", "expected an upright image, got a rotated or mirrored one; rotate it first"
+            raise InvalidOptionsError.of(
+                f"{_READINGS}.imageOrientation",
+                "expected an upright image, got a rotated or mirrored one; rotate it first",
             )
         model = (self.params.model if self.params and self.params.model else "").upper()
         if model in _NO_CAMERA:
@@ -79,7 +81,7 @@ class CameraReading(_Lenient):
         try:
             return Camera.model_validate(_intrinsics(model, (self.params and self.params.modelParams) or [], self.size))
         except (OptionsError, ValueError) as error:
-            raise _mistake("params", f"expected a valid camera, but {error}") from error
+            raise InvalidOptionsError.of(f"{_READINGS}.params", f"expected a valid camera, but {error}") from error
 
 
 class GeolocationReading(_Lenient):
@@ -103,9 +105,8 @@ class SensorReadings(_Lenient):
         """Return the single image. Raises InvalidOptionsError for several: sessions go to `POST /localize`."""
         images = [each for each in self.cameraReadings if (each.imageFormat or "").upper() != _DEPTH]
         if len(images) != 1:
-            raise _mistake(
-                "cameraReadings",
-                f"expected one image besides depth, got {len(images)}; send one image, or use POST /localize",
+            raise InvalidOptionsError.of(
+                _READINGS, f"expected one image besides depth, got {len(images)}; send one image, or use POST /localize"
             )
         return images[0]
 
@@ -161,11 +162,6 @@ def _intrinsics(model: str, numbers: list[float], size: list[int] | None) -> dic
         "cy_px": cy,
         "distortion": distortion if kind != "pinhole" else [],
     }
-
-
-def _mistake(field: str, message: str) -> InvalidOptionsError:
-    at = f"sensorReadings.cameraReadings.{field}" if field != "cameraReadings" else "sensorReadings.cameraReadings"
-    return InvalidOptionsError(f"{at}: {message}", [{"field": at, "message": message}])
 
 
 GEOPOSE_EXAMPLE: dict[str, Any] = {

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from service.answer import ResponseModel
+from panoloc.service.answer import ResponseModel
 
 
 class Liveness(ResponseModel):

@@ -5,8 +5,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from core import options
-from core.options import (
+from panoloc.core import options
+from panoloc.core.options import (
     DEFAULT_HEADING_TOLERANCE_DEG,
     DEFAULT_RADIUS_M,
     DEFAULT_TILT_DEG,
@@ -16,11 +16,11 @@ from core.options import (
     Method,
     SessionOptions,
 )
-from service.answer import ResponseModel
-from service.http.schemas.cameras import Camera, TrackedSession
-from service.http.schemas.geometry import Box, RequestModel, Vector
-from service.http.schemas.problem import ProblemDocument
-from service.jobs import ARTIFACTS, Artifact, QueryOptions
+from panoloc.service.answer import ResponseModel
+from panoloc.service.http.schemas.cameras import Camera, TrackedSession
+from panoloc.service.http.schemas.geometry import Box, RequestModel, Vector
+from panoloc.service.http.schemas.problem import ProblemDocument
+from panoloc.service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
 class Hints(RequestModel):

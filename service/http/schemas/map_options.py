@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, StringConstraints
 
-from core import options
-from core.errors import OptionsError
-from core.georeference import LONGEST_DEFINITION, coordinate_system
-from core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
-from service.http.schemas.geometry import Box, RequestModel
-from service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
+from panoloc.core import options
+from panoloc.core.errors import OptionsError
+from panoloc.core.georeference import LONGEST_DEFINITION, coordinate_system
+from panoloc.core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
+from panoloc.service.http.schemas.geometry import Box, RequestModel
+from panoloc.service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 
 # No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 also begin escape
 # sequences, and those of Unicode reverse lines.

@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from service.answer import ResponseModel
-from service.http.schemas.geometry import Box, Vector
-from service.http.schemas.problem import ProblemDocument
+from panoloc.service.answer import ResponseModel
+from panoloc.service.http.schemas.geometry import Box, Vector
+from panoloc.service.http.schemas.problem import ProblemDocument
 
 MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]
 

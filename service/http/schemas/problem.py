@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from service.answer import ResponseModel
+from panoloc.service.answer import ResponseModel
 
 
 class FieldMistake(ResponseModel):

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from PIL import Image
 
-from core.camera.camera import Camera, CameraDescription
-from core.camera.exif import camera_of_photo
-from core.errors import OptionsError
+from panoloc.core.camera.camera import Camera, CameraDescription
+from panoloc.core.camera.exif import camera_of_photo
+from panoloc.core.errors import OptionsError
 
 GOOD = Camera("opencv", 1920, 1440, 1450.0, 1450.0, 960.0, 720.0, (0.1, -0.2, 0.0, 0.0))
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.camera.camera import Camera
-from core.camera.lens import project_to_image, share_with_direction
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import project_to_image, share_with_direction
 
 # x right, y down, z forward.
 POINTS = np.array([[0.3, -0.2, 1.0], [-0.9, 0.55, 1.2], [0.05, 0.6, 0.8]])

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.camera.lens import project_to_image
-from core.camera.pixel_rays import rays_of_pixels
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.camera.pixel_rays import rays_of_pixels
 
 CAMERAS = {
     "pinhole": Camera.from_hfov("pinhole", 640, 480, 69.0),

@@ -5,15 +5,15 @@ from dataclasses import fields
 import pytest
 import torch
 
-from core.config import FineViewConfig
-from core.describe.fine_views import FineViewCollector, FineViews, RenderedViews
-from core.describe.patch_descriptors import centered_roots, principal_basis
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import pixel_solid_angles
-from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import MapIndex
-from core.light.color_equalization import equalize
+from panoloc.core.config import FineViewConfig
+from panoloc.core.describe.fine_views import FineViewCollector, FineViews, RenderedViews
+from panoloc.core.describe.patch_descriptors import centered_roots, principal_basis
+from panoloc.core.describe.patch_histograms import described_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.index.map_codec import decode_map_index, encode_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.light.color_equalization import equalize
 
 CONFIG = FineViewConfig(patch_rows=4, patch_columns=8, size=6, picture_height=8, steps=31)
 GRID, BINS, HEIGHT, WIDTH = PatchGrid(4, 8), 4, 16, 32

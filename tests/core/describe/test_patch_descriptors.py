@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.describe.patch_descriptors import centered_roots, described, principal_basis
+from panoloc.core.describe.patch_descriptors import centered_roots, described, principal_basis
 
 
 def test_a_scan_in_greys_whose_histograms_use_few_bins_has_its_directions() -> None:

@@ -17,8 +17,8 @@ import pygltflib
 from PIL import Image
 from rosbags.typesys import Stores, get_typestore
 
-from core.geometry.pose import Pose
-from service.cli.transforms import read_transforms
+from panoloc.core.geometry.pose import Pose
+from panoloc.service.cli.transforms import read_transforms
 from tests.core.exports.tours import rotation_of
 
 Poses = dict[str, Pose]

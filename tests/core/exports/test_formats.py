@@ -12,15 +12,15 @@ import pystac
 import pytest
 from PIL import Image
 
-from core.errors import ExportRefusedError
-from core.exports.earth.jpeg_xmp import with_fields, xmp_of
-from core.exports.formats import EXPORTERS, export, north_of
-from core.exports.tour import LeftOut, Tour
-from core.options import ExportFormat
-from core.panorama.gpano import crop_fields
-from core.scan.ply.writer import write_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ExportRefusedError
+from panoloc.core.exports.earth.jpeg_xmp import with_fields, xmp_of
+from panoloc.core.exports.formats import EXPORTERS, export, north_of
+from panoloc.core.exports.tour import LeftOut, Tour
+from panoloc.core.options import ExportFormat
+from panoloc.core.panorama.gpano import crop_fields
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.exports.readers import READERS
 from tests.core.exports.tours import GOLDEN, LARGE, golden_tour, jpeg, rotation_of, written
 

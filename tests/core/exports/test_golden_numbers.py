@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.exports.geodesy import earth_pose
-from core.exports.robots import RADIUS_PER_SIGMA
-from core.geometry.pose import quaternion_of
-from core.options import ExportFormat
+from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.robots import RADIUS_PER_SIGMA
+from panoloc.core.geometry.pose import quaternion_of
+from panoloc.core.options import ExportFormat
 from tests.core.exports.readers import READERS
 from tests.core.exports.tours import (
     GEOREFERENCE,

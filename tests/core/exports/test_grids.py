@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from pyproj import Geod, Transformer
 
-from core.errors import ExportRefusedError
-from core.exports.formats import export, north_of
-from core.exports.tour import Tour
-from core.geometry.pose import Pose
-from core.options import ExportFormat
+from panoloc.core.errors import ExportRefusedError
+from panoloc.core.exports.formats import export, north_of
+from panoloc.core.exports.tour import Tour
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import ExportFormat
 from tests.core.exports.readers import GL, READERS
 from tests.core.exports.tours import GOLDEN, golden_tour, written
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.exports.tour import PlacedPhoto, Tour
-from core.geometry.pose import Pose
-from core.scan.ply.writer import write_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.exports.tour import PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.exports.tours import GOLDEN, LARGE, PIXEL, POINT, golden_tour, jpeg, written
 
 CAMERA_MODELS = {"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "EQUIRECTANGULAR"}

@@ -10,9 +10,9 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from core.exports.reconstruction.colmap_rig import FACES, cut_face, face_size, turned
-from core.exports.tour import PlacedPhoto, Tour
-from core.geometry.pose import Pose
+from panoloc.core.exports.reconstruction.colmap_rig import FACES, cut_face, face_size, turned
+from panoloc.core.exports.tour import PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
 from tests.core.exports.readers import GL
 from tests.core.exports.tours import GOLDEN, HEIGHT, PIXEL, POINT, WIDTH, golden_tour, written
 

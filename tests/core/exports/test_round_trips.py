@@ -7,10 +7,10 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from core.exports.formats import EXPORTERS
-from core.exports.geodesy import earth_pose
-from core.exports.tour import Georeference, Tour
-from core.options import FORMATS_ON_EARTH, ExportFormat
+from panoloc.core.exports.formats import EXPORTERS
+from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.tour import Georeference, Tour
+from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from tests.core.exports.readers import READERS
 from tests.core.exports.tours import turned_tour, written
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from core.exports.formats import export
-from core.exports.tour import Georeference, PlacedPhoto, Tour
-from core.geometry.pose import Pose
-from core.options import ExportFormat
+from panoloc.core.exports.formats import export
+from panoloc.core.exports.tour import Georeference, PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import ExportFormat
 
 WIDTH, HEIGHT = 2048, 1024
 GEOREFERENCE = Georeference(47.7, -122.3, 11.5, 0.0)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose, pose_error
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.session import Photo, Session, SessionImage
-from core.results import Localization
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.results import Localization
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 

@@ -8,11 +8,11 @@ from typing import Any, cast
 import pytest
 import torch
 
-from core.config import JudgeConfig, LocalizerConfig
-from core.fast.candidate_stages import CandidateStages
-from core.judge.hypotheses import Hypothesis
-from core.prepared_query import MapQuery
-from core.stage_clock import StageClock
+from panoloc.core.config import JudgeConfig, LocalizerConfig
+from panoloc.core.fast.candidate_stages import CandidateStages
+from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.prepared_query import MapQuery
+from panoloc.core.stage_clock import StageClock
 
 SMALLER = 0.5  # what is judged on the larger rendering has half the score
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.errors import OptionsError
-from core.fast.field_of_view import searched_range_deg
-from core.geometry.pose import Pose, pose_error
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.camera.camera import Camera
+from panoloc.core.errors import OptionsError
+from panoloc.core.fast.field_of_view import searched_range_deg
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.session import Photo, Session, SessionImage
 from tests.core.built_maps import AS_LABELS, LABELLED, map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import photo_of

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import DescriptorConfig, IndexConfig, StartsConfig
-from core.describe.patch_descriptors import centered_roots, principal_basis
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import pixel_solid_angles
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.light.color_equalization import equalize
-from core.options import IndexOptions, StartsMethod
-from core.scan.point_cloud import PointCloud
-from core.views.render_cloud import point_spacing
-from core.views.synthetic_view import render_views
+from panoloc.core.config import DescriptorConfig, IndexConfig, StartsConfig
+from panoloc.core.describe.patch_descriptors import centered_roots, principal_basis
+from panoloc.core.describe.patch_histograms import described_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.light.color_equalization import equalize
+from panoloc.core.options import IndexOptions, StartsMethod
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.views.render_cloud import point_spacing
+from panoloc.core.views.synthetic_view import render_views
 from tests.core.painted_box import PaintedBox
 
 DESCRIPTORS = DescriptorConfig(

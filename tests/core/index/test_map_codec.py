@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from core.describe.patch_descriptors import ViewDescriptors
-from core.errors import IndexFormatError
-from core.index.map_builder import build_map_index
-from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_index import MapIndex
-from core.options import IndexOptions
+from panoloc.core.describe.patch_descriptors import ViewDescriptors
+from panoloc.core.errors import IndexFormatError
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_codec import decode_map_index, encode_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import IndexOptions
 from tests.core.painted_box import PaintedBox
 
 PREFIX = struct.Struct("<4sHI")

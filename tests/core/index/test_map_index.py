@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import CONTRAST, DescriptorConfig, IndexConfig
-from core.errors import OptionsError
-from core.index.map_builder import build_map_index, index_config_digest
-from core.index.map_codec import decode_map_index, encode_map_index
-from core.index.map_diagnostics import map_diagnostics
-from core.index.map_index import MapIndex
-from core.options import IndexOptions
-from core.scan.point_cloud import PointCloud
+from panoloc.core.config import CONTRAST, DescriptorConfig, IndexConfig
+from panoloc.core.errors import OptionsError
+from panoloc.core.index.map_builder import build_map_index, index_config_digest
+from panoloc.core.index.map_codec import decode_map_index, encode_map_index
+from panoloc.core.index.map_diagnostics import map_diagnostics
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import IndexOptions
+from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 
 
@@ -159,5 +159,5 @@ def test_every_setting_of_the_index_is_in_the_digest() -> None:
 
 def test_what_all_images_are_made_with_is_in_the_digest(monkeypatch: pytest.MonkeyPatch) -> None:
     before = IndexConfig().digest()
-    monkeypatch.setattr("core.config.index.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
+    monkeypatch.setattr("panoloc.core.config.index.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
     assert IndexConfig().digest() != before

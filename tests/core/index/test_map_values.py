@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from core.describe.fine_views import FineViews
-from core.describe.patch_descriptors import ViewDescriptors, pooled
-from core.index.map_diagnostics import map_diagnostics
-from core.index.map_index import MapIndex
-from core.light.color_equalization import LabelCodes
-from core.options import ColorKind, IndexOptions
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, pooled
+from panoloc.core.index.map_diagnostics import map_diagnostics
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.light.color_equalization import LabelCodes
+from panoloc.core.options import ColorKind, IndexOptions
 
 NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
 FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from core.config import StartsConfig
-from core.errors import OptionsError
-from core.index.starts import octree_starts
-from core.options import IndexOptions
+from panoloc.core.config import StartsConfig
+from panoloc.core.errors import OptionsError
+from panoloc.core.index.starts import octree_starts
+from panoloc.core.options import IndexOptions
 from tests.core.painted_box import PaintedBox
 
 

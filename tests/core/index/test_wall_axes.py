@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.index.wall_axes import wall_axes
+from panoloc.core.index.wall_axes import wall_axes
 from tests.core.painted_box import PaintedBox
 
 
@@ -49,7 +49,7 @@ def test_a_floor_alone_has_no_walls() -> None:
 
 def test_of_many_points_some_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     every = wall_axes(turned(box_points(), 17.0))
-    monkeypatch.setattr("core.index.wall_axes._MOST_POINTS", 3_000)
+    monkeypatch.setattr("panoloc.core.index.wall_axes._MOST_POINTS", 3_000)
     some = wall_axes(turned(box_points(), 17.0))
     torch.testing.assert_close(some[0], every[0], atol=0.01, rtol=0)
     assert some[1] > 0.9

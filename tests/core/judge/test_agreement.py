@@ -8,17 +8,16 @@ from typing import Any
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.geometry.pose import Pose
-from core.geometry.projection import pixel_solid_angles
-from core.geometry.rotations import rotation_from_vector
-from core.geometry.sphere_window import SphereWindow
-from core.index.map_index import MapIndex
-from core.judge.agreement import Agreement, agreement, with_agreement
-from core.judge.hypotheses import Hypothesis
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
-from core.views.comparison import Comparison, compare
+from panoloc.core.config import JudgeConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixel_solid_angles
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.agreement import Agreement, agreement
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.views.comparison import Comparison, compare
 
 
 @pytest.fixture(scope="module")
@@ -105,25 +104,6 @@ def test_where_nothing_is_seen_nothing_agrees() -> None:
     found = judged(scan, scan, torch.zeros_like(SOLID))
     assert float(found.score) == 0
     assert float(found.coverage) == pytest.approx(0, abs=1e-9)
-
-
-def test_each_hypothesis_gets_its_own_score_and_measures() -> None:
-    names = (
-        "correlation",
-        "patch_correlation",
-        "mutual_information",
-        "inlier_share",
-        "coverage",
-        "relative_coverage",
-        "explained",
-    )
-    values = {name: torch.tensor([0.1 + k, 0.2 + k]) for k, name in enumerate(names)}
-    group = [Hypothesis(0, k, torch.eye(3), torch.zeros(3), loss=float(k)) for k in range(2)]
-    measured = Agreement(**values, score=torch.tensor([0.7, 1.7]))
-    for k, found in enumerate(with_agreement(group, measured)):
-        assert (found.start, found.loss) == (k, float(k))
-        assert found.score == pytest.approx(float(measured.score[k]))
-        assert found.measures == {name: pytest.approx(float(value[k])) for name, value in values.items()}
 
 
 def test_where_half_has_changed_explained_contrast_prefers_half_that_agrees_to_all_that_agrees_a_little() -> None:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import ChangeConfig
-from core.geometry.projection import pixel_directions, pixel_solid_angles
-from core.geometry.rotations import even_directions, rotation_from_vector
-from core.judge.change_maps import ChangeMaps, change_maps
-from core.views.comparison import Comparison
-from core.views.synthetic_view import SyntheticViews
+from panoloc.core.config import ChangeConfig
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles
+from panoloc.core.geometry.rotations import even_directions, rotation_from_vector
+from panoloc.core.judge.change_maps import ChangeMaps, change_maps
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.synthetic_view import SyntheticViews
 from tests.reference import change_twin as twin
 
 HEIGHT, WIDTH = 24, 48

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.judge.confidence import (
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.confidence import (
     FEATURES,
     ConfidenceModel,
     RadiusModel,
@@ -17,7 +17,7 @@ from core.judge.confidence import (
     load_confidence_model,
     share_within,
 )
-from core.judge.hypotheses import Hypothesis
+from panoloc.core.judge.hypotheses import Hypothesis
 
 
 def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -> None:

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.config import JudgeConfig, LocalizerConfig
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.judge.doubts import Doubts
-from core.judge.photo_agreement import PhotoAgreement
-from core.localizer import Localizer
-from core.options import Status
-from core.results import Candidate, Evidence, Localization, SearchSummary
+from panoloc.core.config import JudgeConfig, LocalizerConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.doubts import Doubts
+from panoloc.core.judge.photo_agreement import PhotoAgreement
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import Status
+from panoloc.core.results import Candidate, Evidence, Localization, SearchSummary
 from tests.core.built_maps import BOX
 from tests.core.painted_box import rotation_of
 from tests.core.panorama.painted_photos import FOUR, UPRIGHT, session_of

@@ -6,21 +6,19 @@ from dataclasses import replace
 import pytest
 import torch
 
-from core.config import JudgeConfig, PoseDistance
-from core.geometry.rotations import rotation_from_vector
-from core.judge.hypotheses import (
+from panoloc.core.config import JudgeConfig, PoseDistance
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.judge.hypotheses import (
     Hypothesis,
-    by_map,
     by_score,
     merged,
-    stacked_poses,
     with_close_rival,
     with_distinctness,
     with_refined,
     with_same_views,
     within_margin,
 )
-from core.refine.refinement import Refined
+from panoloc.core.refine.refinement import Refined
 
 JUDGE = JudgeConfig()
 
@@ -68,15 +66,6 @@ def test_two_hypotheses_are_near_when_both_place_and_orientation_are(
     assert other.is_near(one, PoseDistance(0.5, 15.0)) is is_near
     elsewhere = Hypothesis(1, 3, torch.eye(3), torch.zeros(3))
     assert not one.is_near(elsewhere, PoseDistance(0.5, 15.0))
-
-
-def test_hypotheses_are_grouped_by_map_in_the_order_in_which_maps_first_come() -> None:
-    given = [placed(1.0, map_number=4), placed(2.0, map_number=1), placed(3.0, map_number=4)]
-    found = [(number, [float(h.position[0]) for h in group]) for number, group in by_map(given)]
-    assert found == [(4, [1.0, 3.0]), (1, [2.0])]
-    rotations, positions = stacked_poses(given)
-    assert rotations.shape == (3, 3, 3)
-    assert positions[:, 0].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.judge.photo_agreement import PhotoAgreement, agreement_by_photo
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.session import Session, SessionImage, session_from_rig
-from core.views.comparison import Comparison
-from core.views.photo_comparison import RigView
+from panoloc.core.config import JudgeConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.photo_agreement import PhotoAgreement, agreement_by_photo
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.session import Session, SessionImage, session_from_rig
+from panoloc.core.views.comparison import Comparison
+from panoloc.core.views.photo_comparison import RigView
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
 

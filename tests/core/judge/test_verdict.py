@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from core.config import JudgeConfig
-from core.judge.confidence import load_confidence_model
-from core.judge.hypotheses import Hypothesis
-from core.judge.verdict import verdict
+from panoloc.core.config import JudgeConfig
+from panoloc.core.judge.confidence import load_confidence_model
+from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.judge.verdict import verdict
 
 MODEL, CONFIG = load_confidence_model(), JudgeConfig()
 

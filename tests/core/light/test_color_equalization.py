@@ -2,7 +2,7 @@
 
 import torch
 
-from core.light.color_equalization import apply_tables, equalization_tables, equalize_where
+from panoloc.core.light.color_equalization import apply_tables, equalization_tables, equalize_where
 
 
 def test_equalizing_only_where_something_is_seen_gives_the_same_there_and_nothing_elsewhere() -> None:

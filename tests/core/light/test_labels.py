@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from core.light.color_equalization import label_codes
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.light.color_equalization import label_codes
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
 
 
 def test_rare_colours_are_noise_not_labels() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from core.light.light_fit import fit_gain_offset
+from panoloc.core.light.light_fit import fit_gain_offset
 
 
 def test_gain_and_offset_are_those_of_a_weighted_line_fit() -> None:

@@ -4,13 +4,10 @@ import math
 
 import torch
 
-from core.config import DescriptorConfig
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.projection import pixel_directions, project, sample_bilinear
-from core.geometry.rotations import rotation_from_vector
-from core.geometry.sphere_window import SphereWindow
-from core.light.local_contrast import local_contrast, mixed_with_contrast
+from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.light.local_contrast import local_contrast, mixed_with_contrast
 
 HEIGHT, WIDTH = 64, 128
 
@@ -42,18 +39,6 @@ def test_what_is_missing_has_no_part_in_its_surroundings() -> None:
     valid[:, 20:40, 30:60] = 0
     repainted = torch.where(valid[..., None] > 0, image, torch.ones(()))
     torch.testing.assert_close(local_contrast(image, valid), local_contrast(repainted, valid))
-
-
-def test_patches_are_described_by_both_and_labels_by_their_codes_alone() -> None:
-    config = DescriptorConfig()
-    grid, image, valid = PatchGrid(8, 16), textured(), torch.ones((1, HEIGHT, WIDTH))
-    both, codes = (
-        described_histograms(image, image.flatten(1, 2), valid, valid, grid, config.bins, is_labels)
-        for is_labels in (False, True)
-    )
-    assert both.shape == (1, len(grid), 2 * config.bins**3)
-    torch.testing.assert_close(both[..., : config.bins**3], codes)
-    torch.testing.assert_close(both.sum(-1), torch.full((1, len(grid)), 2.0))
 
 
 def test_a_tilted_camera_sees_the_same_contrast() -> None:

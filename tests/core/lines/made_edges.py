@@ -5,8 +5,8 @@ import math
 import torch
 from torch import Tensor
 
-from core.geometry.rotations import even_directions, rotation_from_vector
-from core.lines.photo_edges import Edges
+from panoloc.core.geometry.rotations import even_directions, rotation_from_vector
+from panoloc.core.lines.photo_edges import Edges
 
 
 def edges_along(axes_from_rig: Tensor, noise_deg: float = 0.3, seed: int = 0, count: int = 600) -> Edges:

@@ -7,16 +7,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.config import LineConfig
-from core.geometry.rotations import (
+from panoloc.core.config import LineConfig
+from panoloc.core.geometry.rotations import (
     rotation_angle,
     rotation_from_vector,
-    rotations_of_axes,
     uniform_rotations,
 )
-from core.lines.line_hold import LineHold
-from core.lines.line_support import LineSupport
-from core.lines.photo_edges import Edges
+from panoloc.core.lines.line_hold import LineHold
+from panoloc.core.lines.line_support import LineSupport
+from panoloc.core.lines.photo_edges import Edges
 from tests.core.lines.made_edges import edges_along
 
 CONFIG = LineConfig()
@@ -63,14 +62,6 @@ def rotations_of_symmetry() -> Tensor:
                 found.append(new)
     assert len(found) == 24
     return torch.stack(found)
-
-
-def test_the_rotations_of_axes_are_one_of_24_of_all() -> None:
-    some = rotations_of_axes(24_000, "cpu")
-    assert len(some) == pytest.approx(1000, rel=0.05)
-    turned = torch.einsum("sab,rbc->srac", rotations_of_symmetry(), uniform_rotations(300))
-    reached = torch.stack([rotation_angle(some[:, None], turned[:, k][None]).amin() for k in range(300)])
-    assert float(reached.max()) < math.radians(12)  # each turn of the axes is near one of them
 
 
 def hold_of(edges: Edges, strength: float = 1.0, axes_from_map: Tensor | None = None) -> LineHold:

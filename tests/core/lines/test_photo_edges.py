@@ -5,12 +5,12 @@ import pytest
 from numpy.typing import NDArray
 from torch import Tensor
 
-from core.camera.camera import Camera
-from core.config import JudgeConfig, LineConfig
-from core.geometry.pose import Pose
-from core.lines.photo_edges import Edges, edges_of_photos
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.camera.camera import Camera
+from panoloc.core.config import JudgeConfig, LineConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.lines.photo_edges import Edges, edges_of_photos
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import rotation_of
 from tests.core.panorama.painted_photos import pinhole_rays
 

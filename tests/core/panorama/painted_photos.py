@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose
-from core.options import SessionOptions
-from core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import SessionOptions
+from panoloc.core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import PaintedBox, rotation_of
 
 # A phone held upright, and one held sideways.

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from core.errors import PanoramaFormatError
-from core.panorama.image_header import KIND_BYTES, image_kind, read_image_header
+from panoloc.core.errors import PanoramaFormatError
+from panoloc.core.panorama.image_header import KIND_BYTES, image_kind, read_image_header
 
 WRITERS: dict[str, dict[str, Any]] = {
     "png": {"format": "PNG"},

@@ -3,9 +3,9 @@
 import pytest
 from PIL import Image
 
-from core.errors import PanoramaFormatError, PanoramaShapeError
-from core.panorama.known_camera import check_known_cameras
-from core.panorama.reader import read_image
+from panoloc.core.errors import PanoramaFormatError, PanoramaShapeError
+from panoloc.core.panorama.known_camera import check_known_cameras
+from panoloc.core.panorama.reader import read_image
 from tests.core.panorama.picture_files import encoded, gpano_packet, jpeg_with_exif_orientation, picture
 
 PHOTO = picture(160, 120)

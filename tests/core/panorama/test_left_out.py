@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from core.camera.camera import CameraDescription
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.panorama.panorama import Panorama
-from core.panorama.reader import read_image, read_panorama
-from core.panorama.session import Photo, Session, SessionImage, left_out
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.reader import read_image, read_panorama
+from panoloc.core.panorama.session import Photo, Session, SessionImage, left_out
 from tests.core.panorama.missing.scenery import scenery
 from tests.core.panorama.picture_files import encoded
 

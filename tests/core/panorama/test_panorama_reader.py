@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.errors import (
+from panoloc.core.errors import (
     MaskDamagedError,
     MaskFormatError,
     MaskShapeError,
@@ -20,7 +20,7 @@ from core.errors import (
     PanoramaTooLargeError,
     PanoramaUnusableError,
 )
-from core.panorama.reader import read_panorama
+from panoloc.core.panorama.reader import read_panorama
 from tests.core.panorama.picture_files import (
     encoded,
     gpano_packet,
@@ -79,7 +79,8 @@ def test_exif_orientation_is_honoured(orientation: int) -> None:
         7: lambda a: np.rot90(a.swapaxes(0, 1), 2),
         8: lambda a: np.rot90(a, -1),
     }
-    stored = np.ascontiguousarray(undo.get(orientation, np.asarray)(upright))  # what is none turns nothing
+    # A number that is no orientation turns nothing.
+    stored = np.ascontiguousarray(undo[orientation](upright) if orientation in undo else upright)
     panorama = read_panorama(jpeg_with_exif_orientation(stored, orientation))
     assert panorama.color.shape == (128, 256, 3)
     assert difference(panorama.color, upright) < 4

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.errors import OptionsError, PanoramaUnusableError
-from core.geometry.pose import Pose
-from core.panorama.photo import photo_on_sphere
+from panoloc.core.camera.camera import Camera
+from panoloc.core.errors import OptionsError, PanoramaUnusableError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.photo import photo_on_sphere
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from core.camera.camera import Camera
-from core.errors import PanoramaUnusableError
-from core.geometry.pose import Pose
-from core.light.color_equalization import LabelCodes
-from core.panorama.panorama import Panorama
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import PhotoContrast
-from core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.camera.camera import Camera
+from panoloc.core.errors import PanoramaUnusableError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.light.color_equalization import LabelCodes
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_colors import PhotoContrast
+from panoloc.core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import rotation_of
 
 CAMERA = Camera.from_hfov("pinhole", 640, 480, 69.0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.camera.camera import CameraDescription
-from core.errors import OptionsError, PanoramaShapeError, PanoramaUnusableError
-from core.panorama.reader import read_image, read_panorama
-from core.panorama.session import Photo
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.errors import OptionsError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.core.panorama.reader import read_image, read_panorama
+from panoloc.core.panorama.session import Photo
 from tests.core.panorama.picture_files import encoded, picture
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import MaskDamagedError, PanoramaDamagedError
-from core.panorama.reader import read_panorama
+from panoloc.core.errors import MaskDamagedError, PanoramaDamagedError
+from panoloc.core.panorama.reader import read_panorama
 from tests.core.panorama.picture_files import encoded, png
 
 ROOT = Path(__file__).parents[3]
@@ -39,7 +39,7 @@ def test_the_largest_png_takes_less_than_a_gigabyte() -> None:
     program = """
 import io, numpy as np, re
 from PIL import Image
-from core.panorama.reader import read_panorama
+from panoloc.core.panorama.reader import read_panorama
 file = io.BytesIO()
 Image.fromarray(np.full((7000, 14000, 3), 90, np.uint8)).save(file, "PNG", compress_level=1)
 data = file.getvalue()

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from core.config import LocalizerConfig, PaperConfig
-from core.errors import DeadlineExceededError
-from core.geometry.pose import Pose
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.localizer import Localizer
-from core.options import IndexOptions
-from core.results import Localization
+from panoloc.core.config import LocalizerConfig, PaperConfig
+from panoloc.core.errors import DeadlineExceededError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import IndexOptions
+from panoloc.core.results import Localization
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox
 

@@ -3,15 +3,15 @@
 import numpy as np
 import torch
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import equalized_windows
-from core.panorama.session import Session
-from core.refine.photo_points import look_directions
-from core.refine.refinement import CandidatePoints
-from core.refine.rig_level import RigLevel
-from core.refine.sphere_squares import patch_numbers
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_colors import equalized_windows
+from panoloc.core.panorama.session import Session
+from panoloc.core.refine.photo_points import look_directions
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.refine.sphere_squares import patch_numbers
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 

@@ -2,10 +2,10 @@
 
 import torch
 
-from core.geometry.projection import project
-from core.geometry.rotations import even_directions
-from core.index.map_index import MapIndex
-from core.refine.candidate_points import points_seen_from_starts
+from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.refine.candidate_points import points_seen_from_starts
 
 COUNT, HEIGHT = 512, 64
 

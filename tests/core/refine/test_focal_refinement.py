@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import torch
 
-from core.camera.camera import Camera
-from core.config import PhotoRefinementConfig
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.photo_colors import equalized_windows
-from core.panorama.session import Session
-from core.refine.focal_refinement import FocalRefined, refine_with_focal
-from core.refine.patch_step import patch_equations
-from core.refine.refinement import CandidatePoints
-from core.refine.rig_level import RigLevel
+from panoloc.core.camera.camera import Camera
+from panoloc.core.config import PhotoRefinementConfig
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.photo_colors import equalized_windows
+from panoloc.core.panorama.session import Session
+from panoloc.core.refine.focal_refinement import FocalRefined, refine_with_focal
+from panoloc.core.refine.patch_step import patch_equations
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.rig_level import RigLevel
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import photo_of
 from tests.core.refine.painted_scene import POSE, POSITION, ROTATION, photo_with_points

@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import StepConfig
-from core.geometry.projection import pixel_directions
-from core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
-from core.panorama.image_level import ImageLevel, prepare_level
-from core.refine.gauss_newton import (
+from panoloc.core.config import StepConfig
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
+from panoloc.core.panorama.image_level import ImageLevel, prepare_level
+from panoloc.core.refine.gauss_newton import (
     PointPlanes,
     PoseStep,
     gauss_newton_step,
     initial_history,
     normal_equations,
 )
-from core.refine.point_sampling import sample_points
-from core.refine.refinement import CandidatePoints, refine
+from panoloc.core.refine.point_sampling import sample_points
 
 HEIGHT = 64
 RULES = StepConfig()
@@ -154,24 +153,3 @@ def test_no_step_goes_further_than_the_rules_allow() -> None:
         torch.testing.assert_close(bound[part], free[part] * limit / free[part].norm())
     wide = step_from(level, points, replace(RULES, max_turn_rad=8.0, max_move_m=8.0), turn, move).history.step[0]
     torch.testing.assert_close(wide, free)
-
-
-def test_the_last_step_of_a_refinement_is_not_lengthened_and_those_before_are() -> None:
-    level, points = scene()
-    turn, move = (0.02, -0.03, 0.01), (0.03, 0.02, -0.04)
-    rotations = (ROTATION @ rotation_from_vector(torch.tensor(turn)))[None]
-    positions = (POSITION + torch.tensor(move))[None]
-    candidates = CandidatePoints(
-        points.positions.transpose(1, 2).contiguous(), points.colors.transpose(1, 2).contiguous(), points.weights
-    )
-    once = refine(level, candidates, rotations, positions, 1, RULES)
-    torch.testing.assert_close(once.positions, step_from(level, points, RULES, turn, move).positions)
-    twice = refine(level, candidates, rotations, positions, 2, RULES)
-    first = step_from(level, points, RULES, turn, move, relaxed=True)
-    second = gauss_newton_step(
-        level, points, first.rotations, first.positions, first.weights, first.history, RULES, relaxed=False
-    )
-    torch.testing.assert_close(twice.positions, second.positions)
-    torch.testing.assert_close(twice.rotations, second.rotations)
-    torch.testing.assert_close(twice.loss, second.loss)
-    assert [int(found.steps) for found in (once, twice)] == [1, 2]

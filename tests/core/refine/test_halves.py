@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from core.config import HalvesConfig, PhotoRefinementConfig
-from core.refine.halves import halves_apart
-from core.refine.refinement import CandidatePoints
-from core.refine.rig_level import RigLevel
+from panoloc.core.config import HalvesConfig, PhotoRefinementConfig
+from panoloc.core.refine.halves import halves_apart
+from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.refine.rig_level import RigLevel
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import POSITION, ROTATION, photo_with_points
 

@@ -7,13 +7,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.config import LineConfig, PhotoRefinementConfig, StepConfig
-from core.geometry.rotations import rotation_angle, rotation_from_vector
-from core.lines.line_hold import LineHold
-from core.refine.gauss_newton import initial_history
-from core.refine.patch_step import PatchStep, patch_step
-from core.refine.refinement import CandidatePoints, refine
-from core.refine.rig_level import RigLevel
+from panoloc.core.config import LineConfig, PhotoRefinementConfig, StepConfig
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
+from panoloc.core.lines.line_hold import LineHold
+from panoloc.core.refine.gauss_newton import initial_history
+from panoloc.core.refine.patch_step import PatchStep, patch_step
+from panoloc.core.refine.refinement import CandidatePoints, refine
+from panoloc.core.refine.rig_level import RigLevel
 from tests.core.lines.made_edges import edges_along
 from tests.core.painted_box import PaintedBox
 from tests.core.refine.painted_scene import POSITION, ROTATION, photo_with_points

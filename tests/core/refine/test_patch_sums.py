@@ -5,7 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.refine.patch_sums import PatchSums
+from panoloc.core.refine.patch_sums import PatchSums
 from tests.core.other_device import DEVICE, OtherDevice
 
 

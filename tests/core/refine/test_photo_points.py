@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 import torch
 
-from core.geometry.pose import Pose
-from core.geometry.projection import pixels_towards, project
-from core.index.map_index import MapIndex
-from core.light.local_contrast import local_contrast
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.session import session_from_rig
-from core.refine.photo_points import (
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixels_towards, project
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.light.local_contrast import local_contrast
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.session import session_from_rig
+from panoloc.core.refine.photo_points import (
     look_directions,
     photos_showing,
     points_seen_by_photos,
     points_seen_in_starts,
     views_from_starts,
 )
-from core.views.photo_comparison import RigView
+from panoloc.core.views.photo_comparison import RigView
 from tests.core.built_maps import BOX
 from tests.core.painted_box import rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import RefinementConfig
-from core.geometry.projection import pixel_directions, pixel_solid_angles
-from core.geometry.rotations import even_directions
-from core.geometry.sphere_window import SphereWindow
-from core.light.local_contrast import mixed_with_contrast
-from core.refine.candidate_points import points_seen_from_poses, unchanged_share
+from panoloc.core.config import RefinementConfig
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles
+from panoloc.core.geometry.rotations import even_directions
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.light.local_contrast import mixed_with_contrast
+from panoloc.core.refine.candidate_points import points_seen_from_poses, unchanged_share
 
 HEIGHT, WIDTH, COUNT = 16, 32, 200
 
@@ -68,14 +68,6 @@ def test_points_have_the_colours_of_their_pixels_mixed_with_contrast() -> None:
     found = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
     torch.testing.assert_close(found.colors, mixed.flatten(1, 2)[:, shown_pixels()])
     assert float((found.colors - comparison.scan[:, shown_pixels()]).abs().max()) > 0.05
-
-
-def test_further_weights_multiply_those_of_the_pixels() -> None:
-    cloud, comparison = rendered()
-    plain = points_seen_from_poses(cloud, comparison, COUNT, 0.3)
-    extra = torch.rand((2, HEIGHT * WIDTH), generator=torch.Generator().manual_seed(1))
-    found = points_seen_from_poses(cloud, comparison, COUNT, 0.3, extra)
-    torch.testing.assert_close(found.weights, plain.weights * extra[:, shown_pixels()])
 
 
 @pytest.mark.parametrize("regions", [4, 8, 64])

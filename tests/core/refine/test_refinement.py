@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from core.config import StepConfig
-from core.geometry.projection import pixel_directions
-from core.geometry.rotations import rotation_angle, rotation_from_vector, uniform_rotations
-from core.panorama.image_level import prepare_level
-from core.refine.gauss_newton import StepHistory, next_relaxation
-from core.refine.refinement import CandidatePoints, refine
+from panoloc.core.config import StepConfig
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector, uniform_rotations
+from panoloc.core.panorama.image_level import prepare_level
+from panoloc.core.refine.gauss_newton import StepHistory, next_relaxation
+from panoloc.core.refine.refinement import CandidatePoints, refine
 
 HEIGHT = 128
 

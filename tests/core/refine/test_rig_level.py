@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose
-from core.geometry.projection import pixel_directions
-from core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
-from core.panorama.image_level import prepare_level
-from core.panorama.panorama import Panorama
-from core.panorama.photo_atlas import PhotoAtlas
-from core.panorama.session import Photo, Session, SessionImage
-from core.refine.point_sampling import sample_points
-from core.refine.rig_level import RigLevel
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
+from panoloc.core.panorama.image_level import prepare_level
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.refine.point_sampling import sample_points
+from panoloc.core.refine.rig_level import RigLevel
 from tests.core.painted_box import rotation_of
 
 POSES = (

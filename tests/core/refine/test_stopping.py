@@ -5,12 +5,12 @@ import math
 import pytest
 import torch
 
-from core.config import PoseDistance, StepConfig, StoppingRule
-from core.geometry.projection import pixel_directions
-from core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
-from core.panorama.image_level import ImageLevel, prepare_level
-from core.refine.gauss_newton import PoseStep, gauss_newton_step, initial_history
-from core.refine.refinement import CandidatePoints, Refined, joined, refine
+from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
+from panoloc.core.geometry.projection import pixel_directions
+from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
+from panoloc.core.panorama.image_level import ImageLevel, prepare_level
+from panoloc.core.refine.gauss_newton import PoseStep, gauss_newton_step, initial_history
+from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
 
 HEIGHT, COUNT = 32, 150
 CONFIG = StepConfig()

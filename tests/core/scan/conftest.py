@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.scan.point_cloud import PointCloud
+from panoloc.core.scan.point_cloud import PointCloud
 
 NUM_POINTS = 60
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.scan.point_cloud import PointCloud
+from panoloc.core.scan.point_cloud import PointCloud
 
 
 def splat_ply(cloud: PointCloud, opacities: NDArray[np.float64]) -> bytes:

@@ -11,12 +11,12 @@ import laspy
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError, ScanError, ScanTooLargeError
-from core.options import ScanOptions
-from core.scan.archive import unpacking
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError, ScanTooLargeError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.archive import unpacking
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import glb_of, obj_files, walls_of, zip_of
 from tests.core.scan.test_gltf_reading import assert_painted

@@ -12,11 +12,11 @@ from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 from pye57 import E57, libe57
 from pyproj import CRS
 
-from core.errors import ScanContentError
-from core.options import ScanOptions, Unit, UpAxis
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError
+from panoloc.core.options import ScanOptions, Unit, UpAxis
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.scan.mesh_files import zip_of
 
 ScanFile = Callable[[str, bytes | str], Path]

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.errors import CoreError, ScanDamagedError
-from core.options import ScanOptions
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import CoreError, ScanDamagedError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 
 OPTIONS = ScanOptions(max_points_used=500)
 RNG = np.random.default_rng(11)

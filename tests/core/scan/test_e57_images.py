@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.errors import ScanContentError
-from core.exports.axes import quaternion_wxyz
-from core.exports.reconstruction.colmap_rig import FACES, cut_face, turned
-from core.exports.tour import PlacedPhoto, Tour
-from core.geometry.pose import Pose
-from core.scan.e57.__main__ import REFUSED, main
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError
+from panoloc.core.exports.axes import quaternion_wxyz
+from panoloc.core.exports.reconstruction.colmap_rig import FACES, cut_face, turned
+from panoloc.core.exports.tour import PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.e57.__main__ import REFUSED, main
+from panoloc.core.scan.reading import read_scan
 from tests.core.exports.tours import written
 from tests.core.painted_box import PaintedBox, rotation_of
 

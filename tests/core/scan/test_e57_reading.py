@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError, ScanError
-from core.options import ScanOptions
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
-from core.scan.reading_context import ReadingContext
-from core.scan.sandbox.limits import SandboxLimits
-from core.scan.sandbox.reading import read_in_sandbox
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading_context import ReadingContext
+from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.reading import read_in_sandbox
 
 libe57 = pytest.importorskip("pye57.libe57")
 pye57 = pytest.importorskip("pye57")

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError, ScanError
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
+from panoloc.core.scan.reading import read_scan
 
 FORMATS = Path(__file__).parents[3].parent / "shared" / "formats"
 pytestmark = pytest.mark.skipif(not FORMATS.is_dir(), reason="the folder ../shared/formats is not there")

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanDamagedError, ScanFormatError
-from core.options import ScanOptions
-from core.scan.format_detection import extension_of
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanDamagedError, ScanFormatError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.format_detection import extension_of
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 

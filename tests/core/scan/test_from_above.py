@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.scan.from_above import Area, draw_from_above
+from panoloc.core.scan.from_above import Area, draw_from_above
 
 
 def test_pixels_of_positions_are_those_that_are_drawn() -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError, ScanTooLargeError
-from core.options import ScanOptions
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanTooLargeError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import colored_quad, glb, glb_of
 
@@ -203,8 +203,8 @@ def test_a_triangle_that_refers_to_no_vertex_is_damaged(scan_file: ScanFile, cor
 
 
 def test_a_million_instances_are_too_many_triangles(scan_file: ScanFile, monkeypatch: pytest.MonkeyPatch) -> None:
-    from core.scan.gltf import reader
-    from core.scan.reading_context import ReadingContext
+    from panoloc.core.scan.gltf import reader
+    from panoloc.core.scan.reading_context import ReadingContext
 
     monkeypatch.setattr(reader, "MAX_TRIANGLES", 100)
     nodes = [{"mesh": 0} for _ in range(200)]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.options import ScanOptions
-from core.scan.obj.materials import read_materials
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.obj.materials import read_materials
+from panoloc.core.scan.reading import read_scan
 from tests.core.scan.mesh_files import zip_of
 
 ScanFile = Callable[[str, bytes | str], Path]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.scan.lzf import decompress_lzf
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.scan.lzf import decompress_lzf
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 Compare = Callable[..., None]

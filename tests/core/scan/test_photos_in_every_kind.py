@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from core.index.map_builder import build_map_index
-from core.localizer import Localizer
-from core.options import IndexOptions
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.localizer import Localizer
+from panoloc.core.options import IndexOptions
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.scan.mesh_files import glb_of, obj_files, zip_of

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import ScanDamagedError, ScanTooLargeError
-from core.options import ScanOptions
-from core.scan.ply.header import check_ply_file
+from panoloc.core.errors import ScanDamagedError, ScanTooLargeError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.ply.header import check_ply_file
 
 
 def header_of(properties: str, count: int, more: str = "") -> bytes:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanDamagedError
-from core.options import ScanOptions
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 CORNERS = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0)]

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.options import ScanOptions
-from core.scan.ply.writer import encode_ply, write_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.ply.writer import encode_ply, write_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 Compare = Callable[..., None]

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError, ScanFormatError, ScanTooLargeError
-from core.options import ScanOptions
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanFormatError, ScanTooLargeError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.painted_box import rotation_of
 from tests.core.scan.ptx_files import station_text
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import OptionsError, ScanContentError
-from core.options import ScanOptions
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import OptionsError, ScanContentError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 
 ScanFile = Callable[[str, bytes | str], Path]
 
@@ -151,7 +151,7 @@ def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> Non
 def test_reading_a_ply_imports_no_heavy_library(cloud: PointCloud, scan_file: ScanFile) -> None:
     path = scan_file("scan.ply", encode_ply(cloud))
     program = (
-        "import sys; from pathlib import Path; from core.scan.reading import read_scan; read_scan(Path(sys.argv[1])); "
+        "import sys; from pathlib import Path; from panoloc.core.scan.reading import read_scan; read_scan(Path(sys.argv[1])); "
         "print(sorted({'open3d', 'torch', 'laspy', 'pye57'} & set(sys.modules)))"
     )
     root = Path(__file__).parents[3]

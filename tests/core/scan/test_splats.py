@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
 from tests.core.scan.splat_files import splat_ply
 
 ScanFile = Callable[[str, bytes | str], Path]

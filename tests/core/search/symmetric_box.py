@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from core.geometry.pose import Pose
+from panoloc.core.geometry.pose import Pose
 from tests.core.painted_box import PaintedBox, rotation_of
 
 BOX = PaintedBox(seed=3, symmetric=True)

@@ -5,18 +5,18 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.config import LocalizerConfig
-from core.describe.fine_views import FineViews
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.pose import Pose
-from core.geometry.rotations import uniform_rotations
-from core.index.map_index import MapIndex
-from core.panorama.session import Session
-from core.prepared_photos import PreparedPhotos
-from core.search.described_photos import DescribedPhotos
-from core.search.every_pose import scores_of_every_pose
-from core.search.patch_scores import patch_scores, patch_scores_of
-from core.search.pixel_scores import pixel_scores
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.panorama.session import Session
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.search.described_photos import DescribedPhotos
+from panoloc.core.search.every_pose import scores_of_every_pose
+from panoloc.core.search.patch_scores import patch_scores, patch_scores_of
+from panoloc.core.search.pixel_scores import pixel_scores
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
 

@@ -8,18 +8,18 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.camera.camera import Camera
-from core.config import LocalizerConfig
-from core.geometry.pose import Pose
-from core.geometry.rotations import rotation_angle, rotation_from_vector
-from core.index.map_index import MapIndex
-from core.judge.hypotheses import Hypothesis
-from core.options import Hints
-from core.panorama.session import Photo, Session
-from core.prepared_photos import PreparedPhotos
-from core.prepared_query import MapQuery, prepare_queries, search_rounds
-from core.search.line_evidence import LineEvidence
-from core.search.photo_search import search_photos
+from panoloc.core.camera.camera import Camera
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.options import Hints
+from panoloc.core.panorama.session import Photo, Session
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.prepared_query import MapQuery, prepare_queries, search_rounds
+from panoloc.core.search.line_evidence import LineEvidence
+from panoloc.core.search.photo_search import search_photos
 from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, photo_of

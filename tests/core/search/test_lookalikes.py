@@ -3,15 +3,15 @@
 import pytest
 import torch
 
-from core.config import LocalizerConfig
-from core.geometry.pose import Pose, pose_error
-from core.index.map_index import MapIndex
-from core.panorama.session import Session
-from core.prepared_photos import PreparedPhotos
-from core.search.described_photos import DescribedPhotos
-from core.search.lookalikes import described_as_scanned, search_lookalikes
-from core.search.map_search import MapCandidates
-from core.search.pose_limits import PoseLimits
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.panorama.session import Session
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.search.described_photos import DescribedPhotos
+from panoloc.core.search.lookalikes import described_as_scanned, search_lookalikes
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.pose_limits import PoseLimits
 from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import UPRIGHT, photo_of

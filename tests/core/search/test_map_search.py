@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import DescriptorConfig, PoseDistance, SearchConfig
-from core.describe.patch_descriptors import ViewDescriptors, centered_roots, pooled
-from core.describe.patch_histograms import described_histograms
-from core.describe.spherical_patches import PatchGrid, rotation_table
-from core.geometry.rotations import uniform_rotations
-from core.light.color_equalization import label_codes
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
-from core.search.map_search import DescribedPanorama, describe_panorama, make_search_rotations, search_maps
-from core.search.pose_limits import PoseLimits
+from panoloc.core.config import DescriptorConfig, PoseDistance, SearchConfig
+from panoloc.core.describe.patch_descriptors import ViewDescriptors, centered_roots, pooled
+from panoloc.core.describe.patch_histograms import described_histograms
+from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.geometry.rotations import uniform_rotations
+from panoloc.core.light.color_equalization import label_codes
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.search.map_search import DescribedPanorama, describe_panorama, make_search_rotations, search_maps
+from panoloc.core.search.pose_limits import PoseLimits
 from tests.reference import search_twin as twin
 
 GRID = PatchGrid(4, 8)
@@ -135,20 +135,14 @@ def test_hints_leave_starts_and_rotations_out() -> None:
     assert (found.num_starts, found.num_poses) == (3, 3 * int(allowed.sum()))
 
 
-def test_the_first_pass_is_held_to_the_hints_too() -> None:
-    limits = PoseLimits(
-        lower=torch.tensor([0.9, -1.0, -1.0]), upper=torch.tensor([4.1, 1.0, 1.0]), max_tilt=math.radians(70)
-    )
-    config = SearchConfig(**{**vars(CONFIG), "coarse_kept_starts": 2})
-    index = made_map(8, 1)
-    (found,) = search([index], [limits], config)
-    coarse = uniform_rotations(12)[limits.searched_rotations(uniform_rotations(12), CONFIG.hint_margin_deg)]
-    assert 0 < len(coarse) < 12
-    inside = [t for t in range(8) if 0.4 <= t <= 4.6]
-    best = coarse_scores(made_panorama(), index, coarse).max(1)
-    kept = sorted(sorted(inside, key=lambda t: -best[t])[:2])
-    assert sorted(set(found.candidates.starts.tolist())) == kept
-    assert found.num_poses == len(inside) * len(coarse) + 2 * len(found.rotations)
+def test_hints_that_leave_nothing_are_answered_with_nothing() -> None:
+    far = PoseLimits(center=torch.tensor([99.0, 0.0, 0.0]), radius_m=1.0)
+    level = PoseLimits(max_tilt=0.0)  # no rotation is as level as that
+    config = SearchConfig(**{**vars(CONFIG), "hint_margin_deg": 0.0})
+    for limits in (far, level):
+        (found,) = search([made_map(4, 1)], [limits], config)
+        assert len(found.candidates) == len(found.candidates.rotations) == len(found.candidates.scores) == 0
+        assert (found.num_starts, found.num_poses) == (0, 0)
 
 
 def test_starts_that_the_first_pass_cannot_judge_go_on() -> None:

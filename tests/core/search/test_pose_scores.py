@@ -4,9 +4,9 @@ import math
 
 import torch
 
-from core.config import SearchConfig
-from core.geometry.rotations import rotation_from_vector
-from core.search.pose_scores import select_candidates
+from panoloc.core.config import SearchConfig
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.search.pose_scores import select_candidates
 
 
 def poses(num_alike: int, num_elsewhere: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -7,15 +7,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from core.config import LocalizerConfig
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.panorama.session import Session
-from core.prepared_photos import PreparedPhotos
-from core.search.described_photos import DescribedPhotos
-from core.search.map_search import MapCandidates
-from core.search.pose_scores import Candidates
-from core.search.position_sweep import swept
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.panorama.session import Session
+from panoloc.core.prepared_photos import PreparedPhotos
+from panoloc.core.search.described_photos import DescribedPhotos
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.pose_scores import Candidates
+from panoloc.core.search.position_sweep import swept
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, photo_of, session_of
 

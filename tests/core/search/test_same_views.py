@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from core.config import LocalizerConfig
-from core.geometry.pose import Pose, pose_error
-from core.index.map_index import MapIndex
-from core.search.map_search import MapCandidates
-from core.search.pose_limits import PoseLimits
-from core.search.same_views import search_same_views
+from panoloc.core.config import LocalizerConfig
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.search.map_search import MapCandidates
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.search.same_views import search_same_views
 from tests.core.built_maps import map_of
 from tests.core.painted_box import PaintedBox
 from tests.core.search.symmetric_box import BOX, POSE, POSITION, ROTATION, TWIN

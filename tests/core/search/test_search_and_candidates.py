@@ -4,16 +4,16 @@ import math
 
 import torch
 
-from core.config import DescriptorConfig, SearchConfig
-from core.describe.spherical_patches import PatchGrid
-from core.geometry.pose import Pose
-from core.geometry.rotations import rotation_angle, uniform_rotations
-from core.index.map_index import MapIndex
-from core.panorama.panorama import Panorama
-from core.panorama.pyramid import PanoramaPyramid
-from core.search.map_search import describe_panorama, make_search_rotations, search_maps
-from core.search.pose_limits import PoseLimits
-from core.search.pose_scores import select_candidates
+from panoloc.core.config import DescriptorConfig, SearchConfig
+from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.geometry.rotations import rotation_angle, uniform_rotations
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.search.map_search import describe_panorama, make_search_rotations, search_maps
+from panoloc.core.search.pose_limits import PoseLimits
+from panoloc.core.search.pose_scores import select_candidates
 
 GRID = PatchGrid(DescriptorConfig().patch_rows, DescriptorConfig().patch_columns)
 

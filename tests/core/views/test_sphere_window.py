@@ -7,8 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.geometry.projection import pixel_directions, pixel_solid_angles
-from core.geometry.sphere_window import CELLS, SphereWindow, window_around
+from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles
+from panoloc.core.geometry.sphere_window import CELLS, SphereWindow, window_around
 
 CPU = torch.device("cpu")
 PART = SphereWindow(16, 4, 20, 8, 6)

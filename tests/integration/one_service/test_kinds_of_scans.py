@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from pyproj import CRS, Proj, Transformer
 
-from core.geometry.pose import Pose, pose_error
+from panoloc.core.geometry.pose import Pose, pose_error
 from tests.core.painted_box import rotation_of
 from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_of
 from tests.core.scan.test_photos_in_every_kind import BOX, KINDS

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.geometry.pose import Pose, pose_error
+from panoloc.core.geometry.pose import Pose, pose_error
 from tests.integration.one_service.tracked_frames import TrackedFrames, tracked_frames
 from tests.integration.running_service import RunningService
 

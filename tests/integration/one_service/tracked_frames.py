@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.geometry.pose import Pose
-from lab.rooms import take_panorama
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms import take_panorama
 from tests.integration.small_room import room_scene, small_room
 
 _WIDTH, _HEIGHT, _HFOV_DEG = 480, 360, 100.0

@@ -10,15 +10,15 @@ from typing import Any
 import pytest
 import torch
 
-from core.config import StartsConfig
-from core.errors import OptionsError, ScanError
-from core.index.starts import octree_starts
-from lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
-from lab.benchmark.painted_room import PaintedRoom
-from lab.benchmark.registration import register, register_in_new_process
-from lab.benchmark.rooms import Rooms, spacing_for
-from lab.benchmark.sizes import QUICK
-from lab.benchmark.timing import repeated, spread_of, timed
+from panoloc.core.config import StartsConfig
+from panoloc.core.errors import OptionsError, ScanError
+from panoloc.core.index.starts import octree_starts
+from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
+from panoloc.lab.benchmark.painted_room import PaintedRoom
+from panoloc.lab.benchmark.registration import register, register_in_new_process
+from panoloc.lab.benchmark.rooms import Rooms, spacing_for
+from panoloc.lab.benchmark.sizes import QUICK
+from panoloc.lab.benchmark.timing import repeated, spread_of, timed
 
 ROOT = Path(__file__).resolve().parents[3]
 Parts = dict[str, dict[str, Any]]
@@ -32,7 +32,7 @@ def parts() -> Parts:
     run = CoreBenchmark(TINY, device, Rooms(device), large_points=5_000, scan_formats=("laz",))
     with pytest.MonkeyPatch.context() as patch:
         # Importing torch anew for each registration would take longer than all else.
-        patch.setattr("lab.benchmark.registration.register_in_new_process", register)
+        patch.setattr("panoloc.lab.benchmark.registration.register_in_new_process", register)
         found = {name: measure(run) for name, measure in CORE_PARTS.items()}
     return dict(json.loads(json.dumps(found, allow_nan=False)))
 
@@ -125,7 +125,7 @@ def test_cuda_is_waited_for_before_and_after(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.slow
 def test_the_core_script_needs_torch_and_numpy_alone() -> None:
     script = ROOT / "tests" / "benchmarks" / "bench_core.py"
-    others = ("PIL", "open3d", "laspy", "pye57", "typer", "rich", "ray", "httpx", "pydantic", "service")
+    others = ("PIL", "open3d", "laspy", "pye57", "typer", "rich", "ray", "httpx", "pydantic", "panoloc.service")
     program = (
         "import runpy, sys\n"
         f"sys.modules.update(dict.fromkeys({others!r}))\n"

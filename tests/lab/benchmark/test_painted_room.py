@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose
-from core.options import ScanOptions
-from core.scan.reading import read_scan
-from lab.benchmark import scan_files
-from lab.benchmark.painted_room import PaintedRoom
-from lab.benchmark.scan_files import write_room_scan
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading import read_scan
+from panoloc.lab.benchmark import scan_files
+from panoloc.lab.benchmark.painted_room import PaintedRoom
+from panoloc.lab.benchmark.scan_files import write_room_scan
 
 ROOM = PaintedRoom(7)
 

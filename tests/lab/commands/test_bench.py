@@ -10,13 +10,13 @@ import httpx
 import pytest
 import torch
 
-from lab.background_service import BackgroundService, own_service
-from lab.benchmark.core_parts import CORE_PARTS
-from lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark
-from lab.benchmark.sizes import QUICK
-from lab.commands.bench import Part
-from service.cli.exit_codes import ExitCode
-from service.cli.session import Session
+from panoloc.lab.background_service import BackgroundService, own_service
+from panoloc.lab.benchmark.core_parts import CORE_PARTS
+from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark
+from panoloc.lab.benchmark.sizes import QUICK
+from panoloc.lab.commands.bench import Part
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import Session
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with, problem
 
@@ -180,7 +180,7 @@ def test_every_part_has_a_name_on_the_command_line() -> None:
 
 def test_memory_is_measured_before_while_and_after(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[tuple[int, int]] = []
-    monkeypatch.setattr("lab.benchmark.service_parts.time.sleep", lambda seconds: None)
+    monkeypatch.setattr("panoloc.lab.benchmark.service_parts.time.sleep", lambda seconds: None)
     monkeypatch.setattr(ServiceBenchmark, "send", lambda self, clients, number: sent.append((clients, number)))
     run = ServiceBenchmark(QUICK, Session(), URL, os.getpid(), {}, (), paper=False, say=lambda text: None)
     found = SERVICE_PARTS["memory"](run)
@@ -203,8 +203,8 @@ def test_a_service_that_never_becomes_ready_is_stopped_and_leaves_nothing(
     def never_ready(client: object, service: object, say: Callable[[str], None]) -> None:
         raise TimeoutError("not ready")
 
-    monkeypatch.setattr("lab.background_service.start_in_background", start)
-    monkeypatch.setattr("lab.background_service.wait_until_ready", never_ready)
+    monkeypatch.setattr("panoloc.lab.background_service.start_in_background", start)
+    monkeypatch.setattr("panoloc.lab.background_service.wait_until_ready", never_ready)
     with pytest.raises(TimeoutError), own_service({"PANOLOC_MAX_TIMEOUT_S": "900"}, tmp_path / "service.log"):
         pass
     assert started[0].poll() is not None

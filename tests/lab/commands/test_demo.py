@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.camera.camera import CameraDescription
-from core.camera.lens import project_to_image
-from core.geometry.pose import Pose
-from core.panorama.reader import read_image
-from core.panorama.session import Photo
-from core.scan.reading import read_scan
-from lab import demo_room
-from lab.commands import demo_scene
-from lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.reader import read_image
+from panoloc.core.panorama.session import Photo
+from panoloc.core.scan.reading import read_scan
+from panoloc.lab import demo_room
+from panoloc.lab.commands import demo_scene
+from panoloc.lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from core.geometry.pose import Pose
-from core.judge.confidence import FEATURES
-from lab.commands import evaluation_run
-from lab.evaluation.known_cases import ScanCases
-from lab.evaluation.runner import RunOptions
-from lab.rooms import PosedPanorama, write_case_folder
-from service.cli.exit_codes import ExitCode
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.judge.confidence import FEATURES
+from panoloc.lab.commands import evaluation_run
+from panoloc.lab.evaluation.known_cases import ScanCases
+from panoloc.lab.evaluation.runner import RunOptions
+from panoloc.lab.rooms import PosedPanorama, write_case_folder
+from panoloc.service.cli.exit_codes import ExitCode
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.lab.evaluation.made_rows import made_row, measures
 from tests.service.cli.commands import Panoloc

@@ -9,7 +9,7 @@ import pytest
 
 _UNTIL_TORCH_IS_WANTED = """
 import os, sys
-from service.cli.entry import run
+from panoloc.service.cli.entry import run
 
 class Watch:
     def find_spec(self, name, *_):

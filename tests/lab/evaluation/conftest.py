@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from core.geometry.pose import Pose
-from lab.rooms import PosedPanorama, write_case_folder
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms import PosedPanorama, write_case_folder
 from tests.core.conftest import box, box_index, box_panorama, box_pose, localizer
 from tests.core.painted_box import PaintedBox, rotation_of
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from lab.evaluation.rows import Row
+from panoloc.lab.evaluation.rows import Row
 
 
 def made_row(number: int = 0, position_m: float | None = 0.01, orientation_deg: float = 0.1, **changes: Any) -> Row:

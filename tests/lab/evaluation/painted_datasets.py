@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.geometry.pose import Pose
-from core.scan.point_cloud import PointCloud
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.point_cloud import PointCloud
 
 Matrix = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from core.index.map_index import MapIndex
-from core.results import Localization, SearchSummary
-from lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
-from lab.evaluation.known_cases import KnownQuery
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.results import Localization, SearchSummary
+from panoloc.lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
+from panoloc.lab.evaluation.known_cases import KnownQuery
 from tests.core.painted_box import PaintedBox
 
 EMPTY = Localization("localized", SearchSummary("fast", 1, 1, 1, 1), {})

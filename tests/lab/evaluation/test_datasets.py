@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from core.errors import OptionsError
-from core.geometry.pose import Pose, pose_error
-from core.geometry.projection import project
-from lab.evaluation.datasets import dataset_scans
-from lab.evaluation.known_cases import LoadedScan, ScanCases, SourceError
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.geometry.projection import project
+from panoloc.lab.evaluation.datasets import dataset_scans
+from panoloc.lab.evaluation.known_cases import LoadedScan, ScanCases, SourceError
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.lab.evaluation.painted_datasets import (
     write_image,

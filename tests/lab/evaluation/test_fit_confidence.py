@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from core.judge.confidence import FEATURES, ConfidenceModel, RadiusModel
-from lab.evaluation.fit_confidence import (
+from panoloc.core.judge.confidence import FEATURES, ConfidenceModel, RadiusModel
+from panoloc.lab.evaluation.fit_confidence import (
     features_of_row,
     fit_confidence,
     fit_growing_logistic,
     fit_logistic,
     radius_models,
 )
-from lab.evaluation.rows import Row, RowsError
+from panoloc.lab.evaluation.rows import Row, RowsError
 from tests.lab.evaluation.made_rows import made_row, measures
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from core.config import LocalizerConfig, PaperConfig
-from core.errors import OptionsError
-from lab.evaluation.methods import METHOD_NAMES, compared_method
+from panoloc.core.config import LocalizerConfig, PaperConfig
+from panoloc.core.errors import OptionsError
+from panoloc.lab.evaluation.methods import METHOD_NAMES, compared_method
 
 
 def test_methods_have_different_digests() -> None:

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import OptionsError
-from core.geometry.pose import pose_error
-from core.panorama.session import Session
-from lab.evaluation.known_cases import query_facts
-from lab.evaluation.photo_source import as_photos
-from lab.evaluation.sources import folder_scans
+from panoloc.core.errors import OptionsError
+from panoloc.core.geometry.pose import pose_error
+from panoloc.core.panorama.session import Session
+from panoloc.lab.evaluation.known_cases import query_facts
+from panoloc.lab.evaluation.photo_source import as_photos
+from panoloc.lab.evaluation.sources import folder_scans
 
 
 def test_each_panorama_is_cut_by_one_of_the_seeds_in_turn(box_folder: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.evaluation.rows import RowsError, RowsFile, read_rows
+from panoloc.lab.evaluation.rows import RowsError, RowsFile, read_rows
 from tests.lab.evaluation.made_rows import made_row
 
 

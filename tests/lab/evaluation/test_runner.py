@@ -5,17 +5,17 @@ from typing import Any
 
 import pytest
 
-from core.index.map_builder import build_map_index
-from core.index.map_index import MapIndex
-from core.judge.confidence import load_confidence_model
-from core.scan.point_cloud import PointCloud
-from lab.evaluation.fit_confidence import features_of_row
-from lab.evaluation.known_cases import ScanCases, limited
-from lab.evaluation.methods import compared_method
-from lab.evaluation.photo_source import as_photos
-from lab.evaluation.rows import Row, RowsFile
-from lab.evaluation.runner import Evaluation, RunOptions
-from lab.evaluation.sources import folder_scans
+from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.judge.confidence import load_confidence_model
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.lab.evaluation.fit_confidence import features_of_row
+from panoloc.lab.evaluation.known_cases import ScanCases, limited
+from panoloc.lab.evaluation.methods import compared_method
+from panoloc.lab.evaluation.photo_source import as_photos
+from panoloc.lab.evaluation.rows import Row, RowsFile
+from panoloc.lab.evaluation.runner import Evaluation, RunOptions
+from panoloc.lab.evaluation.sources import folder_scans
 
 FAST = compared_method(
     "fast=fast:search.num_rotations=576,search.num_candidates=8,refinement.finest_height=64,refinement.fine_height=64"
@@ -78,7 +78,7 @@ def test_a_finished_run_is_not_run_again(
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a map was built although every row is there")
 
-    monkeypatch.setattr("lab.evaluation.runner.build_map_index", refuse)
+    monkeypatch.setattr("panoloc.lab.evaluation.runner.build_map_index", refuse)
     again = list(_evaluation(box_folder, finished[0], 1).rows())
     assert [is_new for _, is_new in again] == [False] * 6
     assert [row for row, _ in again] == finished[1]
@@ -107,7 +107,7 @@ def test_calls_that_fail_are_rows_that_say_why_and_the_same_points_have_one_map(
         built.append(len(cloud))
         return build_map_index(cloud, *options, **more)
 
-    monkeypatch.setattr("lab.evaluation.runner.build_map_index", build)
+    monkeypatch.setattr("panoloc.lab.evaluation.runner.build_map_index", build)
     file = RowsFile(tmp_path / "rows.jsonl")
     # A row of another configuration does not count.
     file.append(Row("first", "first", "first/q0.jpg", FAST.name, "another", False, "localized", 1.0))

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lab.evaluation.rows import Row
-from lab.evaluation.summary import calibration_of, summaries
+from panoloc.lab.evaluation.rows import Row
+from panoloc.lab.evaluation.summary import calibration_of, summaries
 from tests.lab.evaluation.made_rows import made_row
 
 

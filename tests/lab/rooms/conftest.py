@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from lab.rooms import Scan, Scene, SceneSpec, View, build_scene, change_scene, sample_pose, scan_with_truth, take_view
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms import (
+    Scan,
+    Scene,
+    SceneSpec,
+    View,
+    build_scene,
+    change_scene,
+    sample_pose,
+    scan_with_truth,
+    take_view,
+)
 
 
 @pytest.fixture(scope="session")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from core.panorama.panorama import Panorama
-from lab.rooms import Scene, View, apply_look, changed_pixels, take_view
-from lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, CameraLook
-from lab.rooms.capture.intruders import show_hand
-from lab.rooms.materials.labels import label_number
-from lab.rooms.scenes.changes import night
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.lab.rooms import Scene, View, apply_look, changed_pixels, take_view
+from panoloc.lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, CameraLook
+from panoloc.lab.rooms.capture.intruders import show_hand
+from panoloc.lab.rooms.materials.labels import label_number
+from panoloc.lab.rooms.scenes.changes import night
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from lab.rooms import (
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms import (
     Scan,
     Scene,
     SceneSpec,
@@ -16,8 +16,8 @@ from lab.rooms import (
     sample_pose,
     take_view,
 )
-from lab.rooms.capture.intruders import add_person
-from lab.rooms.materials.labels import label_number
+from panoloc.lab.rooms.capture.intruders import add_person
+from panoloc.lab.rooms.materials.labels import label_number
 
 
 def test_an_unchanged_scene_has_no_changed_pixels_or_points(room: Scene, room_view: View, room_scan: Scan) -> None:

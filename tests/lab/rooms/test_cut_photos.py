@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.geometry.pose import Pose
-from core.panorama.panorama import Panorama
-from lab.rooms import Scene, cut_photo, take_panorama, take_photo
-from lab.rooms.capture.shooting import turned
+from panoloc.core.camera.camera import Camera
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.lab.rooms import Scene, cut_photo, take_panorama, take_photo
+from panoloc.lab.rooms.capture.shooting import turned
 
 
 @pytest.mark.slow

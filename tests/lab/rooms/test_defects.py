@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.panorama.missing.finding import find_missing
-from core.panorama.panorama import Panorama
-from lab.evaluation.photo_source import as_uploaded
-from lab.rooms import View, make_case, suite_of, with_any_defect
-from lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look
-from lab.rooms.capture.defects import DEFECT_KINDS, DefectKind, add_defect
-from lab.rooms.capture.free_space import sample_pose
-from lab.rooms.capture.spherical_camera import take_panorama
-from lab.rooms.scenes.generator import SceneSpec, build_scene
+from panoloc.core.panorama.missing.finding import find_missing
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.lab.evaluation.photo_source import as_uploaded
+from panoloc.lab.rooms import View, make_case, suite_of, with_any_defect
+from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look
+from panoloc.lab.rooms.capture.defects import DEFECT_KINDS, DefectKind, add_defect
+from panoloc.lab.rooms.capture.free_space import sample_pose
+from panoloc.lab.rooms.capture.spherical_camera import take_panorama
+from panoloc.lab.rooms.scenes.generator import SceneSpec, build_scene
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from core.camera.camera import Camera
-from core.camera.lens import project_to_image
-from core.geometry.pose import Pose, pose_error
-from core.panorama.session import Session
-from lab.rooms import (
+from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.lens import project_to_image
+from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.panorama.session import Session
+from panoloc.lab.rooms import (
     CAMERAS,
     Case,
     Scene,
@@ -21,8 +21,8 @@ from lab.rooms import (
     take_photo,
     take_view,
 )
-from lab.rooms.capture.camera_look import PHOTO, looked
-from lab.rooms.capture.tracking import session_axes, tracked
+from panoloc.lab.rooms.capture.camera_look import PHOTO, looked
+from panoloc.lab.rooms.capture.tracking import session_axes, tracked
 
 LENSES = {
     "pinhole": Camera.from_hfov("pinhole", 160, 120, 69.0),

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lab.rooms import Scan, Scene, scan_scene, scan_with_truth, take_panorama
-from lab.rooms.capture.free_space import sample_pose
-from lab.rooms.materials.labels import LABEL_COLORS
-from lab.rooms.scenes.surface import Surface
+from panoloc.lab.rooms import Scan, Scene, scan_scene, scan_with_truth, take_panorama
+from panoloc.lab.rooms.capture.free_space import sample_pose
+from panoloc.lab.rooms.materials.labels import LABEL_COLORS
+from panoloc.lab.rooms.scenes.surface import Surface
 
 
 def first_hit(surface: Surface, start: NDArray[np.floating], end: NDArray[np.floating]) -> float:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from core.errors import OptionsError
-from lab.rooms import FAMILIES, Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
-from lab.rooms.capture.free_space import random_rotation
+from panoloc.core.errors import OptionsError
+from panoloc.lab.rooms import FAMILIES, Scene, SceneSpec, build_scene, sample_pose, scan_scene, take_panorama
+from panoloc.lab.rooms.capture.free_space import random_rotation
 
 
 @pytest.mark.slow

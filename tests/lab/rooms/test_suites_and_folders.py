@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.errors import OptionsError
-from lab.rooms import (
+from panoloc.core.errors import OptionsError
+from panoloc.lab.rooms import (
     Case,
     PosedPanorama,
     SceneSpec,
@@ -21,9 +21,9 @@ from lab.rooms import (
     take_panorama,
     write_case_folder,
 )
-from lab.rooms.materials.labels import LABEL_COLORS
-from lab.rooms.scenes.twin_scene import twin_poses
-from lab.rooms.suites import SUITES
+from panoloc.lab.rooms.materials.labels import LABEL_COLORS
+from panoloc.lab.rooms.scenes.twin_scene import twin_poses
+from panoloc.lab.rooms.suites import SUITES
 
 SHARED_CASES = Path(__file__).parents[4] / "shared" / "cases"
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lab.rooms.materials.texture import Texture, TextureAtlas, plain
-from lab.rooms.objects.solids import box, cylinder, ellipsoid
+from panoloc.lab.rooms.materials.texture import Texture, TextureAtlas, plain
+from panoloc.lab.rooms.objects.solids import box, cylinder, ellipsoid
 
 
 def quarters() -> Texture:

@@ -1,17 +1,19 @@
 """Rooms that are alike: what is seen in one is seen in the others, exactly, mirrored, or but for a thing or two."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from core.geometry.pose import Pose
-from lab.rooms import Scene, SceneSpec, View, build_scene, make_case, sample_pose, scan_scene, take_view
-from lab.rooms.scenes.generator import SceneKind
-from lab.rooms.scenes.twin_scene import mirrored_room, twin_poses
-from lab.rooms.suites import SUITES
+from panoloc.core.geometry.pose import Pose
+from panoloc.lab.rooms import Scene, SceneSpec, View, build_scene, make_case, sample_pose, scan_scene, take_view
+from panoloc.lab.rooms.scenes.generator import SceneKind
+from panoloc.lab.rooms.scenes.twin_scene import mirrored_room, twin_poses
+from panoloc.lab.rooms.suites import SUITES
 
 
+@cache
 def built(kind: SceneKind) -> tuple[Scene, Pose]:
     """Return a scene of small rooms and a level pose in one of those that are alike."""
     scene, rng = build_scene(SceneSpec(kind, 3, area_m2=10.0)), np.random.default_rng(1)
@@ -74,7 +76,7 @@ def test_three_rooms_along_a_corridor_show_the_same_picture() -> None:
 
 @pytest.mark.slow
 def test_the_corridor_is_scanned_and_is_no_twin() -> None:
-    scene = build_scene(SceneSpec("repeated", 3, area_m2=10.0))
+    scene, _ = built("repeated")
     corridor = scene.rooms[3]
     middle = np.array([(corridor.x0 + corridor.x1) / 2, (corridor.y0 + corridor.y1) / 2, 1.5])
     assert scene.twins is not None

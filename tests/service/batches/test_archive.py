@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from service.batches.archive import UnpackLimits, unique_names, unpack_images
-from service.errors import ArchiveError, UploadTooLargeError
+from panoloc.service.batches.archive import UnpackLimits, unique_names, unpack_images
+from panoloc.service.errors import ArchiveError, UploadTooLargeError
 
 LIMITS = UnpackLimits(max_images=3, max_image_bytes=1000, max_total_bytes=1500)
 
@@ -169,7 +169,7 @@ def test_a_name_that_is_no_name_is_no_image(name: str, tmp_path: Path) -> None:
 def test_a_zip_whose_list_of_files_would_fill_the_memory_is_refused_before_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("core.zip_opening.MAX_LIST_BYTES", 1000)
+    monkeypatch.setattr("panoloc.core.zip_opening.MAX_LIST_BYTES", 1000)
     many = zip_named(tmp_path, {f"{number}.jpg": b"" for number in range(50)})
     with pytest.raises(ArchiveError, match=r"list of files takes .* pack fewer files"):
         unpack_images(many, spool(tmp_path), LIMITS)

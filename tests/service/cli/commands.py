@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.cli.entry import run
+from panoloc.service.cli.entry import run
 from tests.service.cli.fake_service import FakeService
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.host.address import why_not_free
+from panoloc.service.host.address import why_not_free
 from tests.service.cli.commands import Panoloc
 
 

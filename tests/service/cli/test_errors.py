@@ -5,8 +5,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.cli.exit_codes import ExitCode
-from service.cli.session import default_url
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import default_url
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, problem
 

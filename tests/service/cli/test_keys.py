@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from service.keys.key_ring import KeyRing
+from panoloc.service.keys.key_ring import KeyRing
 from tests.service.cli.commands import Panoloc
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from core.options import MAX_TOP_K
-from service.client import PanolocClient
-from service.http.schemas import LocalizeOptions
+from panoloc.core.options import MAX_TOP_K
+from panoloc.service.client import PanolocClient
+from panoloc.service.http.schemas import LocalizeOptions
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import httpx
 import pytest
 
-from service.cli.exit_codes import ExitCode
+from panoloc.service.cli.exit_codes import ExitCode
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.client import MapFailedError, PanolocClient
+from panoloc.service.client import MapFailedError, PanolocClient
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, problem
 
@@ -77,7 +77,7 @@ def test_who_waits_for_a_new_revision_hears_that_the_old_one_still_answers(fake:
 def test_a_short_outage_while_waiting_is_sat_out(
     panoloc: Panoloc, fake: FakeService, scan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.client.client.POLL_LONGEST_S", 0.0)
+    monkeypatch.setattr("panoloc.service.client.client.POLL_LONGEST_S", 0.0)
     outage = [problem(503, "No cache", "Redis is away", **{"retry-after": "0"})]
     answer = fake.handle
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from service.cli import serve
-from service.settings import Settings
+from panoloc.service.cli import serve
+from panoloc.service.settings import Settings
 from tests.service.cli.commands import Panoloc
 
 
@@ -15,9 +15,9 @@ from tests.service.cli.commands import Panoloc
 def started_with(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
     """Replace the service by one that only keeps its settings, on a machine whose addresses are all free."""
     kept: list[Settings] = []
-    module = types.ModuleType("service.serve")
+    module = types.ModuleType("panoloc.service.serve")
     module.run_service = kept.append  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "service.serve", module)
+    monkeypatch.setitem(sys.modules, "panoloc.service.serve", module)
     monkeypatch.setattr(serve, "why_not_free", lambda host, port: None)
     return kept
 

@@ -19,7 +19,7 @@ def test_an_interrupt_while_modules_are_imported_ends_it_without_a_traceback() -
         "        if name == 'typer':\n"
         "            os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Interrupted())\n"
-        "from service.cli import main\n"
+        "from panoloc.service.cli import main\n"
         "main()\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
@@ -27,7 +27,7 @@ def test_an_interrupt_while_modules_are_imported_ends_it_without_a_traceback() -
 
 
 def test_client_commands_import_nothing_heavy() -> None:
-    program = "import sys, service.cli.entry; print(*sys.modules)"
+    program = "import sys, panoloc.service.cli.entry; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert not HEAVY & loaded

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.geometry.pose import FRAMES, Pose
-from core.options import MAX_IMAGES, Frame
-from service.cli.transforms import TransformsError, read_transforms
-from service.http.schemas import LocalizeOptions
+from panoloc.core.geometry.pose import FRAMES, Pose
+from panoloc.core.options import MAX_IMAGES, Frame
+from panoloc.service.cli.transforms import TransformsError, read_transforms
+from panoloc.service.http.schemas import LocalizeOptions
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import httpx
 
-from service.client import PanolocClient
+from panoloc.service.client import PanolocClient
 from tests.service.cli.fake_service import FakeService
 
 

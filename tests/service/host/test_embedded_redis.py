@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import redis
 
-from service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.host.embedded_redis import EmbeddedRedis
 
 
 def eventually(holds: Callable[[], bool], within_s: float = 5.0) -> bool:
@@ -89,7 +89,7 @@ def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
     program = textwrap.dedent("""
         import sys, time
         from pathlib import Path
-        from service.host.embedded_redis import EmbeddedRedis
+        from panoloc.service.host.embedded_redis import EmbeddedRedis
         server = EmbeddedRedis(Path(sys.argv[1]))
         server.start()
         print(server.pid, flush=True)

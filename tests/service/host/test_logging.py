@@ -8,7 +8,7 @@ from pathlib import Path
 PROGRAM = """
 import logging
 import structlog
-from service.host.logging import configure_logging
+from panoloc.service.host.logging import configure_logging
 
 configure_logging("info", {format!r})
 structlog.contextvars.bind_contextvars(request_id="req_1")

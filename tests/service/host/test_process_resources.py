@@ -5,8 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from lab.process_memory import proportional_bytes
-from service.host.process_resources import SPINNING, bound_spinning, num_sockets, num_usable_cpus, return_freed_memory
+from panoloc.lab.process_memory import proportional_bytes
+from panoloc.service.host.process_resources import (
+    SPINNING,
+    bound_spinning,
+    num_sockets,
+    num_usable_cpus,
+    return_freed_memory,
+)
 
 ROOT = Path(__file__).parents[3]
 
@@ -82,8 +88,8 @@ def test_what_was_freed_below_something_that_stays_goes_back_to_the_system() -> 
 
 def test_what_was_freed_is_kept_until_it_is_asked_back() -> None:
     script = (
-        "import os; from service.host.process_resources import keep_freed_memory, return_freed_memory\n"
-        "from lab.process_memory import proportional_bytes as size\n"
+        "import os; from panoloc.service.host.process_resources import keep_freed_memory, return_freed_memory\n"
+        "from panoloc.lab.process_memory import proportional_bytes as size\n"
         "keep_freed_memory()\n"
         "block = bytearray(b'x' * 20_000_000); del block\n"  # would be mapped on its own, and unmapped
         "kept = size(os.getpid()); return_freed_memory(); print(kept - size(os.getpid()))"
@@ -96,7 +102,7 @@ LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits 
 
 
 def in_a_limited_process(work: str) -> "subprocess.CompletedProcess[str]":
-    program = f"from service.host.process_resources import limit_process\nlimit_process(64 << 20, 1)\n{work}"
+    program = f"from panoloc.service.host.process_resources import limit_process\nlimit_process(64 << 20, 1)\n{work}"
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=False)
 
 

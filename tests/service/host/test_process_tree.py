@@ -1,7 +1,7 @@
 import os
 import subprocess
 
-from service.host.process_tree import descendants
+from panoloc.service.host.process_tree import descendants
 
 
 def test_grandchildren_are_found() -> None:

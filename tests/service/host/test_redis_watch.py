@@ -5,8 +5,8 @@ import logging
 
 import pytest
 
-from service.errors import CacheDownError
-from service.host.redis_watch import watch_redis
+from panoloc.service.errors import CacheDownError
+from panoloc.service.host.redis_watch import watch_redis
 
 
 class FlakyCache:
@@ -32,9 +32,9 @@ class FlakyCache:
 )
 def test_changes_are_logged_once(answers: list[bool], levels: list[str], caplog: pytest.LogCaptureFixture) -> None:
     cache = FlakyCache(answers)
-    with caplog.at_level(logging.INFO, "service.host.redis_watch"), pytest.raises(asyncio.CancelledError):
+    with caplog.at_level(logging.INFO, "panoloc.service.host.redis_watch"), pytest.raises(asyncio.CancelledError):
         asyncio.run(watch_redis(cache, "redis://:secret@cache.example:7000/0", 0.0))  # type: ignore[arg-type]
-    logged = [record for record in caplog.records if record.name == "service.host.redis_watch"]
+    logged = [record for record in caplog.records if record.name == "panoloc.service.host.redis_watch"]
     assert [record.levelname for record in logged] == levels
     assert all(vars(record)["redis"] == "cache.example:7000" for record in logged)
     assert "secret" not in str([vars(record) for record in logged])

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from service.host.run_folder import DataFolderInUseError, DataFolderUnusableError, RunFolder
+from panoloc.service.host.run_folder import DataFolderInUseError, DataFolderUnusableError, RunFolder
 
 
 def test_a_second_service_on_the_same_data_is_kept_out(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 import redis
 import structlog
 
-from service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.host.embedded_redis import EmbeddedRedis
 from tests.service.http.running_service import RunningService, running_service
 
 

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from core.geometry.pose import Pose
-from core.options import Status
-from core.panorama.panorama import Panorama
-from core.panorama.session import Photo
-from core.results import Candidate, FoundImage, Localization, SearchSummary
-from service.cache import WorkerCache
-from service.errors import NoWorkerError, QueueFullError
-from service.http.schemas.maps import MAP_EXAMPLE
-from service.jobs import (
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Status
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Photo
+from panoloc.core.results import Candidate, FoundImage, Localization, SearchSummary
+from panoloc.service.cache import WorkerCache
+from panoloc.service.errors import NoWorkerError, QueueFullError
+from panoloc.service.http.schemas.maps import MAP_EXAMPLE
+from panoloc.service.jobs import (
     LocalizeJob,
     LocalizeOutcome,
     PoolState,
@@ -24,7 +24,7 @@ from service.jobs import (
     RegisterOutcome,
     at_once,
 )
-from service.worker.answers import answer_of
+from panoloc.service.worker.answers import answer_of
 
 PNG = b"\x89PNG\r\n\x1a\n a picture"
 INDEX_DIGEST = "0123abcd"

@@ -15,11 +15,11 @@ from typing import Any, cast
 import httpx
 from fastapi import FastAPI
 
-from service.app import create_app
-from service.cache import Cache, WorkerCache
-from service.http.server import DrainingServer, server_config
-from service.settings import Settings
-from service.storage import Storage, open_storage
+from panoloc.service.app import create_app
+from panoloc.service.cache import Cache, WorkerCache
+from panoloc.service.http.server import DrainingServer, server_config
+from panoloc.service.settings import Settings
+from panoloc.service.storage import Storage, open_storage
 from tests.service.http.fake_pool import FakePool, ply_of
 
 SCAN = ply_of([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from service.http.api_page import api_page
+from panoloc.service.http.api_page import api_page
 from tests.service.http.running_service import RunningService
 
 pytestmark = pytest.mark.anyio

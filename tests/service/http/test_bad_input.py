@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import ScanTooLargeError
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.guards import slow_clients
+from panoloc.core.errors import ScanTooLargeError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.guards import slow_clients
 from tests.core.panorama.picture_files import encoded, picture
 from tests.service.http.fake_pool import ply_of
 from tests.service.http.running_service import SCAN, RunningService, listening, png_of, running_service

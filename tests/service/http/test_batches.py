@@ -12,12 +12,12 @@ import httpx
 import numpy as np
 import pytest
 
-from core.errors import DeadlineExceededError, PanoramaShapeError
-from service.errors import QueueFullError, StorageFullError
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.schemas.batches import Batch, BatchPage
-from service.jobs import PoolState
-from service.storage import FolderStorage
+from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
+from panoloc.service.errors import QueueFullError, StorageFullError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.schemas.batches import Batch, BatchPage
+from panoloc.service.jobs import PoolState
+from panoloc.service.storage import FolderStorage
 from tests.service.http.fake_pool import no_worker
 from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
 
@@ -179,7 +179,7 @@ async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkey
 
 
 async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url) as first:
         map_id = await first.ready_map()
@@ -200,7 +200,7 @@ async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
 
 
 async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url) as first:
         map_id = await first.ready_map()
@@ -218,7 +218,7 @@ async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
 
 
 async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object, anyio_backend: str
+    tmp_path: Path, redis_server: EmbeddedRedis
 ) -> None:
     async with running_service(tmp_path, redis_server.url) as first:
         map_id = await first.ready_map()
@@ -267,7 +267,7 @@ async def test_a_disk_that_fails_for_a_while_ends_no_batch(
     running: RunningService, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     map_id = await running.ready_map()
-    monkeypatch.setattr("service.batches.runs._FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr("panoloc.service.batches.runs._FIRST_PAUSE_S", 0.01)
     left = {"names": 2, "read": 2, "replace": 2}
     whole = {name: getattr(FolderStorage, name) for name in left}
 
@@ -445,11 +445,9 @@ async def test_what_is_no_batch_is_refused_and_leaves_nothing(
 async def test_limits_of_batches_and_of_their_images_are_named(
     tmp_path: Path,
     redis_server: EmbeddedRedis,
-    redis_client: object,
-    anyio_backend: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("service.services.MOST_BATCHES", 1)
+    monkeypatch.setattr("panoloc.service.services.MOST_BATCHES", 1)
     limits = {"max_batch_images": 2, "max_image_bytes": 1000}
     async with running_service(tmp_path, redis_server.url, **limits) as running:
         map_id = await running.ready_map()
@@ -470,11 +468,9 @@ async def test_limits_of_batches_and_of_their_images_are_named(
 async def test_uploads_at_the_same_time_make_no_more_batches_than_allowed(
     tmp_path: Path,
     redis_server: EmbeddedRedis,
-    redis_client: object,
-    anyio_backend: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("service.services.MOST_BATCHES", 2)
+    monkeypatch.setattr("panoloc.service.services.MOST_BATCHES", 2)
     async with running_service(tmp_path, redis_server.url) as running:
         map_id = await running.ready_map()
         replies = await asyncio.gather(*(post(running, map_id, ["a.png"]) for _ in range(5)))
@@ -499,7 +495,7 @@ async def test_no_more_than_two_exports_are_written_at_the_same_time(
         Path(target).write_bytes(b"zip")
         under_way -= 1
 
-    monkeypatch.setattr("service.batches.export._run", counted)
+    monkeypatch.setattr("panoloc.service.batches.export._run", counted)
     path = f"/batches/{batch_id}/export?format=tum"
     replies = await asyncio.gather(*(running.client.get(path) for _ in range(5)))
     assert [reply.content for reply in replies] == [b"zip"] * 5

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import redis
 
-from service.errors import StorageAwayError
-from service.host.embedded_redis import EmbeddedRedis
-from service.storage.bucket import BucketStorage
+from panoloc.service.errors import StorageAwayError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.storage.bucket import BucketStorage
 from tests.service.http.running_service import RunningService, png_of, running_service
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
@@ -21,8 +21,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[BucketServer]:
     server = BucketServer()
     for name, value in server.variables.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr("service.storage.bucket._PROBE_LASTS_S", 0.0)
-    monkeypatch.setattr("service.maps.registrations._ROOM_PAUSE_S", 0.02)
+    monkeypatch.setattr("panoloc.service.storage.bucket._PROBE_LASTS_S", 0.0)
+    monkeypatch.setattr("panoloc.service.maps.registrations._ROOM_PAUSE_S", 0.02)
     yield server
     server.stop()
 
@@ -67,8 +67,8 @@ async def test_changes_and_uploads_are_503_while_it_is_away_and_queries_are_answ
 async def test_a_batch_waits_for_a_bucket_that_cannot_be_read_and_loses_no_image(
     on_bucket: RunningService, server: BucketServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.batches.runs._FIRST_PAUSE_S", 0.01)
-    monkeypatch.setattr("service.batches.runs._LONGEST_PAUSE_S", 0.01)
+    monkeypatch.setattr("panoloc.service.batches.runs._FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr("panoloc.service.batches.runs._LONGEST_PAUSE_S", 0.01)
     map_id = await on_bucket.ready_map()
     on_bucket.pool.is_ready = False
     files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(3)]

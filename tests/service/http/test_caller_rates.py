@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import RateError
-from service.host.embedded_redis import EmbeddedRedis
-from service.limits import caller_rates
-from service.limits.caller_rates import CallerRates, RateLimits
+from panoloc.service.errors import RateError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.limits import caller_rates
+from panoloc.service.limits.caller_rates import CallerRates, RateLimits
 from tests.service.http.running_service import SCAN, running_service
 
 pytestmark = pytest.mark.anyio

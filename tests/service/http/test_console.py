@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.routes import pages
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.routes import pages
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from core.errors import ScanFormatError
-from service.host import demo_room
-from service.http.schemas import Health
-from service.http.schemas.changes import MapChanges
-from service.jobs import LocalizeJob, LocalizeOutcome
+from panoloc.core.errors import ScanFormatError
+from panoloc.service.host import demo_room
+from panoloc.service.http.schemas import Health
+from panoloc.service.http.schemas.changes import MapChanges
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
 from tests.service.http.running_service import RunningService, png_of
 from tests.service.maps.test_changes import seen
 

@@ -9,12 +9,12 @@ from typing import Any
 import httpx
 import pytest
 
-from service.errors import QueueFullError
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.guards import slow_clients
-from service.http.guards.early_refusals import RefusalPace
-from service.keys.caller import Scope
-from service.keys.key_file import KeyFile
+from panoloc.service.errors import QueueFullError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.guards import slow_clients
+from panoloc.service.http.guards.early_refusals import RefusalPace
+from panoloc.service.keys.caller import Scope
+from panoloc.service.keys.key_file import KeyFile
 from tests.service.http.fake_pool import FakePool
 from tests.service.http.running_service import listening, running_service
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.maps.registrations import Registrations
+from panoloc.service.maps.registrations import Registrations
 from tests.service.http.running_service import RunningService
 
 pytestmark = pytest.mark.anyio
@@ -28,7 +28,7 @@ def refuse_writes(monkeypatch: pytest.MonkeyPatch) -> Callable[[int | None], Non
         return really_open(path, mode, *rest, **named)  # type: ignore[call-overload]
 
     monkeypatch.setattr(Path, "open", open_file)
-    monkeypatch.setattr("service.maps.registrations._ROOM_PAUSE_S", 0.02)
+    monkeypatch.setattr("panoloc.service.maps.registrations._ROOM_PAUSE_S", 0.02)
 
     def refuse(number: int | None) -> None:
         state[0] = number

@@ -9,9 +9,9 @@ import httpx
 import numpy as np
 import pytest
 
-from core.options import Frame, Status
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.schemas.geopose import CameraReading
+from panoloc.core.options import Frame, Status
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.schemas.geopose import CameraReading
 from tests.core.exports.tours import GOLDEN
 from tests.service.http import geopose_schemas
 from tests.service.http.fake_pool import outcome_of
@@ -93,7 +93,7 @@ async def test_maps_are_those_around_the_geolocation_or_those_that_are_named(run
     assert (reply.status_code, reply.json()["type"]) == (404, "/problems/map-not-found")
 
 
-async def test_what_the_published_client_sends_is_understood(running: RunningService) -> None:
+async def test_a_request_of_the_published_client_is_understood(running: RunningService) -> None:
     near = await placed_map(running)
     await placed_map(running, {"latitude_deg": 48.7, "longitude_deg": -122.3})
     privacy: dict[str, list[str]] = {"dataRetention": [], "dataAcceptableUse": []}
@@ -126,7 +126,7 @@ async def test_what_the_published_client_sends_is_understood(running: RunningSer
 
 
 @pytest.mark.parametrize("status", ["ambiguous", "not_localized"])
-async def test_what_is_not_sure_is_not_told_as_a_place(running: RunningService, status: Status) -> None:
+async def test_only_a_localized_image_has_a_place(running: RunningService, status: Status) -> None:
     sees_golden(running, status)
     map_id = await placed_map(running)
     reply = await ask(running, question())
@@ -137,7 +137,7 @@ async def test_what_is_not_sure_is_not_told_as_a_place(running: RunningService, 
     geopose_schemas.check(reply.json(), geopose_schemas.OPENFLAME_ANSWER)
 
 
-async def test_a_named_map_that_is_nowhere_on_earth_is_told(running: RunningService) -> None:
+async def test_a_map_without_a_georeference_is_404_with_what_to_set(running: RunningService) -> None:
     map_id = await running.ready_map()
     reply = await ask(running, question(), map_id=map_id)
     assert (reply.status_code, "georeference" in reply.json()["detail"]) == (404, True)
@@ -182,7 +182,7 @@ async def test_an_invalid_request_is_refused(tmp_path: Path, redis_server: Embed
         ("OPENCV_FISHEYE", [300, 310, 320, 240, 0.1, 0, 0, 0], ("opencv_fisheye", 300, 310, 320, [0.1, 0, 0, 0])),
     ],
 )
-def test_cameras_of_the_protocol_are_ours(
+def test_cameras_of_the_protocol_become_cameras_of_opencv(
     model: str, numbers: list[float], expected: tuple[str, float, float, float, list[float]]
 ) -> None:
     reading = {"imageBytes": "", "size": [640, 480], "params": {"model": model, "modelParams": numbers}}

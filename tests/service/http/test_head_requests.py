@@ -5,7 +5,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.host.embedded_redis import EmbeddedRedis
 from tests.service.http.running_service import RunningService, listening
 
 pytestmark = pytest.mark.anyio

@@ -10,11 +10,11 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.http import server
-from service.http.guards import slow_clients
-from service.http.server import server_config
-from service.limits import capacity
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http import server
+from panoloc.service.http.guards import slow_clients
+from panoloc.service.http.server import server_config
+from panoloc.service.limits import capacity
 from tests.service.http.running_service import SCAN, listening, listening_server
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import redis
 
-from core.camera.camera import CameraDescription
-from core.errors import (
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.errors import (
     DeadlineExceededError,
     OptionsError,
     PanoramaFormatError,
@@ -18,11 +18,11 @@ from core.errors import (
     PanoramaTooLargeError,
     ScanContentError,
 )
-from service.errors import QueueFullError, StoredFileMissingError, WorkerError
-from service.http.routes.localize import checked_options
-from service.http.schemas import Localization, LocalizeOptions, PendingLocalization
-from service.jobs import ARTIFACTS, QueryImage
-from service.settings import Settings
+from panoloc.service.errors import QueueFullError, StoredFileMissingError, WorkerError
+from panoloc.service.http.routes.localize import checked_options
+from panoloc.service.http.schemas import Localization, LocalizeOptions, PendingLocalization
+from panoloc.service.jobs import ARTIFACTS, QueryImage
+from panoloc.service.settings import Settings
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService, png_of
 
@@ -72,7 +72,7 @@ async def test_answer_and_pictures_can_be_fetched_for_a_while(
     assert all(0 < lifetime <= 3600 for lifetime in lifetimes)
 
 
-async def test_a_picture_that_was_not_asked_for_is_not_there(running: RunningService) -> None:
+async def test_a_picture_that_the_query_did_not_ask_for_is_404(running: RunningService) -> None:
     body = (await running.localize(await running.ready_map())).json()
     reply = await running.client.get(f"/localizations/{body['id']}/score-map-3d.png")
     assert reply.status_code == 404
@@ -124,13 +124,13 @@ async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningSe
     assert image.camera == wanted
 
 
-async def test_panorama_and_mask_reach_the_worker_as_they_came(running: RunningService) -> None:
+async def test_panorama_and_mask_reach_the_worker_unchanged(running: RunningService) -> None:
     panorama, mask = png_of(16, 8), png_of(16, 8)
     await running.localize(await running.ready_map(), panorama, files={"mask": ("mask.png", mask)})
     assert running.pool.jobs[0].images == (QueryImage(panorama, mask),)
 
 
-async def test_images_are_kept_only_when_the_operator_says_so(running: RunningService) -> None:
+async def test_images_are_kept_only_when_the_setting_says_so(running: RunningService) -> None:
     map_id = await running.ready_map()
     await running.localize(map_id)
     assert running.storage.names("panoramas") == []
@@ -148,7 +148,7 @@ async def test_several_maps_are_searched_each_once(running: RunningService) -> N
     assert [ref.id for ref in running.pool.jobs[0].maps] == [first, second]
 
 
-async def test_a_tag_names_the_maps_that_are_ready_and_the_others_are_mentioned(running: RunningService) -> None:
+async def test_a_tag_selects_the_maps_that_are_ready_and_warns_of_the_others(running: RunningService) -> None:
     ready = await running.ready_map('{"tags": ["b7"]}')
     running.pool.fail_register = [ScanContentError("no colour")]
     failed = (await running.upload(options='{"tags": ["b7"]}')).json()["id"]
@@ -177,7 +177,7 @@ async def test_a_failed_map_is_409_without_retry_after(running: RunningService) 
     assert "retry-after" not in reply.headers
 
 
-async def test_what_the_pool_raises_becomes_its_problem(running: RunningService) -> None:
+async def test_an_error_of_the_pool_becomes_its_problem(running: RunningService) -> None:
     map_id = await running.ready_map()
     for error, status in (
         (PanoramaShapeError("expected 2:1, got 3:2; crop it"), 422),
@@ -196,7 +196,7 @@ async def test_what_the_pool_raises_becomes_its_problem(running: RunningService)
         assert (await running.localize(map_id)).status_code == 200
 
 
-async def test_a_query_that_finds_its_revision_replaced_is_asked_again(running: RunningService) -> None:
+async def test_a_query_whose_revision_was_replaced_is_repeated(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
     asking = asyncio.create_task(running.localize(map_id))
@@ -209,7 +209,7 @@ async def test_a_query_that_finds_its_revision_replaced_is_asked_again(running: 
     assert (await asking).json()["map_revision"] == 2
 
 
-async def test_a_caller_who_goes_away_ends_the_work(running: RunningService) -> None:
+async def test_a_caller_who_disconnects_cancels_the_query(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
     body = (
@@ -254,7 +254,7 @@ async def test_an_answer_can_be_fetched_later(running: RunningService) -> None:
     assert path == f"/localizations/{body['id']}"
 
 
-async def test_what_fails_later_says_so_where_the_answer_would_be(running: RunningService) -> None:
+async def test_a_query_that_fails_later_has_its_error_in_place_of_the_answer(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
     running.pool.fail_localize = [PanoramaShapeError("expected 2:1, got 3:2")]

@@ -10,11 +10,11 @@ import httpx
 import pytest
 import redis
 
-from core.errors import ScanContentError, ScanDamagedError
-from core.options import IndexOptions, ScanOptions
-from service.errors import CacheDownError
-from service.http.schemas import Map, MapPage
-from service.limits.registration_limits import RegistrationLimits
+from panoloc.core.errors import ScanContentError, ScanDamagedError
+from panoloc.core.options import IndexOptions, ScanOptions
+from panoloc.service.errors import CacheDownError
+from panoloc.service.http.schemas import Map, MapPage
+from panoloc.service.limits.registration_limits import RegistrationLimits
 from tests.service.http.fake_pool import PNG, no_worker
 from tests.service.http.running_service import SCAN, RunningService
 

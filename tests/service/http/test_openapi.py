@@ -17,13 +17,13 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from service.app import create_app
-from service.cache import WorkerCache
-from service.console.api_types import FILE, typescript
-from service.host.demo_room import DEMO_FILES
-from service.host.embedded_redis import EmbeddedRedis
-from service.settings import Settings
-from service.storage import FolderStorage
+from panoloc.service.app import create_app
+from panoloc.service.cache import WorkerCache
+from panoloc.service.console.api_types import FILE, typescript
+from panoloc.service.host.demo_room import DEMO_FILES
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.settings import Settings
+from panoloc.service.storage import FolderStorage
 from tests.service.http.fake_pool import FakePool
 from tests.service.http.running_service import SCAN, listening
 
@@ -100,7 +100,7 @@ def test_every_answer_in_json_has_an_example(path: str, method: str, operation: 
             assert media.get("example") or media.get("examples"), status
 
 
-def test_times_to_come_back_are_documented() -> None:
+def test_retry_after_is_documented() -> None:
     for _, _, operation in OPERATIONS:
         for status in {"429", "503"} & operation["responses"].keys():
             assert "Retry-After" in operation["responses"][status]["headers"]
@@ -121,7 +121,7 @@ def test_every_reference_leads_somewhere() -> None:
 
 
 def test_the_types_of_the_console_are_up_to_date() -> None:
-    assert FILE.read_text(encoding="utf-8") == typescript(), "run python -m service.console.api_types"
+    assert FILE.read_text(encoding="utf-8") == typescript(), "run python -m panoloc.service.console.api_types"
 
 
 @pytest.mark.slow

@@ -14,9 +14,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.http.schemas import Health
-from service.limits.wrong_keys import WrongKeys
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.schemas import Health
+from panoloc.service.limits.wrong_keys import WrongKeys
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
@@ -212,7 +212,7 @@ async def test_maps_outlive_every_key_of_redis(running: RunningService, redis_cl
 
 @pytest.mark.slow
 def test_the_application_loads_without_torch_ray_and_open3d() -> None:
-    program = "import sys, service.app; print(*sys.modules)"
+    program = "import sys, panoloc.service.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)
     loaded = set(done.stdout.split())
     assert not {"torch", "ray", "open3d", "pyproj"} & loaded

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from core.options import Hints, IndexOptions, ScanOptions
-from service.http.schemas import LocalizeOptions, MapOptions
-from service.http.schemas import ScanOptions as ScanSchema
-from service.jobs import RegisterOptions
+from panoloc.core.options import Hints, IndexOptions, ScanOptions
+from panoloc.service.http.schemas import LocalizeOptions, MapOptions
+from panoloc.service.http.schemas import ScanOptions as ScanSchema
+from panoloc.service.jobs import RegisterOptions
 
 BOX = {"min": [0, 0, 0], "max": [4, 5, 2.5]}
 

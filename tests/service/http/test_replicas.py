@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import redis
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.sharing.change_signal import ChangeSignal
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.sharing.change_signal import ChangeSignal
 from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
 from tests.service.storage.bucket_server import BUCKET
 
@@ -29,7 +29,7 @@ def opened(
 ) -> Opened:
     """Return what opens another API replica: on the folder of the others, or on a machine of its own that shares a bucket with them."""
     numbers = itertools.count()
-    request.getfixturevalue("monkeypatch").setattr("service.services.LOOK_S", _LOOK_S)
+    request.getfixturevalue("monkeypatch").setattr("panoloc.service.services.LOOK_S", _LOOK_S)
     if request.param == "folder":
         return lambda: running_service(tmp_path, redis_server.url, shared=True)
     server, prefix = request.getfixturevalue("bucket_server"), request.getfixturevalue("prefix")
@@ -37,7 +37,7 @@ def opened(
     for name, value in server.variables.items():
         patch.setenv(name, value)
     if request.node.callspec.params.get("is_notified") is False:
-        patch.setattr("service.services._LOOK_INTO_BUCKET_S", 0.5)
+        patch.setattr("panoloc.service.services._LOOK_INTO_BUCKET_S", 0.5)
 
     def on_its_own_machine() -> AbstractAsyncContextManager[RunningService]:
         folder, url = tmp_path / f"machine-{next(numbers)}", f"s3://{BUCKET}/{prefix}"

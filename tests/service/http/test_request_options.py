@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from service.errors import InvalidOptionsError, MalformedRequestError
-from service.http.schemas import LocalizeOptions, MapOptions
-from service.http.schemas.localization_examples import OPTIONS_EXAMPLE
-from service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
-from service.http.validation import parse_json
-from service.keys.caller import ALL_SCOPES
-from service.keys.key_ring import KeyRing
-from service.settings import Settings
+from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
+from panoloc.service.http.schemas import LocalizeOptions, MapOptions
+from panoloc.service.http.schemas.localization_examples import OPTIONS_EXAMPLE
+from panoloc.service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
+from panoloc.service.http.validation import parse_json
+from panoloc.service.keys.caller import ALL_SCOPES
+from panoloc.service.keys.key_ring import KeyRing
+from panoloc.service.settings import Settings
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

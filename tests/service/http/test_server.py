@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from service.http.server import DrainingServer, server_config
+from panoloc.service.http.server import DrainingServer, server_config
 
 
 class CountingPool:

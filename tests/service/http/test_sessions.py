@@ -7,14 +7,14 @@ from typing import Any
 import httpx
 import pytest
 
-from core.options import MAX_IMAGES, SessionOptions, TrackedPose
-from service.answer import Localization
-from service.errors import InvalidOptionsError
-from service.http.query_images import query_images
-from service.http.schemas import LocalizeOptions
-from service.http.schemas.localization_examples import SESSION_EXAMPLE
-from service.http.validation import parse_json
-from service.jobs import QueryImage
+from panoloc.core.options import MAX_IMAGES, SessionOptions, TrackedPose
+from panoloc.service.answer import Localization
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.query_images import query_images
+from panoloc.service.http.schemas import LocalizeOptions
+from panoloc.service.http.schemas.localization_examples import SESSION_EXAMPLE
+from panoloc.service.http.validation import parse_json
+from panoloc.service.jobs import QueryImage
 from tests.service.http.running_service import RunningService, png_of
 
 pytestmark = pytest.mark.anyio
@@ -187,7 +187,7 @@ async def test_the_most_images_are_taken_and_one_more_is_refused(running: Runnin
     assert len(running.pool.jobs) == 1
 
 
-async def test_all_images_together_have_no_more_pixels_than_one_may_have(running: RunningService) -> None:
+async def test_the_limit_of_pixels_counts_all_images_together(running: RunningService) -> None:
     reply = await ask(running, 4, {"cameras": [entry()] * 4}, sides=6000)
     problem = reply.json()
     assert (reply.status_code, problem["type"]) == (413, "/problems/too-many-pixels")
@@ -196,7 +196,7 @@ async def test_all_images_together_have_no_more_pixels_than_one_may_have(running
     assert running.pool.jobs == []
 
 
-async def test_a_file_that_is_no_image_is_said_to_be_the_second_of_three(running: RunningService) -> None:
+async def test_a_file_that_is_no_image_is_named_by_its_number(running: RunningService) -> None:
     files: list[tuple[str, Any]] = [("map_id", (None, await running.ready_map()))]
     files += [("image", ("a.png", data)) for data in (png_of(8, 8), b"some text", png_of(8, 8))]
     files.append(("options", (None, json.dumps({"cameras": [entry()] * 3}))))
@@ -205,12 +205,12 @@ async def test_a_file_that_is_no_image_is_said_to_be_the_second_of_three(running
     assert "(image 2 of 3)" in reply.json()["detail"]
 
 
-async def test_all_images_of_a_session_are_kept_when_the_operator_says_so(running: RunningService) -> None:
+async def test_all_images_of_a_session_are_kept_when_the_setting_says_so(running: RunningService) -> None:
     localizations = running.app.state.services.localizations
     localizations._settings = localizations._settings.model_copy(update={"keep_images": True})
     body = (await ask(running, 2, {"cameras": [entry(), entry()]})).json()
     assert sorted(running.storage.names("panoramas")) == [f"{body['id']}-01.png", f"{body['id']}-02.png"]
 
 
-async def test_the_example_of_the_description_is_taken(running: RunningService) -> None:
+async def test_the_example_in_the_openapi_document_is_valid(running: RunningService) -> None:
     assert (await ask(running, 2, SESSION_EXAMPLE)).status_code == 200

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from service.http.guards import slow_clients
-from service.http.guards.slow_clients import SlowClients
+from panoloc.service.http.guards import slow_clients
+from panoloc.service.http.guards.slow_clients import SlowClients
 
 Message = dict[str, Any]
 MORE = {"type": "http.request", "body": b"x" * 1000, "more_body": True}

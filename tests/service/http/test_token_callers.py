@@ -9,8 +9,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.host.embedded_redis import EmbeddedRedis
-from service.keys.key_file import KeyFile
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.keys.key_file import KeyFile
 from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
 from tests.service.keys.issuer import AUDIENCE, ISSUER, Issuer
 

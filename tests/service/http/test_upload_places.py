@@ -8,10 +8,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.batches import export
-from service.errors import ExportFailedError
-from service.host.embedded_redis import EmbeddedRedis
-from service.limits import capacity
+from panoloc.service.batches import export
+from panoloc.service.errors import ExportFailedError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.limits import capacity
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio

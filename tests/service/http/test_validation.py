@@ -2,10 +2,10 @@
 
 import pytest
 
-from service.errors import InvalidOptionsError
-from service.http.schemas import LocalizeOptions, MapOptions
-from service.http.schemas.map_options import MapPatch
-from service.http.validation import parse_json
+from panoloc.service.errors import InvalidOptionsError
+from panoloc.service.http.schemas import LocalizeOptions, MapOptions
+from panoloc.service.http.schemas.map_options import MapPatch
+from panoloc.service.http.validation import parse_json
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from service.keys.audit_log import AuditLog
-from service.keys.caller import ALL_SCOPES
-from service.keys.key_file import KeyFile, KeyFileError
-from service.keys.key_ring import KeyRing
+from panoloc.service.keys.audit_log import AuditLog
+from panoloc.service.keys.caller import ALL_SCOPES
+from panoloc.service.keys.key_file import KeyFile, KeyFileError
+from panoloc.service.keys.key_ring import KeyRing
 
 
 def ring(folder: Path, setting: str = "") -> KeyRing:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from service.settings import Settings
+from panoloc.service.settings import Settings
 from tests.service.keys.issuer import AUDIENCE, ISSUER, Issuer
 
 ISSUED = Issuer()

@@ -15,10 +15,10 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-from service.keys.caller import ALL_SCOPES, Caller
-from service.keys.issuer_keys import IssuerKeys, read_keys
-from service.keys.key_ring import KeyRing
-from service.keys.tokens import TokenRefusedError, TokenRules, Tokens
+from panoloc.service.keys.caller import ALL_SCOPES, Caller
+from panoloc.service.keys.issuer_keys import IssuerKeys, read_keys
+from panoloc.service.keys.key_ring import KeyRing
+from panoloc.service.keys.tokens import TokenRefusedError, TokenRules, Tokens
 from tests.service.keys.issuer import AUDIENCE, ISSUER, Issuer
 
 ISSUED = Issuer()

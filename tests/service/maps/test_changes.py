@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from service.jobs import MapRef
-from service.maps.changes import MOST_ANSWERS, ChangeLog
-from service.storage import FolderStorage
+from panoloc.service.jobs import MapRef
+from panoloc.service.maps.changes import MOST_ANSWERS, ChangeLog
+from panoloc.service.storage import FolderStorage
 
 pytestmark = pytest.mark.anyio
 

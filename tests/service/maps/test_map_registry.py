@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
-from service.jobs import MapRef, RegisterOptions
-from service.maps.cursors import decode_cursor, encode_cursor
-from service.maps.record import MapRecord, Revision, key_of, read_record
-from service.maps.registry import MapRegistry
-from service.sharing.locks import FolderLocks
-from service.storage import FolderStorage
+from panoloc.service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
+from panoloc.service.jobs import MapRef, RegisterOptions
+from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.record import MapRecord, Revision, key_of, read_record
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.sharing.locks import FolderLocks
+from panoloc.service.storage import FolderStorage
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", RegisterOptions())
 

@@ -8,15 +8,15 @@ from typing import Any, cast
 
 import pytest
 
-from service.cache import Cache
-from service.errors import NoWorkerError
-from service.jobs import PoolState, RegisterJob, RegisterOptions, RegisterOutcome
-from service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
-from service.maps.record import MapRecord, Revision, read_record
-from service.maps.registrations import Registrations
-from service.maps.registry import MapRegistry
-from service.metrics import Metrics
-from service.storage import FolderStorage
+from panoloc.service.cache import Cache
+from panoloc.service.errors import NoWorkerError
+from panoloc.service.jobs import PoolState, RegisterJob, RegisterOptions, RegisterOutcome
+from panoloc.service.limits.registration_limits import MAX_ATTEMPTS, RegistrationLimits
+from panoloc.service.maps.record import MapRecord, Revision, read_record
+from panoloc.service.maps.registrations import Registrations
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.metrics import Metrics
+from panoloc.service.storage import FolderStorage
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 5_000_000, "00", RegisterOptions())
 RECORD = MapRecord("m", "m", "2026-01-01T00:00:00.000000Z", "2026-01-01T00:00:00.000000Z", REVISION)

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 import pytest
 
-from core.options import IndexOptions, ScanOptions
-from service.errors import CacheDownError, MapNotFoundError, VersionConflictError
-from service.jobs import MapRef, RegisterOptions
-from service.maps.record import MapRecord, Revision
-from service.maps.registry import MapRegistry
-from service.sharing.locks import OwnLocks
-from service.storage.bucket import BucketStorage
+from panoloc.core.options import IndexOptions, ScanOptions
+from panoloc.service.errors import CacheDownError, MapNotFoundError, VersionConflictError
+from panoloc.service.jobs import MapRef, RegisterOptions
+from panoloc.service.maps.record import MapRecord, Revision
+from panoloc.service.maps.registry import MapRegistry
+from panoloc.service.sharing.locks import OwnLocks
+from panoloc.service.storage.bucket import BucketStorage
 from tests.service.storage.bucket_server import BucketServer
 
 REF = MapRef("map_0123456789abcdef", 1)

@@ -9,10 +9,18 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
-from service.pool.process_pool import ProcessPool
-from service.settings import Settings
-from service.worker.plan import WorkerPlan, WorkerSettings
+from panoloc.service.jobs import (
+    LocalizeJob,
+    LocalizeOutcome,
+    MapRef,
+    QueryImage,
+    QueryOptions,
+    RegisterJob,
+    RegisterOptions,
+)
+from panoloc.service.pool.process_pool import ProcessPool
+from panoloc.service.settings import Settings
+from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 
 Result = TypeVar("Result")
 

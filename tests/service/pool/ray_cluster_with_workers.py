@@ -4,10 +4,11 @@ import pickle
 import subprocess
 import sys
 
-from service.worker.plan import WorkerPlan
+from panoloc.service.worker.plan import WorkerPlan
 from tests.integration.running_service import ROOT
 
-_DEPLOY = "import pickle, sys; from service.ray.application import deploy; deploy(sys.argv[1], pickle.loads(bytes.fromhex(sys.argv[2])))"
+_DEPLOY = "import pickle, sys; from panoloc.service.ray.application import deploy"
+_DEPLOY += "; deploy(sys.argv[1], pickle.loads(bytes.fromhex(sys.argv[2])))"
 
 
 def deploy(address: str, plan: WorkerPlan) -> None:

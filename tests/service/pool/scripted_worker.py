@@ -6,9 +6,9 @@ import signal
 import time
 from pathlib import Path
 
-from service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
-from service.worker.plan import WorkerSettings
-from service.worker.reply import WorkerFailure, WorkerReply
+from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
+from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.reply import WorkerFailure, WorkerReply
 from tests.service.made_up_answers import empty_answer
 
 
@@ -34,7 +34,9 @@ class ScriptedWorker:
         self._wait(script)
         if "fail" in script:
             return WorkerReply(failure=WorkerFailure(script["fail"], "as the script says"), worker=self._name)
-        outcome = LocalizeOutcome(empty_answer(search={"pid": os.getpid(), "request_id": job.request_id}))
+        outcome = LocalizeOutcome(
+            empty_answer(status="localized", search={"pid": os.getpid(), "request_id": job.request_id})
+        )
         return WorkerReply(outcome, worker=self._name, duration_s=0.1, resident_bytes=1234)
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:

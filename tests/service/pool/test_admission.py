@@ -2,8 +2,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from service.errors import QueueFullError
-from service.pool.admission import Admission
+from panoloc.service.errors import QueueFullError
+from panoloc.service.pool.admission import Admission
 
 
 def test_as_many_are_admitted_as_run_and_wait() -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import DeadlineExceededError, PanoramaShapeError
-from service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
-from service.host.process_tree import descendants
-from service.jobs import LocalizeOutcome
-from service.pool.local_workers import local_pool
-from service.ray.bridge_pool import bridge_pool
-from service.settings import Settings
+from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
+from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
+from panoloc.service.host.process_tree import descendants
+from panoloc.service.jobs import LocalizeOutcome
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.ray.bridge_pool import bridge_pool
+from panoloc.service.settings import Settings
 from tests.integration.ray_cluster import RayClusterOfOthers
 from tests.integration.running_service import eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, registration, scripted_plan
@@ -70,7 +70,7 @@ def test_a_query_that_kills_its_worker_is_tried_again_and_given_up_where_it_alwa
     assert running.localize(query("crash", crash_once=True)).answer.search["request_id"] == "crash"
     with pytest.raises(NoWorkerError, match="workers in a row were lost"):
         running.localize(query("crash-always", crash=True))
-    assert running.localize(query("after-crashes")).answer.status == "not_localized"
+    assert running.localize(query("after-crashes")).answer.status == "localized"
 
 
 def test_what_the_worker_raises_on_purpose_is_raised_here_as_well(running: PoolInThread) -> None:
@@ -98,7 +98,7 @@ def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(runni
     with pytest.raises(DeadlineExceededError):
         running.localize(query("late", timeout_s=0.4))
     (running.folder / "slow-go").touch()
-    assert [each.result(60).answer.status for each in first] == ["not_localized"] * 2
+    assert [each.result(60).answer.status for each in first] == ["localized"] * 2
     running.localize(query("after"))
     # Ray holds one query more than the worker computes.
     assert not (running.folder / "late.started").exists()
@@ -157,8 +157,8 @@ def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: Pool
         running.localize(query("too-late"))
     (running.folder / "last-go").touch()
     running.run(running.pool.stop(drain_s=60))
-    assert under_way.result(1).answer.status == "not_localized"
-    assert not [pid for pid in descendants(os.getpid()) if "service.pool" in command_of(pid)]
+    assert under_way.result(1).answer.status == "localized"
+    assert not [pid for pid in descendants(os.getpid()) if "panoloc.service.pool" in command_of(pid)]
 
 
 def command_of(pid: int) -> str:

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import NoWorkerError
-from service.host.process_tree import command_of, descendants
-from service.pool import local_workers, worker_process
-from service.pool.local_workers import local_pool
-from service.settings import Settings
+from panoloc.service.errors import NoWorkerError
+from panoloc.service.host.process_tree import command_of, descendants
+from panoloc.service.pool import local_workers, worker_process
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.settings import Settings
 from tests.integration.running_service import ROOT, eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, scripted_plan
 
@@ -40,7 +40,7 @@ def folder() -> Iterator[Path]:
 
 
 def workers() -> list[int]:
-    return [pid for pid in descendants(os.getpid()) if command_of(pid).endswith("service.pool.child")]
+    return [pid for pid in descendants(os.getpid()) if command_of(pid).endswith("panoloc.service.pool.child")]
 
 
 def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +63,7 @@ def test_a_worker_beyond_its_memory_is_replaced_and_its_query_repeated_until_it_
         with pytest.raises(NoWorkerError, match="GiB of memory"):
             running.localize(query("greedy", take_mb=500, until="never"))
         assert running.pool.state().num_retries == 3
-        assert running.localize(query("modest")).answer.status == "not_localized"
+        assert running.localize(query("modest")).answer.status == "localized"
 
 
 def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(folder: Path) -> None:
@@ -74,7 +74,7 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(fold
             running.localize(query("refused"))
         (folder / "no-worker-starts").unlink()
         running.wait_until_ready(60)
-        assert running.localize(query("answered")).answer.status == "not_localized"
+        assert running.localize(query("answered")).answer.status == "localized"
 
 
 def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(folder: Path) -> None:
@@ -96,7 +96,7 @@ def test_of_two_workers_one_answers_while_the_other_one_is_replaced(folder: Path
         assert eventually(lambda: len(list(folder.glob("b-*.started"))) == 2, 30)
         os.kill(min(pids), signal.SIGKILL)
         (folder / "go").touch()
-        assert [each.result(60).answer.status for each in both] == ["not_localized"] * 2
+        assert [each.result(60).answer.status for each in both] == ["localized"] * 2
         assert eventually(lambda: running.pool.state().num_workers == 2 and len(pids & set(workers())) == 1, 30)
 
 
@@ -127,8 +127,8 @@ _A_POOL_THAT_IS_KILLED = """
 import sys, time
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
-from service.pool.local_workers import local_pool
-from service.settings import Settings
+from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.settings import Settings
 from tests.service.pool.pool_in_thread import PoolInThread, scripted_plan
 folder = Path(sys.argv[1])
 PoolInThread(folder, lambda: local_pool(Settings(data_dir=folder, num_workers=1), scripted_plan(folder))).wait_until_ready()
@@ -156,4 +156,4 @@ def test_a_worker_finds_the_code_of_its_service_beside_somebody_elses_core(
     with running_pool(folder) as running:
         began = time.monotonic()
         running.wait_until_ready(30)
-        assert running.localize(query("beside")).answer.status == "not_localized", time.monotonic() - began
+        assert running.localize(query("beside")).answer.status == "localized", time.monotonic() - began

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
-from service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
-from service.pool.map_builds import MapBuilds
-from service.worker.reply import WorkerFailure, WorkerReply
+from panoloc.service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
+from panoloc.service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
+from panoloc.service.pool.map_builds import MapBuilds
+from panoloc.service.worker.reply import WorkerFailure, WorkerReply
 
 MAP, OTHER = MapRef("map_a", 1), MapRef("map_b", 1)
 
@@ -72,7 +72,7 @@ def test_a_registration_that_takes_too_long_is_ended_and_gives_its_place_to_the_
         builds = MapBuilds(scripted.build, 1)
         first = asyncio.create_task(builds.register(job("slow", time_limit_s=0.05)))
         second = asyncio.create_task(builds.register(job("next", time_limit_s=5)))
-        with pytest.raises(RegistrationLimitError, match="PANOLOC_REGISTRATION_TIME_S"):
+        with pytest.raises(RegistrationLimitError, match="thin the scan"):
             await first
         assert scripted.cancelled == ["slow"]
         await settled()

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import redis
 
-from service.errors import CacheDownError, StorageReadOnlyError
-from service.host.embedded_redis import EmbeddedRedis
-from service.sharing.leases import LeaseLocks
-from service.sharing.locks import FolderLocks, HeldLock, Locks, OwnLocks
+from panoloc.service.errors import CacheDownError, StorageReadOnlyError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.sharing.leases import LeaseLocks
+from panoloc.service.sharing.locks import FolderLocks, HeldLock, Locks, OwnLocks
 
 pytestmark = pytest.mark.anyio
 
@@ -23,8 +23,8 @@ KEY = "panoloc:lease:map-a"
 
 _HOLDER = """
 import asyncio, pathlib, sys
-from service.sharing.leases import LeaseLocks
-from service.sharing.locks import FolderLocks
+from panoloc.service.sharing.leases import LeaseLocks
+from panoloc.service.sharing.locks import FolderLocks
 
 async def hold():
     where = sys.argv[1]

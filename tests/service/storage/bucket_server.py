@@ -14,9 +14,9 @@ from typing import IO
 import obstore
 from obstore.store import ObjectStore
 
-from service.storage import BucketAccess
-from service.storage.bucket import BucketStorage
-from service.storage.bucket_client import open_client
+from panoloc.service.storage import BucketAccess
+from panoloc.service.storage.bucket import BucketStorage
+from panoloc.service.storage.bucket_client import open_client
 
 BUCKET = "scans"
 

@@ -11,19 +11,19 @@ from typing import Any
 import obstore
 import pytest
 
-from service.errors import (
+from panoloc.service.errors import (
     StorageAwayError,
     StorageFullError,
     StorageReadOnlyError,
     StoredFileDamagedError,
     StoredFileMissingError,
 )
-from service.storage import BucketAccess, open_storage
-from service.storage.bucket import BucketStorage
-from service.storage.bucket_client import open_client
-from service.storage.bucket_errors import bucket_errors
-from service.storage.bucket_objects import BucketObjects
-from service.storage.start_check import StorageUnusableError, check_at_start
+from panoloc.service.storage import BucketAccess, open_storage
+from panoloc.service.storage.bucket import BucketStorage
+from panoloc.service.storage.bucket_client import open_client
+from panoloc.service.storage.bucket_errors import bucket_errors
+from panoloc.service.storage.bucket_objects import BucketObjects
+from panoloc.service.storage.start_check import StorageUnusableError, check_at_start
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 
@@ -152,7 +152,7 @@ def test_a_folder_can_be_copied_into_a_bucket_with_its_digests(
 def test_the_list_of_many_files_is_left_as_soon_as_the_record_is_seen(
     bucket: BucketStorage, bucket_server: BucketServer, prefix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.storage.bucket._PAGE", 5)
+    monkeypatch.setattr("panoloc.service.storage.bucket._PAGE", 5)
     client = bucket_server.client(prefix)
     for batch in ("a", "b", "ba", "c"):
         for key in ("batch.json", *(f"images/{number:05}" for number in range(14)), "adjacent"):
@@ -303,8 +303,8 @@ def test_a_bucket_that_goes_away_is_reported_within_seconds_and_serves_again(tmp
 def test_readiness_learns_within_seconds_that_a_bucket_hangs(
     bucket_server: BucketServer, prefix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.storage.bucket._PROBE_LASTS_S", 0.0)
-    monkeypatch.setattr("service.storage.bucket_client._PROBE_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("panoloc.service.storage.bucket._PROBE_LASTS_S", 0.0)
+    monkeypatch.setattr("panoloc.service.storage.bucket_client._PROBE_TIMEOUT_S", 1.0)
     bucket = bucket_server.storage(tmp_path, prefix)
     bucket.check_writable()
     bucket_server.pause()

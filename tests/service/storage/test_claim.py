@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from service.storage.bucket import BucketStorage
-from service.storage.claim import BucketClaim, BucketInUseError
+from panoloc.service.storage.bucket import BucketStorage
+from panoloc.service.storage.claim import BucketClaim, BucketInUseError
 from tests.service.storage.bucket_server import BucketServer
 
 # Long enough for a busy machine to renew in.
@@ -22,8 +22,8 @@ def claim(
     bucket_server: BucketServer, prefix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Claims]:
     """Return a function that makes the claim of a service on a machine of its own."""
-    monkeypatch.setattr("service.storage.claim._RENEW_S", RENEW_S)
-    monkeypatch.setattr("service.storage.claim._WATCH_S", WATCH_S)
+    monkeypatch.setattr("panoloc.service.storage.claim._RENEW_S", RENEW_S)
+    monkeypatch.setattr("panoloc.service.storage.claim._WATCH_S", WATCH_S)
     made = []
 
     def of(machine: str, is_shared: bool = False) -> BucketClaim:
@@ -76,7 +76,7 @@ def test_one_that_was_killed_keeps_others_out_for_a_while_and_itself_not_at_all(
     again.take()
     assert time.monotonic() - began < WATCH_S / 2
     kill(again)
-    monkeypatch.setattr("service.storage.claim._WATCH_S", 1.0)
+    monkeypatch.setattr("panoloc.service.storage.claim._WATCH_S", 1.0)
     began = time.monotonic()
     claim("two").take()
     assert time.monotonic() - began >= 1.0
@@ -100,7 +100,7 @@ def test_one_that_stops_before_it_learns_that_leaves_the_other_alone(
     claim: Claims, bucket: BucketStorage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = claim("one")
-    monkeypatch.setattr("service.storage.claim._RENEW_S", 1000.0)
+    monkeypatch.setattr("panoloc.service.storage.claim._RENEW_S", 1000.0)
     one.take()
     bucket.put("claim.json", OF_ANOTHER)
     one.release()

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import StoredFileChangedError, StoredFileDamagedError, StoredFileMissingError
-from service.storage import FolderStorage, Storage
+from panoloc.service.errors import StoredFileChangedError, StoredFileDamagedError, StoredFileMissingError
+from panoloc.service.storage import FolderStorage, Storage
 from tests.service.storage.bucket_server import BucketServer
 
 

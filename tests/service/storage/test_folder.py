@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import StorageFullError, StorageReadOnlyError, StoredFileMissingError
-from service.storage import FolderStorage, open_storage
+from panoloc.service.errors import StorageFullError, StorageReadOnlyError, StoredFileMissingError
+from panoloc.service.storage import FolderStorage, open_storage
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from service.errors import StoredFileChangedError
-from service.storage import BucketAccess, open_storage
+from panoloc.service.errors import StoredFileChangedError
+from panoloc.service.storage import BucketAccess, open_storage
 
 
 class _Google(BaseHTTPRequestHandler):

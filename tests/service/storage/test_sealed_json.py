@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from core.camera.camera import CameraDescription
-from core.options import Hints, IndexOptions, ScanOptions, SessionOptions
-from service.batches.record import BATCH, BatchRecord
-from service.errors import StoredFileDamagedError
-from service.jobs import QueryOptions, RegisterOptions
-from service.storage.sealed_json import seal, unseal
+from panoloc.core.camera.camera import CameraDescription
+from panoloc.core.options import Hints, IndexOptions, ScanOptions, SessionOptions
+from panoloc.service.batches.record import BATCH, BatchRecord
+from panoloc.service.errors import StoredFileDamagedError
+from panoloc.service.jobs import QueryOptions, RegisterOptions
+from panoloc.service.storage.sealed_json import seal, unseal
 
 HINTS = Hints((1.0, 2.0, 3.0), 4.0, ((0.0, 0.0, 0.0), (5.0, 6.0, 7.0)), True, 10.0, 90.0, 45.0)
 RECORD = BatchRecord(

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from core.index.map_index import MapIndex
-from core.results import Localization, SearchSummary
-from service.worker.change_cells import change_cells
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.results import Localization, SearchSummary
+from panoloc.service.worker.change_cells import change_cells
 
 POSITIONS = np.array([[0.05, 0.05, 0.05]] * 4 + [[1.0, -1.0, 0.5]] * 4 + [[2.0, 2.0, 2.0]] * 2, np.float32)
 INDEX = cast(MapIndex, SimpleNamespace(positions=torch.from_numpy(POSITIONS)))
@@ -33,13 +33,13 @@ def test_a_cell_changed_when_the_mean_of_its_points_says_so_and_few_points_say_n
     assert unpacked(found["changed"]).tolist() == [[6, -7, 3]]
 
 
-def test_cells_grow_with_the_scan_so_that_all_of_it_can_be_counted() -> None:
+def test_cells_grow_with_the_scan_to_fit_in_16_bits() -> None:
     index = cast(MapIndex, SimpleNamespace(positions=INDEX.positions * 10_000))
     found = cast(dict[str, Any], change_cells(index, SEEN))
     assert found["cell_m"] > 0.15
     assert np.abs(unpacked(found["seen"]).astype(int)).max() <= 30_001
 
 
-def test_an_answer_that_is_not_sure_where_it_was_saw_nothing() -> None:
+def test_an_answer_that_is_not_localized_has_no_cells() -> None:
     assert change_cells(INDEX, replace(SEEN, status="ambiguous")) is None
     assert change_cells(INDEX, replace(SEEN, score_points=None)) is None

@@ -1,9 +1,9 @@
 import time
 from typing import Any
 
-from service.errors import CacheDownError
-from service.jobs import MapRef
-from service.worker.registration_progress import RegistrationProgress
+from panoloc.service.errors import CacheDownError
+from panoloc.service.jobs import MapRef
+from panoloc.service.worker.registration_progress import RegistrationProgress
 
 MAP = MapRef("map_a", 1)
 
@@ -33,13 +33,15 @@ def run_through(cache: RecordingCache) -> dict[str, float]:
     return progress.finish()
 
 
-def test_progress_only_grows_and_names_status_and_stage() -> None:
+def test_progress_only_grows_and_every_stage_is_measured_by_its_name_in_stats() -> None:
     cache = RecordingCache()
-    run_through(cache)
+    seconds = run_through(cache)
     shares = [report["progress"] for report in cache.reports]
     assert shares == sorted(shares)
     assert shares[0] == 0.0
     assert [report["status"] for report in cache.reports] == ["reading"] + 4 * ["indexing"]
+    assert list(seconds) == ["read", "starts", "render", "describe", "store"]
+    assert all(0.01 < value < 1 for value in seconds.values())
 
 
 def test_within_a_stage_it_reports_at_most_five_times_a_second() -> None:
@@ -48,12 +50,6 @@ def test_within_a_stage_it_reports_at_most_five_times_a_second() -> None:
     for step in range(1000):
         progress.report("reading", step / 1000)
     assert len(cache.reports) == 1
-
-
-def test_every_stage_is_measured_by_the_name_that_stats_give_it() -> None:
-    seconds = run_through(RecordingCache())
-    assert list(seconds) == ["read", "starts", "render", "describe", "store"]
-    assert all(0.01 < value < 1 for value in seconds.values())
 
 
 def test_a_redis_that_is_away_stops_no_registration() -> None:

@@ -1,10 +1,10 @@
 import pytest
 
-import core.errors
-import service.errors
-from core.errors import PanoramaShapeError
-from service.errors import EXPECTED_ERRORS, WorkerError
-from service.worker.reply import WorkerFailure, error_of, guarded
+import panoloc.core.errors
+import panoloc.service.errors
+from panoloc.core.errors import PanoramaShapeError
+from panoloc.service.errors import EXPECTED_ERRORS, WorkerError
+from panoloc.service.worker.reply import WorkerFailure, error_of, guarded
 
 
 def raise_(error: Exception) -> None:
@@ -19,27 +19,27 @@ def test_an_exception_becomes_a_value_with_its_name_and_message() -> None:
     assert failure.traceback == ""
 
 
-def test_a_fault_that_nobody_raised_on_purpose_tells_its_place() -> None:
+def test_an_unexpected_exception_has_a_traceback() -> None:
     _, failure = guarded(lambda: raise_(ZeroDivisionError("division by zero")))
     assert failure is not None
     assert "in raise_" in failure.traceback
 
 
-def test_what_ends_the_process_passes_through() -> None:
+def test_keyboard_interrupt_passes_through() -> None:
     with pytest.raises(KeyboardInterrupt):
         guarded(lambda: (_ for _ in ()).throw(KeyboardInterrupt))
 
 
 RAISED = [
     kind
-    for module in (core.errors, service.errors)
+    for module in (panoloc.core.errors, panoloc.service.errors)
     for kind in vars(module).values()
     if isinstance(kind, type) and issubclass(kind, EXPECTED_ERRORS) and kind is not WorkerError
 ]
 
 
 @pytest.mark.parametrize("kind", RAISED, ids=lambda kind: kind.__name__)
-def test_what_is_raised_on_purpose_comes_back_as_itself(kind: type[Exception]) -> None:
+def test_an_expected_exception_comes_back_as_itself(kind: type[Exception]) -> None:
     _, failure = guarded(lambda: raise_(kind("expected this, got that")))
     assert failure is not None
     error = error_of(failure)
@@ -48,7 +48,7 @@ def test_what_is_raised_on_purpose_comes_back_as_itself(kind: type[Exception]) -
 
 
 @pytest.mark.parametrize("kind", ["ZeroDivisionError", "Any", "WorkerError", "EXPECTED_ERRORS"])
-def test_everything_else_keeps_its_name(kind: str) -> None:
+def test_an_unexpected_exception_becomes_a_worker_error_with_its_name(kind: str) -> None:
     error = error_of(WorkerFailure(kind, "message"))
     assert isinstance(error, WorkerError)
     assert (error.kind, str(error)) == (kind, "message")

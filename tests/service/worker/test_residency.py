@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from service.worker.residency import Residency
+from panoloc.service.worker.residency import Residency
 
 
 @dataclass(frozen=True)

@@ -19,34 +19,35 @@ import pytest
 import redis
 import torch
 
-from core.geometry.pose import Pose
-from core.index.map_builder import build_map_index, index_config_digest
-from core.index.map_codec import encode_map_index
-from core.index.map_index import MapIndex
-from core.options import MIN_POINTS, IndexOptions, ScanOptions
-from core.panorama.panorama import Panorama
-from core.pictures import encode_png
-from core.results import Candidate, SearchSummary
-from core.results import Localization as Found
-from core.scan import readers
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from service.answer import Localization
-from service.cache import WorkerCache
-from service.errors import StorageFullError
-from service.host.embedded_redis import EmbeddedRedis
-from service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
-from service.maps.record import MapRecord, Revision, key_of, write_record
-from service.settings import Settings
-from service.storage import FolderStorage
-from service.worker.localization_worker import LocalizationWorker
-from service.worker.map_catalog import MapCatalog
-from service.worker.plan import WorkerSettings
-from service.worker.registrar import Registrar
-from service.worker.reply import WorkerReply
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.index.map_builder import build_map_index, index_config_digest
+from panoloc.core.index.map_codec import encode_map_index
+from panoloc.core.index.map_index import MapIndex
+from panoloc.core.options import MIN_POINTS, IndexOptions, ScanOptions
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.pictures import encode_png
+from panoloc.core.results import Candidate, SearchSummary
+from panoloc.core.results import Localization as Found
+from panoloc.core.scan import readers
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.service.answer import Localization
+from panoloc.service.cache import WorkerCache
+from panoloc.service.errors import StorageFullError
+from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
+from panoloc.service.maps.record import MapRecord, Revision, key_of, write_record
+from panoloc.service.settings import Settings
+from panoloc.service.storage import FolderStorage
+from panoloc.service.worker.localization_worker import LocalizationWorker
+from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.worker.plan import WorkerSettings
+from panoloc.service.worker.registrar import Registrar
+from panoloc.service.worker.reply import WorkerReply
 from tests.core.scan.mesh_files import zip_of
 
 MAP = MapRef("map_box", 1)
+GREY = encode_png(np.full((128, 256, 3), 128, np.uint8))
 OPTIONS = RegisterOptions(ScanOptions(), IndexOptions("grid", 2.0))
 
 
@@ -146,12 +147,8 @@ def store_box(storage: FolderStorage) -> RegisterJob:
 def query(panorama: bytes | None = None, seconds: float = 30, maps: tuple[MapRef, ...] = (MAP,)) -> LocalizeJob:
     options = QueryOptions(seconds, artifacts=("overlay",), top_k=3)
     return LocalizeJob(
-        "loc_1", "req_2", (QueryImage(panorama or grey_png()),), maps, options, deadline_unix_s=time.time() + seconds
+        "loc_1", "req_2", (QueryImage(panorama or GREY),), maps, options, deadline_unix_s=time.time() + seconds
     )
-
-
-def grey_png() -> bytes:
-    return encode_png(np.full((128, 256, 3), 128, dtype=np.uint8))
 
 
 @pytest.mark.slow
@@ -283,7 +280,7 @@ def test_a_scan_that_changed_on_disk_is_not_registered(place: Place, tmp_path: P
     assert kind_of(place.registrar.register(place.job)) == "StoredFileDamagedError"
 
 
-def test_remains_of_a_killed_process_go_with_the_next_registration_of_any_scan(place: Place, tmp_path: Path) -> None:
+def test_the_next_registration_removes_the_unpacked_archive_of_a_killed_one(place: Place, tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     remains = tmp_path / "uploads" / f"panoloc-zip-{socket.gethostname()}-{gone.pid}-x"
@@ -309,7 +306,7 @@ def test_a_scan_of_a_handful_of_points_is_no_map(place: Place) -> None:
     assert f"99 points; expected at least {MIN_POINTS}" in failure.message
 
 
-def test_a_copy_of_an_index_takes_the_place_of_those_of_other_configurations(place: Place) -> None:
+def test_a_copy_of_an_index_replaces_those_of_other_configurations(place: Place) -> None:
     for digest in ("0123", "4567"):
         place.catalog.store_index(MAP, digest, digest.encode())
     assert place.catalog.stored_index(MAP, "4567") == b"4567"
@@ -333,7 +330,7 @@ def test_a_scan_that_needs_too_much_memory_fails_with_the_limit_that_it_met(
     def read(*_: object) -> None:
         raise lack
 
-    monkeypatch.setattr("service.worker.registrar.read_scan", read)
+    monkeypatch.setattr("panoloc.service.worker.registrar.read_scan", read)
     failure = place.registrar.register(place.job).failure
     assert failure is not None
     assert failure.kind == "RegistrationLimitError"

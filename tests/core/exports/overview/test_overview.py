@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.exports.overview.__main__ import main
-from core.exports.overview.contact_sheet import draw_contact_sheet
-from core.exports.overview.document import PhotoSeen, Placement, read_placement
-from core.exports.overview.lettering import COLOR_OF, PAPER, font_of, legible, shortened
-from core.exports.overview.plan import draw_plan
-from core.geometry.pose import Pose
-from core.scan.ply.writer import write_ply
-from core.scan.point_cloud import PointCloud
+from panoloc.core.exports.overview.__main__ import main
+from panoloc.core.exports.overview.contact_sheet import draw_contact_sheet
+from panoloc.core.exports.overview.document import PhotoSeen, Placement, read_placement
+from panoloc.core.exports.overview.lettering import COLOR_OF, PAPER, font_of, legible, shortened
+from panoloc.core.exports.overview.plan import draw_plan
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.scan.ply.writer import write_ply
+from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.exports.tours import jpeg, rotation_of
 
 LARGE = np.array([431_250.0, 5_312_480.0, 412.0])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.panorama.missing.finding import Found, find_missing
+from panoloc.core.panorama.missing.finding import Found, find_missing
 
 Pixels = NDArray[np.uint8]
 

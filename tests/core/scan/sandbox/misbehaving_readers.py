@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from core.errors import ScanDamagedError
-from core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
 
 
 def _chunk(num_points: int = 10) -> RawChunk:

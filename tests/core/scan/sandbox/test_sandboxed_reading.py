@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.errors import ScanContentError, ScanDamagedError, ScanError
-from core.options import ScanOptions
-from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.sandbox.limits import SandboxLimits
-from core.scan.sandbox.reading import read_in_sandbox
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.reading import read_in_sandbox
 
 ROOT = Path(__file__).parents[4]
 
@@ -75,7 +75,7 @@ def test_a_reader_knows_no_secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def running_with(path: Path) -> list[str]:
     """Return the command lines of sandboxed readers of a file."""
     listed = subprocess.run(["ps", "-ww", "-eo", "args"], capture_output=True, text=True, check=True).stdout
-    return [line for line in listed.splitlines() if str(path) in line and "core.scan.sandbox.child" in line]
+    return [line for line in listed.splitlines() if str(path) in line and "panoloc.core.scan.sandbox.child" in line]
 
 
 def test_a_reader_ends_when_nobody_listens_any_more(tmp_path: Path) -> None:
@@ -94,9 +94,9 @@ def test_a_reader_ends_with_the_process_that_it_reads_for(tmp_path: Path) -> Non
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
     program = (
-        "import sys; from pathlib import Path; from core.options import ScanOptions\n"
-        "from core.scan.sandbox.reading import read_in_sandbox\n"
-        "from core.scan.reading_context import ReadingContext\n"
+        "import sys; from pathlib import Path; from panoloc.core.options import ScanOptions\n"
+        "from panoloc.core.scan.sandbox.reading import read_in_sandbox\n"
+        "from panoloc.core.scan.reading_context import ReadingContext\n"
         "context = ReadingContext(Path(sys.argv[1]), ScanOptions(), 4)\n"
         "for chunk in read_in_sandbox('tests.core.scan.sandbox.misbehaving_readers:endless', context): print('begun', flush=True)\n"
     )

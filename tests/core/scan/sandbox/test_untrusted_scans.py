@@ -7,14 +7,14 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from core.errors import ScanDamagedError
-from core.options import ScanOptions
-from core.scan import readers
-from core.scan.ply.writer import encode_ply
-from core.scan.point_cloud import PointCloud
-from core.scan.reading import read_scan
-from core.scan.reading_context import RawChunk, ReadingContext
-from core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.options import ScanOptions
+from panoloc.core.scan import readers
+from panoloc.core.scan.ply.writer import encode_ply
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.scan.sandbox.limits import SandboxLimits
 from tests.core.scan.mesh_files import zip_of
 
 UNTRUSTED = ScanOptions(from_strangers=True)

@@ -15,7 +15,7 @@ __all__ = ["fake", "panoloc"]
 def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let runs draw no pictures, which takes a process each, except where a test is about them."""
     if "pictures" not in request.fixturenames:
-        monkeypatch.setattr("service.cli.placing.place.draw_overviews", lambda placed: ([], []))
+        monkeypatch.setattr("panoloc.service.cli.placing.place.draw_overviews", lambda placed: ([], []))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.placing import place
+from panoloc.service.cli.placing import place
 from tests.core.exports.tours import jpeg
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService

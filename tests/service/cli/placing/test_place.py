@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.exports.tour import PlacedPhoto, Tour
-from core.geometry.pose import Pose
-from service.cli import progress
-from service.cli.placing.place import photo_options
-from service.cli.placing.place_folder import PlaceFolder, Question
+from panoloc.core.exports.tour import PlacedPhoto, Tour
+from panoloc.core.geometry.pose import Pose
+from panoloc.service.cli import progress
+from panoloc.service.cli.placing.place import photo_options
+from panoloc.service.cli.placing.place_folder import PlaceFolder, Question
 from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
@@ -111,8 +111,10 @@ def test_a_photo_that_has_changed_is_placed_again(
     assert num_queries(fake) == 4
 
 
-@pytest.mark.slow
-def test_a_busy_service_is_waited_for(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
+def test_a_busy_service_is_waited_for(
+    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("panoloc.service.cli.placing.place._RETRY_S", 0.01)
     fake.busy = 2
     outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out")
     assert outcome.code == 0
@@ -240,7 +242,7 @@ def test_the_panoramas_of_a_survey_are_placed_as_a_folder_of_them_is(
     assert (outcome.code, "neither" in outcome.err) == (EXIT_USAGE, True)
     (tmp_path / "broken.e57").write_bytes(survey.read_bytes()[:-1000])
     outcome = panoloc("place", tmp_path / "broken.e57", "--map", "map_1", "--out", tmp_path / "more")
-    assert (outcome.code, "announces" in outcome.err) == (EXIT_USAGE, True)
+    assert (outcome.code, "damaged" in outcome.err) == (EXIT_USAGE, True), outcome.err
 
 
 def test_photos_in_several_maps_are_written_map_by_map(
