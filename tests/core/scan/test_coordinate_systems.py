@@ -90,7 +90,7 @@ def test_an_e57_file_names_it_in_its_root(
     [
         (CRS(4326).to_wkt(), "m", "z", 1.0, "no lengths on a grid"),
         ("PROJCS[nonsense", "m", "z", 1.0, "expected a projected coordinate system"),
-        (CRS(UTM_32).to_wkt(), "m", "y", 1.0, "y-up"),
+        (CRS(UTM_32).to_wkt(), "m", "y", 1.0, "the given up axis"),
         (CRS(UTM_32).to_wkt(), "ft", "z", 1 / 0.3048, "its unit is 1 m, but the given unit is ft"),
         (CRS(2263).to_wkt(), "m", "z", 1.0, "its unit is 0.3048006 m, but the given unit is m"),
     ],

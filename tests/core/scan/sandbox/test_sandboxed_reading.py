@@ -46,7 +46,7 @@ def test_points_notes_and_coordinate_system_come_out_as_they_went_in(tmp_path: P
         ("greedy", SandboxLimits(), ScanContentError, "more than 6 GiB, the memory limit"),
         ("endless", SandboxLimits(cpu_s=1), ScanContentError, "takes longer than 1 s"),
         ("silent", SandboxLimits(silence_s=1.0), ScanContentError, "takes longer than 1 s"),
-        ("nesting", SandboxLimits(), ScanDamagedError, "nests too deeply"),
+        ("nesting", SandboxLimits(), ScanDamagedError, "nested too deeply"),
         ("writing", SandboxLimits(), ScanDamagedError, "its reader failed"),
         ("babbling", SandboxLimits(), ScanDamagedError, "wrote no message"),
     ],
