@@ -48,16 +48,16 @@ class RigidMotion(ResponseModel):
 
 
 class PoseAnswer(ResponseModel):
-    """Where the camera is and how it is turned: as rotations about its axes, and as photographers mean it."""
+    """Position and orientation of the camera: as rotations about its axes, and as heading, elevation and roll."""
 
     frame: Frame
     map_from_camera: RigidMotion
     yaw_deg: float = Field(description="Counter-clockwise about z from the map's x axis, -180 to 180.")
-    pitch_deg: float = Field(description="Positive where the camera looks down.")
+    pitch_deg: float = Field(description="Positive if the camera looks down.")
     roll_deg: float
     heading_deg: float = Field(description="Of the image centre, clockwise from `north`, 0 to 360.", ge=0, lt=360)
     elevation_deg: float = Field(description="Of the image centre, positive above the horizon.", ge=-90, le=90)
-    camera_roll_deg: float = Field(description="Positive where the camera's right side is down.")
+    camera_roll_deg: float = Field(description="Positive if the camera's right side is down.")
     north: Literal["map", "true"] = Field(
         description="Zero direction of `heading_deg`: the map's y axis, or true north if the map has a georeference."
     )
@@ -81,14 +81,14 @@ class Rotation(ResponseModel):
 
 
 class GeoPose(ResponseModel):
-    """OGC GeoPose 1.0, Basic-Quaternion: from the camera (x forward, y left, z up) to east, north, up where it is."""
+    """OGC GeoPose 1.0, Basic-Quaternion: from camera axes (x forward, y left, z up) to east, north, up."""
 
     position: GeoPosition
     quaternion: Rotation
 
 
 class Accuracy(ResponseModel):
-    """Radius within which the pose lies with probability `level`."""
+    """Radius that contains the pose with probability `level`."""
 
     position_m: float | None
     orientation_deg: float | None
@@ -96,22 +96,22 @@ class Accuracy(ResponseModel):
 
 
 class Alternative(ResponseModel):
-    """Another pose that was found."""
+    """Another possible pose."""
 
     pose: PoseAnswer
     confidence: float
-    map_id: str = Field(description="The map that the pose lies in.")
+    map_id: str = Field(description="The map of the pose.")
 
 
 class Change(ResponseModel):
-    """How much differs between scan and panorama."""
+    """Differing share of scan and panorama."""
 
     panorama_changed_fraction: float | None
     map_changed_fraction: float | None
 
 
 class ImageCamera(ResponseModel):
-    """What an image was taken for."""
+    """The camera that was used for an image."""
 
     model: CameraModel
     hfov_deg: float = Field(description="Horizontal field of view; 360: a full panorama, or a full turn.")

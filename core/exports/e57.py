@@ -39,7 +39,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         from pye57 import E57
     except ImportError as error:
         raise ExportRefusedError(
-            "e57: expected the package pye57, which is not installed where the service runs; choose another format"
+            "e57: expected the package pye57, but the service runs without it; choose another format"
         ) from error
     with tempfile.TemporaryDirectory(prefix="panoloc-e57-") as folder:
         path = Path(folder) / "tour.e57"

@@ -57,7 +57,7 @@ def cropped_error(size: tuple[int, int], taken: tuple[int, int]) -> PanoramaShap
 def perhaps_cropped(size: tuple[int, int], taken: tuple[int, int]) -> str:
     """Return what to say of a photo of this size (width, height) that may be a copy of one of size `taken`, or a part of it."""
     return (
-        f"the EXIF data are of an image of {taken[0]} x {taken[1]} px, got {size[0]} x {size[1]}, which is assumed "
+        f"the EXIF data describe an image of {taken[0]} x {taken[1]} px, got {size[0]} x {size[1]}, which is assumed "
         "to be a resized copy of the whole photo; if it is a crop, the field of view differs: send the whole photo, "
         "or options.cameras"
     )

@@ -139,7 +139,7 @@ class BatchStore:
         """Raise BatchLimitError when there are as many batches as allowed."""
         if len(self._batches) + self._num_coming >= self._max_batches:
             raise BatchLimitError(
-                f"expected fewer than {self._max_batches} batches, the limit is reached; delete a batch that is no "
+                f"expected fewer than {self._max_batches} batches, but the limit is reached; delete a batch that is no "
                 "longer needed"
             )
 

@@ -106,8 +106,8 @@ class MapRegistry(KnownMaps):
         """Raise MapLimitError when there are as many maps as allowed."""
         if len(self._records) + self._num_coming >= self._max_maps:
             raise MapLimitError(
-                f"expected fewer than {self._max_maps} maps (PANOLOC_MAX_MAPS), the limit is reached; delete a map "
-                "that is no longer needed"
+                f"expected fewer than {self._max_maps} maps (PANOLOC_MAX_MAPS), but the limit is reached; delete a "
+                "map that is no longer needed"
             )
 
     async def adopt_scan(self, ref: MapRef, name: str, file: Path, digest: str) -> str:

@@ -133,7 +133,7 @@ def _place(info: zipfile.ZipInfo) -> PurePosixPath:
     place = PurePosixPath(name)
     if leads_out(name) or not place.parts:
         raise ScanDamagedError(
-            f"The zip holds a file whose name leads out of the archive: {name[:100]!r}. Pack the scan again."
+            f"The zip holds a file with a path outside the archive: {name[:100]!r}. Pack the scan again."
         )
     return place
 

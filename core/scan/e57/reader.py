@@ -31,7 +31,7 @@ def opened(context: ReadingContext) -> Iterator[Any]:
         from pye57 import libe57
     except ImportError as error:
         raise ScanFormatError(
-            "E57 files cannot be read here: the package pye57 is not installed (there is none for this machine). "
+            "E57 files cannot be read here: the package pye57 is not installed (it has no build for this machine). "
             "Convert the scan to PLY or LAZ."
         ) from error
     image_file = None

@@ -64,7 +64,7 @@ async def get_batch(
 async def get_image(
     request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
 ) -> Response:
-    """Return an image as it was uploaded; one that is no image comes as plain bytes."""
+    """Return an image as uploaded; a file of another kind is returned as plain bytes."""
     services = services_of(request)
     record = own_batch(request, batch_id)
     if number >= len(record.names):
@@ -93,7 +93,7 @@ async def get_export(
     ] = None,
     map_id: _MapId = None,
 ) -> Response:
-    """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
+    """Return the photos placed so far. Photos without a pose are listed separately, never written with zeros."""
     services = services_of(request)
     record = own_batch(request, batch_id)
 
@@ -124,8 +124,9 @@ async def get_plan(
     batch_id: str,
     map_id: _MapId = None,
 ) -> Response:
-    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are
-    further places that an ambiguous one fits.
+    """Return a plan with the position and direction of each photo, numbered from 1 in the order of the upload.
+
+    Hollow dots are further places of ambiguous photos.
     """
     services = services_of(request)
     record = own_batch(request, batch_id)
@@ -149,7 +150,7 @@ async def get_plan(
     responses=nothing_left(401, 403, 404),
 )
 async def delete_batch(request: Request, batch_id: str) -> Response:
-    """Cancel what is under way and delete images and results. There is no way back."""
+    """Cancel running work, and delete images and results. This cannot be undone."""
     services = services_of(request)
     own_batch(request, batch_id)
     await services.batch_runs.cancel(batch_id)

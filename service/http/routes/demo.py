@@ -17,7 +17,7 @@ router = APIRouter(tags=["operations"], dependencies=[Depends(require("read"))])
     responses=file_response("A coloured point cloud.", ("application/ply",), 401, 403, 503),
 )
 async def get_room(request: Request) -> Response:
-    """Return a scan to register; made when it is first asked for, which takes some seconds."""
+    """Return a scan to register. The first request generates it, which takes some seconds."""
     return Response(await services_of(request).demo_room.file("room.ply"), media_type="application/ply")
 
 

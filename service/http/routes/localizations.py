@@ -36,7 +36,7 @@ _EITHER: dict[str, Any] = {
     responses={200: _EITHER, **error_responses(*_ERRORS)},
 )
 async def get_localization(request: Request, localization_id: str) -> Response:
-    """Return the answer to a query, or how far it is."""
+    """Return the answer to a query, or its state."""
     found = await services_of(request).localizations.get(localization_id)
     waiting = found["status"] in ("queued", "running")
     return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)

@@ -94,7 +94,7 @@ async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
 ) -> Localization | Response:
-    """Return the pose of a panorama, a photo or a session. The answer `not_localized` means that it fits nowhere."""
+    """Return the pose of a panorama, a photo or a session. `not_localized` means that no place fits."""
     services = services_of(request)
     held = services.bytes_in_flight.hold(caller_of(request).id)
     try:

@@ -76,9 +76,9 @@ async def patch_map(
         str | None, Header(description="The expected `ETag` or `version` of the map.", max_length=40)
     ] = None,
 ) -> Response:
-    """Change the fields that are given; the others stay as they are.
+    """Change the given fields; the others stay unchanged.
 
-    With `If-Match` only where the map is as it was when it was read: 412 otherwise.
+    With `If-Match` the map changes only if it still has that version; otherwise the answer is 412.
     """
     services = services_of(request)
     own_map(request, map_id)
@@ -97,7 +97,7 @@ async def patch_map(
     responses=nothing_left(401, 403, 404, 503),
 )
 async def delete_map(request: Request, map_id: str) -> Response:
-    """Delete a map; a registration under way ends. There is no way back."""
+    """Delete a map and cancel its running registration. This cannot be undone."""
     services = services_of(request)
     own_map(request, map_id)
     # Without Redis its entries would stay: nothing is deleted then, and the caller tries again.

@@ -52,7 +52,10 @@ async def list_batches(
     limit: Annotated[int, Query(ge=1, le=200, description="Batches on a page.")] = 50,
     cursor: Annotated[str | None, Query(description="`next_cursor` of the previous page.", max_length=512)] = None,
 ) -> Response:
-    """Return the caller's batches, oldest first, page by page; each one's own address has its images and counts."""
+    """Return the caller's batches, oldest first, page by page.
+
+    `GET /batches/{id}` has the images and counts of a batch.
+    """
     batches = services_of(request).batches
     place = ("", "") if cursor is None else decode_cursor(cursor)
     found = batches.after(place, caller_of(request).tenant)
@@ -90,7 +93,7 @@ async def list_batches(
     ),
 )
 async def post_batch(request: Request) -> Response:
-    """Store the images durably, then localize them in the background, without holding up other queries."""
+    """Store the images durably, then localize them in the background, without delaying other queries."""
     services = services_of(request)
     services.batches.check_room()
     folder = await asyncio.to_thread(services.storage.spool_folder)

@@ -85,7 +85,7 @@ async def post_map(request: Request) -> Response:
 async def put_scan(request: Request, map_id: str) -> Response:
     """Store a new revision under the same id. The old one answers queries until the new one is ready.
 
-    Options that are left out are as they were for the revision before.
+    Options that are left out keep their values of the previous revision.
     """
     services = services_of(request)
     own_map(request, map_id)

@@ -46,7 +46,7 @@ async def live() -> Response:
 async def ready(request: Request) -> Response:
     """Answer 200 when Redis takes values, the storage can be written, a worker is up and start-up is over.
 
-    With keys set, a caller without one learns no more than that: probes bring no key.
+    With keys set, a caller without a key gets only the status, because probes send no key.
     """
     caller = caller_of(request)
     details = await _details(services_of(request), caller.tenant)
@@ -65,8 +65,7 @@ async def ready(request: Request) -> Response:
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a
-    problem."""
+    """Return the same details as readiness, always with 200, and the latest problems of requests and registrations."""
     services = services_of(request)
     tenant = caller_of(request).tenant
     details = await _details(services, tenant)

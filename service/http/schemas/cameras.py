@@ -63,7 +63,9 @@ class SessionFromCamera(RequestModel):
 
 
 class Camera(RequestModel):
-    """Intrinsics of an image `width_px` x `height_px`, of which the upload may be a resized copy; or a field of view.
+    """Intrinsics of an image of `width_px` x `height_px`, or a field of view.
+
+    The upload may be a resized copy of that image.
 
     Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
     """

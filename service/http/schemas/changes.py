@@ -10,7 +10,7 @@ from panoloc.service.http.schemas.geometry import Vector
 
 
 class AnswerWithChange(ResponseModel):
-    """One of the answers that are counted."""
+    """One of the answers in use."""
 
     id: str | None = Field(
         description="Id of the localization, whose answer may have expired; null for keys of a tenant, because "
@@ -24,7 +24,7 @@ class AnswerWithChange(ResponseModel):
 
 
 class ChangedCell(ResponseModel):
-    """A cube in which something changed."""
+    """A cube with a change."""
 
     center_m: Vector
     num_changed: int = Field(ge=1, description="Answers that saw a change here.")
@@ -33,7 +33,7 @@ class ChangedCell(ResponseModel):
 
 
 class MapChanges(ResponseModel):
-    """What changed since the scan, by the answers of the last `lifetime_s` seconds."""
+    """Changes since the scan, from the answers of the last `lifetime_s` seconds."""
 
     map_id: str
     revision: int = Field(description="Serving revision of the scan; answers from other revisions do not count.")

@@ -130,7 +130,7 @@ class OpenFlameAnswer(ResponseModel):
 
 
 class OpenFlameCapabilities(ResponseModel):
-    """What an OpenFLAME map server can do."""
+    """Capabilities of an OpenFLAME map server."""
 
     commonName: str  # noqa: N815
     iconURL: str  # noqa: N815

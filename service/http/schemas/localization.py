@@ -24,7 +24,7 @@ from panoloc.service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
 class Hints(RequestModel):
-    """What the caller knows beforehand. Every hint narrows the search; no answer lies outside of it."""
+    """Prior knowledge of the caller. Every hint narrows the search, and every answer satisfies it."""
 
     position_m: Vector | None = Field(None, description="Camera position in the map's own frame.")
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(

@@ -75,7 +75,7 @@ class ScanOptions(RequestModel):
 
 
 class Georeference(RequestModel):
-    """Where the map's origin lies on Earth (WGS 84)."""
+    """Position of the map's origin on Earth (WGS 84)."""
 
     latitude_deg: float = Field(ge=-90, le=90)
     longitude_deg: float = Field(ge=-180, le=180)
@@ -110,7 +110,7 @@ class MapOptions(ScanOptions):
 
 
 class MapPatch(RequestModel):
-    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes a place on Earth."""
+    """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth."""
 
     name: Name = ""
     tags: Tags = Field(default_factory=list)

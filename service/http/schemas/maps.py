@@ -37,7 +37,7 @@ class Map(ResponseModel):
     """A registered scan.
 
     After `PUT /maps/{id}/scan`, `revision`, `status`, `stage`, `progress` and `error` describe the new revision. Until
-    it is ready, `serving_revision` answers queries; `stats` and `diagnostics` are of that one.
+    it is ready, `serving_revision` answers queries; `stats` and `diagnostics` belong to that revision.
     """
 
     id: str
@@ -62,7 +62,9 @@ class Map(ResponseModel):
         None, description="Height of the geoid above the ellipsoid at the map, metres, as given."
     )
     owner: str | None = Field(None, description="Tenant of the key that created the map; null: none.")
-    shared_with: list[str] = Field(default_factory=list, description="Other tenants that see the map; `*` for all.")
+    shared_with: list[str] = Field(
+        default_factory=list, description="Other tenants that can view the map; `*` for all."
+    )
     version: int = Field(
         0,
         ge=0,
