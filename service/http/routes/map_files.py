@@ -80,7 +80,7 @@ async def get_points(
     ] = 100_000,
     format: Annotated[
         Literal["ply", "json"] | None,
-        Query(description="Overrides `Accept`, which accepts `application/ply` (default) and `application/json`."),
+        Query(description="Overrides `Accept`, which takes `application/ply` (the default) or `application/json`."),
     ] = None,
 ) -> Response:
     """Return a uniform sample of the map's points as binary PLY, or as JSON on request.

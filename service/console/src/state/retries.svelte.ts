@@ -26,7 +26,7 @@ export async function wait(seconds: number, signal?: AbortSignal | null): Promis
   waiting = [...waiting, entry];
   try {
     await new Promise<void>((resolve, reject) => {
-      const giveUp = (): void => reject(new DOMException("The request was given up.", "AbortError"));
+      const giveUp = (): void => reject(new DOMException("The request was cancelled.", "AbortError"));
       if (signal?.aborted) giveUp();
       signal?.addEventListener("abort", giveUp);
       setTimeout(resolve, 1000 * seconds);
