@@ -62,7 +62,7 @@ def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_si
     assert isinstance(found, Photo)
     assert found.camera.hfov_deg == pytest.approx(69.4, abs=0.1)
     assert [words.partition(", which")[0] for words in found.left_out] == [
-        f"the EXIF data are of an image of {max(taken)} x {min(taken)} px, got 900 x 600"
+        f"the EXIF data describe an image of {max(taken)} x {min(taken)} px, got 900 x 600"
     ] * is_told
 
 
