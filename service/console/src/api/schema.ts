@@ -1,4 +1,4 @@
-/** Generated from the models of the HTTP API by `python -m service.console.api_types`: change those instead. */
+/** Generated from the models of the HTTP API by `python -m panoloc.service.console.api_types`: change those instead. */
 
 export interface Accuracy {
   position_m: number | null;
