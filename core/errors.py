@@ -105,5 +105,5 @@ class DeadlineExceededError(CoreError):
     """The deadline passed before the work was done."""
 
 
-CUT_SHORT = "The export or the upload was probably cut short: export the scan again and upload it again."
+CUT_SHORT = "The export or the upload was probably truncated: export the scan again and upload it again."
 """How the message about a scan ends that ends before its time."""

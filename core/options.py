@@ -92,7 +92,7 @@ class ScanOptions:
         if num_points > self.max_points:
             raise ScanTooLargeError(
                 f"expected a scan of at most {self.max_points:,} points, got {num_points:,}; "
-                "thin the scan or split it into parts before uploading"
+                "thin or split the scan before uploading"
             )
 
 

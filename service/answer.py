@@ -48,18 +48,18 @@ class RigidMotion(ResponseModel):
 
 
 class PoseAnswer(ResponseModel):
-    """Where the camera is and how it is turned: as rotations about its axes, and as photographers mean it."""
+    """Position and orientation of the camera: as rotations about its axes, and as heading, elevation and roll."""
 
     frame: Frame
     map_from_camera: RigidMotion
     yaw_deg: float = Field(description="Counter-clockwise about z from the map's x axis, -180 to 180.")
-    pitch_deg: float = Field(description="Positive where the camera looks down.")
+    pitch_deg: float = Field(description="Positive if the camera looks down.")
     roll_deg: float
     heading_deg: float = Field(description="Of the image centre, clockwise from `north`, 0 to 360.", ge=0, lt=360)
     elevation_deg: float = Field(description="Of the image centre, positive above the horizon.", ge=-90, le=90)
-    camera_roll_deg: float = Field(description="Positive where the camera's right side is down.")
+    camera_roll_deg: float = Field(description="Positive if the camera's right side is down.")
     north: Literal["map", "true"] = Field(
-        description="What `heading_deg` counts from: the map's y axis, or true north where the map has a georeference."
+        description="Zero direction of `heading_deg`: the map's y axis, or true north if the map has a georeference."
     )
 
 
@@ -81,14 +81,14 @@ class Rotation(ResponseModel):
 
 
 class GeoPose(ResponseModel):
-    """OGC GeoPose 1.0, Basic-Quaternion: from the camera (x forward, y left, z up) to east, north, up where it is."""
+    """OGC GeoPose 1.0, Basic-Quaternion: from camera axes (x forward, y left, z up) to east, north, up."""
 
     position: GeoPosition
     quaternion: Rotation
 
 
 class Accuracy(ResponseModel):
-    """Radius within which the pose lies with probability `level`."""
+    """Radius that contains the pose with probability `level`."""
 
     position_m: float | None
     orientation_deg: float | None
@@ -96,34 +96,34 @@ class Accuracy(ResponseModel):
 
 
 class Alternative(ResponseModel):
-    """Another pose that was found."""
+    """Another possible pose."""
 
     pose: PoseAnswer
     confidence: float
-    map_id: str = Field(description="The map that the pose lies in.")
+    map_id: str = Field(description="The map of the pose.")
 
 
 class Change(ResponseModel):
-    """How much differs between scan and panorama."""
+    """Differing share of scan and panorama."""
 
     panorama_changed_fraction: float | None
     map_changed_fraction: float | None
 
 
 class ImageCamera(ResponseModel):
-    """What an image was taken for."""
+    """The camera that was used for an image."""
 
     model: CameraModel
-    hfov_deg: float = Field(description="How wide it is; 360: a full panorama, or a full turn.")
+    hfov_deg: float = Field(description="Horizontal field of view; 360: a full panorama, or a full turn.")
 
 
 class ImageAnswer(ResponseModel):
     """One image of the query."""
 
-    pose: PoseAnswer | None = Field(description="Where it was taken; null where the query is `not_localized`.")
+    pose: PoseAnswer | None = Field(description="Pose of the image; null if the query is `not_localized`.")
     agreement: float | None = Field(
-        description="Correlation of what it shows with the scan seen from there, -1 to 1; of the best guess where the query is "
-        "`not_localized`; null where it is unknown."
+        description="Correlation of the image with the scan rendered at its pose, -1 to 1; for the best guess if the "
+        "query is `not_localized`; null if unknown."
     )
     camera: ImageCamera
 
@@ -137,13 +137,13 @@ class Localization(ResponseModel):
     map_revision: int | None
     pose: PoseAnswer | None = Field(description="Of the first image.")
     map_from_session: RigidMotion | None = Field(
-        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. Of one image without a pose the session "
-        "is its own camera. Null where the query is `not_localized`."
+        description="x_map = rotation · x_session + position, both sides in the axes of `frame`. For one image "
+        "without a pose, the session frame is the camera frame. Null if the query is `not_localized`."
     )
     images: list[ImageAnswer] = Field(description="One per image, in their order.")
     geopose: GeoPose | None = Field(
-        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null without a pose, for a map "
-        "without a georeference, and where its heights are not above the ellipsoid."
+        description="OGC GeoPose 1.0, Basic-Quaternion, of the first image: camera x forward, y left, z up. Null "
+        "without a pose, for a map without a georeference, and if its heights are not above the ellipsoid."
     )
     confidence: float = Field(ge=0, le=1, description="Probability that the pose is within 0.3 m and 10 degrees.")
     accuracy: Accuracy | None
@@ -152,7 +152,7 @@ class Localization(ResponseModel):
     timings_s: dict[str, float] = Field(description="Seconds per stage; `queue` and `total` as the caller sees them.")
     search: dict[str, Any]
     warnings: list[str]
-    artifacts: dict[str, str] = Field(description="Paths of the pictures that were asked for.")
+    artifacts: dict[str, str] = Field(description="Paths of the requested pictures.")
 
     def as_waited_for(self, total_s: float, warnings: Iterable[str]) -> "Localization":
         """Return the answer with the waiting time and the warnings of the HTTP process.
@@ -166,7 +166,8 @@ class Localization(ResponseModel):
 
     def without_copies(self) -> "Localization":
         """Return the answer without links to pictures, for a Redis that cannot keep them."""
-        lost = "Redis cannot keep this answer: it cannot be fetched again, and its pictures are lost; localize again for them"
+        lost = "Redis cannot store this answer: it cannot be fetched again, and its pictures are lost; localize "
+        "again to get them"
         return self.model_copy(update={"artifacts": {}, "warnings": [*self.warnings, lost]})
 
 

@@ -195,7 +195,7 @@ def _json(document: Mapping[str, Any]) -> str:
 
 def _down(error: Exception) -> CacheDownError:
     return CacheDownError(
-        f"expected an answer from Redis, got {type(error).__name__}; it is connected to again by itself, try again",
+        f"expected an answer from Redis, got {type(error).__name__}; the service reconnects by itself; try again",
         _RETRY_AFTER_S,
     )
 

@@ -36,9 +36,9 @@ class Problem:
         return f"/problems/{self.slug}"
 
 
-INTERNAL = Problem("internal-error", "The service failed", 500, "Report it with the request id; the log says more.")
+INTERNAL = Problem("internal-error", "The service failed", 500, "Report it with the request id; the log has details.")
 MALFORMED = Problem("malformed-request", "The request cannot be read", 400, "Send what the API's description asks for.")
-INVALID = Problem("invalid-options", "Options are out of their range", 422, "Correct the fields that are named.")
+INVALID = Problem("invalid-options", "Options are out of their range", 422, "Correct the named fields.")
 _DAMAGED = Problem("storage-damaged", "A stored file cannot be used", 500, "Restore a backup or upload it again.")
 _LATER = "Send it again after Retry-After seconds."
 
@@ -76,14 +76,14 @@ class KeyMissingError(RequestError):
 class ScopeMissingError(RequestError):
     """The API key may not do this."""
 
-    problem = Problem("scope-missing", "The API key or token may not do this", 403, "Use one with the scope named.")
+    problem = Problem("scope-missing", "The API key or token may not do this", 403, "Use one with the named scope.")
 
 
 class HostCheckError(RequestError):
     """The page of another site made a browser ask, or the request names a host that is not ours."""
 
     problem = Problem(
-        "foreign-page", "The request comes from the page of another site", 403, "Use an address or an allowed name."
+        "foreign-page", "The request comes from a page of another site", 403, "Use an address or an allowed name."
     )
 
 
@@ -96,9 +96,7 @@ class MapNotFoundError(RequestError):
 class LocalizationNotFoundError(RequestError):
     """There is no localization under this id, or its time is over."""
 
-    problem = Problem(
-        "localization-not-found", "There is no such localization", 404, "Localize again; answers have a lifetime."
-    )
+    problem = Problem("localization-not-found", "There is no such localization", 404, "Localize again; answers expire.")
 
 
 class NoPoseError(RequestError):
@@ -118,7 +116,7 @@ class BatchNotFoundError(RequestError):
 class BatchLimitError(RequestError):
     """There are as many batches as allowed."""
 
-    problem = Problem("batch-limit", "There are as many batches as allowed", 409, "Delete a batch.")
+    problem = Problem("batch-limit", "The limit of batches is reached", 409, "Delete a batch.")
 
 
 class ArchiveError(RequestError):
@@ -153,7 +151,7 @@ class MapUnusableError(RequestError):
 class MapLimitError(RequestError):
     """There are as many maps as allowed."""
 
-    problem = Problem("map-limit", "There are as many maps as allowed", 409, "Delete a map, or raise the limit.")
+    problem = Problem("map-limit", "The limit of maps is reached", 409, "Delete a map, or raise the limit.")
 
 
 class VersionConflictError(RequestError):
@@ -208,7 +206,7 @@ class UnwantedPartError(InvalidOptionsError):
 class TryAgainError(ServiceError):
     """Nothing is wrong with the request; it is worth sending again after `retry_after_s` seconds."""
 
-    problem = Problem("try-again", "The service cannot take this now", 503, _LATER)
+    problem = Problem("try-again", "The service cannot take this request now", 503, _LATER)
 
     def __init__(self, message: str, retry_after_s: int = 2) -> None:
         super().__init__(message)
@@ -241,7 +239,7 @@ class RateError(TryAgainError):
     """One caller asks more often than callers may, or sends more."""
 
     problem = Problem(
-        "too-often", "This caller asks for too much", 429, "Ask less often; wait for Retry-After seconds."
+        "too-often", "This caller exceeds its rate", 429, "Send fewer requests; wait for Retry-After seconds."
     )
 
 
@@ -256,7 +254,7 @@ class WrongKeysError(TryAgainError):
 class NoWorkerError(TryAgainError):
     """No worker can take the request now."""
 
-    problem = Problem("no-worker", "No worker can take this now", 503, _LATER)
+    problem = Problem("no-worker", "No worker can take this request now", 503, _LATER)
 
 
 class CacheDownError(TryAgainError):

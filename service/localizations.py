@@ -105,7 +105,7 @@ class Localizations:
             raise _unknown(localization_id, self._settings.result_ttl_s)
         due_unix_s = found.pop("due_unix_s", None)
         if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:
-            error = DeadlineExceededError("the service was restarted before there was an answer; localize again")
+            error = DeadlineExceededError("the service restarted before the answer was ready; localize again")
             return {**found, "status": "failed", "error": problem_document(error, found["id"])}
         return found
 
@@ -115,8 +115,8 @@ class Localizations:
         if data is None:
             await self.get(localization_id)
             raise LocalizationNotFoundError(
-                f"expected a picture that the query asked for, but {localization_id} has no {name}; name it under `artifacts`"
-                " in the query's options, or wait until the query is done"
+                f"expected a picture that the query requested, but {localization_id} has no {name}; list it under "
+                "`artifacts` in the query's options, or wait until the query is done"
             )
         return data
 
@@ -148,7 +148,7 @@ class Localizations:
         except CacheDownError as error:
             if not is_waited_for:
                 raise
-            _log.warning("an answer cannot be kept", error=str(error))
+            _log.warning("an answer cannot be stored", error=str(error))
             answer = answer.without_copies()
         await self._note_changes(document, outcome, query.images)
         if self._settings.keep_images:

@@ -50,11 +50,11 @@ class Metrics:
         self._upload_bytes = Counter("panoloc_upload_bytes", "Bytes of scans stored.", registry=self._registry)
         self._refusals = Counter(
             "panoloc_refusals",
-            "What went beyond a limit, by the limit.",
+            "Requests beyond a limit, by limit.",
             ("limit",),
             registry=self._registry,
         )
-        self._uploads = Gauge("panoloc_uploads", "Uploads of scans and batches under way.", registry=self._registry)
+        self._uploads = Gauge("panoloc_uploads", "Uploads of scans and batches in progress.", registry=self._registry)
         for result in ("ready", "failed", "cancelled"):
             self._registrations.labels(result)
         self._registry.register(_PoolCollector(pool_state, maps_by_status))
@@ -103,14 +103,14 @@ class _PoolCollector:
     def collect(self) -> Iterator[Metric]:
         """Yield what the pool and the registry say now."""
         state = self._pool_state()
-        yield _gauge("panoloc_pool_ready", "1 while workers take queries.", float(state.ready))
+        yield _gauge("panoloc_pool_ready", "1 if workers take queries.", float(state.ready))
         yield _gauge("panoloc_workers", "Workers that are up.", state.num_workers)
-        yield _gauge("panoloc_queue_depth", "Queries that wait for a worker.", state.queue_depth)
+        yield _gauge("panoloc_queue_depth", "Queries waiting for a worker.", state.queue_depth)
         yield _gauge("panoloc_resident_index_bytes", "Map indexes in the workers' memory.", state.resident_bytes)
         yield CounterMetricFamily(
-            "panoloc_worker_retries", "Queries given to another worker because theirs was lost.", state.num_retries
+            "panoloc_worker_retries", "Queries repeated by another worker after a worker was lost.", state.num_retries
         )
-        loads = CounterMetricFamily("panoloc_index_loads", "Where workers found a map index.", labels=("source",))
+        loads = CounterMetricFamily("panoloc_index_loads", "Loaded map indexes, by source.", labels=("source",))
         for source in _INDEX_SOURCES:
             loads.add_metric((source,), state.index_loads.get(source, 0))
         yield loads

@@ -19,7 +19,9 @@ from panoloc.service.errors import (
 
 MEDIA_TYPE = "application/problem+json"
 
-_BAD_SCAN = Problem("scan-unusable", "The scan cannot become a map", 422, "Export the scan again, as the detail says.")
+_BAD_SCAN = Problem(
+    "scan-unusable", "The scan cannot become a map", 422, "Export the scan again, as described in the detail."
+)
 _BAD_IMAGE = Problem(
     "image-unusable", "The image cannot be localized", 422, "Send an image as the detail describes it.", "image"
 )
@@ -60,7 +62,7 @@ CORE_PROBLEMS: dict[type[core.CoreError], Problem] = {
         "mask-unusable",
         "The mask does not fit the panorama",
         422,
-        "Send a mask of the panorama's shape that leaves some of it.",
+        "Send a mask of the panorama's shape that leaves some pixels visible.",
         "mask",
     ),
     core.PanoramaUnusableError: _BAD_IMAGE,
@@ -69,20 +71,20 @@ CORE_PROBLEMS: dict[type[core.CoreError], Problem] = {
         "export-refused",
         "The photos cannot be written in this format",
         422,
-        "Choose another format, or add what the detail names.",
+        "Choose another format, or add the data named in the detail.",
     ),
     core.IndexFormatError: Problem(
-        "index-unreadable", "The map's index cannot be read", 500, "Delete it from Redis; it is built again."
+        "index-unreadable", "The map's index cannot be read", 500, "Delete it from Redis; the service rebuilds it."
     ),
     core.DeadlineExceededError: Problem(
-        "deadline-passed", "No answer before the deadline", 504, "Allow more time, or narrow it with hints."
+        "deadline-passed", "No answer before the deadline", 504, "Allow more time, or narrow the search with hints."
     ),
 }
 
 HTTP_PROBLEMS: dict[int, Problem] = {
     400: MALFORMED,
     404: Problem("no-such-path", "There is nothing at this path", 404, "See /docs for the paths."),
-    405: Problem("method-not-allowed", "The path does not know this method", 405, "See Allow, or /docs."),
+    405: Problem("method-not-allowed", "The path does not support this method", 405, "See Allow, or /docs."),
     431: Problem("head-too-large", "The path and headers are too large", 431, "Send long values in the body."),
     500: INTERNAL,
 }
@@ -98,7 +100,7 @@ def problem_of(error: BaseException) -> Problem:
 def problem_document(error: BaseException, request_id: str) -> dict[str, Any]:
     """Return the problem document of an exception. The message of an unexpected one goes to the log alone."""
     expected = isinstance(error, EXPECTED_ERRORS) and not isinstance(error, WorkerError)
-    detail = str(error) if expected else "an unexpected fault: report it with the request id, the log says more"
+    detail = str(error) if expected else "unexpected error: report it with the request id; the log has details"
     document = document_with(problem_of(error), detail, request_id)
     if isinstance(error, InvalidOptionsError) and error.fields:
         document["fields"] = error.fields

@@ -44,7 +44,8 @@ def run_service(settings: Settings) -> int:
         _log.warning(exposure)
     if not can_filter_system_calls():
         _log.warning(
-            "readers of scans run without a filter of system calls: this system has none; limits of memory and time hold"
+            "scan readers run without a filter of system calls, because this system has none; memory and time limits "
+            "still apply"
         )
     with contextlib.ExitStack() as stack:
         try:
@@ -67,7 +68,8 @@ def why_exposed(settings: Settings) -> str | None:
     if settings.keys.required or is_loopback(settings.host):
         return None
     return (
-        f"anybody who reaches {settings.host or 'any address of this machine'} port {settings.port} may read, change and delete every "
+        f"anybody who can reach {settings.host or 'any address of this machine'} port {settings.port} may read, "
+        "change and delete every "
         "map: set PANOLOC_API_KEYS, or publish the port of a container for this machine only"
     )
 

@@ -30,8 +30,7 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
     data_dir: Path = Field(
         Path("panoloc-data"),
-        description="Folder for scans, map records and batches, which must not be lost, and for keys and the audit "
-        "log.",
+        description="Folder for all durable data: scans, map records, batches, keys and the audit log.",
     )
     storage: str | None = Field(
         None,
@@ -53,12 +52,12 @@ class Settings(BaseSettings):
         None, ge=1, description="Workers that answer queries; one per GPU, else one per CPU socket."
     )
     num_registrations: int = Field(
-        1, ge=1, description="Scans read at the same time; each takes the memory of a whole scan."
+        1, ge=1, description="Concurrent registrations; each needs the memory of a whole scan."
     )
     registration_memory_bytes: int = Field(
         RegistrationLimits.memory_bytes,
         ge=2**28,
-        description=f"Bytes that a registration may allocate, and {RegistrationLimits.memory_per_scan_byte:g} more for "
+        description=f"Bytes that a registration may allocate, plus {RegistrationLimits.memory_per_scan_byte:g} for "
         "each byte of the scan.",
     )
     max_upload_bytes: int = Field(4 * 2**30, ge=1, description="Bytes of one uploaded scan.")
@@ -69,7 +68,7 @@ class Settings(BaseSettings):
         "many.",
     )
     max_pixels: int = Field(
-        MAX_PIXELS, ge=1, description="Pixels of all images of one query together; checked before they are decoded."
+        MAX_PIXELS, ge=1, description="Pixels of all images of one query together; checked before decoding."
     )
     max_points: int = Field(ScanOptions.max_points, ge=1, description="Points of a scan; a scan with more is refused.")
     max_points_used: int = Field(
@@ -78,64 +77,62 @@ class Settings(BaseSettings):
     max_requests_per_minute: int | None = Field(
         None,
         ge=1,
-        description="Requests of one caller in a minute, through all API replicas; then 429. Health and the console's "
-        "files are free.",
+        description="Requests of one caller per minute, over all API replicas; beyond that 429. Health and the "
+        "console's files are exempt.",
     )
     max_bytes_per_hour: int | None = Field(
-        None, ge=1, description="Bytes that one caller may send in an hour; the next upload after them gets 429."
+        None, ge=1, description="Bytes that one caller may send per hour; the next upload gets 429."
     )
-    max_maps: int = Field(1000, ge=1, description="Maps at the same time.")
+    max_maps: int = Field(1000, ge=1, description="Largest number of maps.")
     max_batch_images: int = Field(2000, ge=1, description="Images of one batch.")
     queue_limit: int = Field(64, ge=0, description="Queries that may wait for a worker; the next one gets 429.")
     default_timeout_s: float = Field(
         60.0,
         gt=0,
-        description="Seconds for a query that names no `timeout_s` itself, at least "
-        f"{PAPER_TIMEOUT_S:g} for `method: paper` and for `hfov_range_deg`; as far as the next setting allows.",
+        description="Default `timeout_s` of a query, at least "
+        f"{PAPER_TIMEOUT_S:g} for `method: paper` and for `hfov_range_deg`; the next setting limits it.",
     )
-    max_timeout_s: float = Field(PAPER_TIMEOUT_S, gt=0, description="Longest `timeout_s` that a query may ask for.")
-    result_ttl_s: int = Field(3600, ge=1, description="Seconds for which answers and their pictures can be fetched.")
+    max_timeout_s: float = Field(PAPER_TIMEOUT_S, gt=0, description="Longest `timeout_s` that a query may request.")
+    result_ttl_s: int = Field(3600, ge=1, description="Lifetime of answers and their pictures, in seconds.")
     index_ttl_s: int = Field(
         30 * 24 * 3600, ge=60, description="Seconds for which Redis keeps a map index after its last use."
     )
     resident_bytes: int = Field(2 * 2**30, ge=0, description="Bytes of map indexes that each worker keeps in memory.")
-    drain_s: float = Field(30.0, ge=0, description="Seconds that requests under way may take after SIGTERM.")
+    drain_s: float = Field(30.0, ge=0, description="Seconds that running requests may take after SIGTERM.")
     api_keys: str = Field(
         "",
         repr=False,
-        description="Keys that callers have to present, besides those of `panoloc keys`: `key` for everything, "
-        "`key:read` for all but "
-        "changing maps, `key:localize` for queries alone; separated by commas, each of at least 8 characters. Without "
-        "any key none is asked for.",
+        description="API keys, besides those of `panoloc keys`: `key` allows everything, `key:read` all except "
+        "changing maps, `key:localize` queries only; separated by commas, each of at least 8 characters. Without any "
+        "key the service requires none.",
     )
     oidc_issuer: str | None = Field(
         None,
-        description="Issuer (`iss`) of OpenID Connect tokens that open the service as keys do, verified without asking "
-        "it; with the next two.",
+        description="Issuer (`iss`) of OpenID Connect tokens, which work like keys; verified without calling the "
+        "issuer. Needs the next two.",
     )
-    oidc_audience: str | None = Field(None, description="What these tokens are made for: their `aud`.")
+    oidc_audience: str | None = Field(None, description="Audience (`aud`) of these tokens.")
     oidc_keys: str | None = Field(
         None,
-        description="Public keys of the issuer, a JWK set: a file, which is read again when it changes, or an "
-        "`https://` URL.",
+        description="Public keys of the issuer as a JWK set: a file, reread when it changes, or an `https://` URL.",
     )
     oidc_scopes_claim: str = Field(
         "scope",
         min_length=1,
-        description="Claim with the scopes: `panoloc:read`, `panoloc:localize`, `panoloc:write`, `panoloc:admin`, as a "
-        "list or between spaces; dots lead into claims.",
+        description="Claim with the scopes: `panoloc:read`, `panoloc:localize`, `panoloc:write`, `panoloc:admin`, as "
+        "a list or separated by spaces; dots separate nested claims.",
     )
     oidc_tenant_claim: str = Field(
-        "sub", min_length=1, description="Claim with the tenant, whose maps are seen; dots lead into claims."
+        "sub", min_length=1, description="Claim with the caller's tenant; dots separate nested claims."
     )
     allowed_hosts: str = Field(
         "",
-        description="Without keys: names under which the service is reached, besides addresses, `localhost` and the "
-        "machine's own name, separated by commas; `*` for all.",
+        description="Without keys: host names of the service, besides addresses, `localhost` and the machine's own "
+        "name; separated by commas; `*` for all.",
     )
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="How much to log.")
-    log_format: Literal["console", "json"] = Field("console", description="Log for people, or one JSON object a line.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Log level.")
+    log_format: Literal["console", "json"] = Field("console", description="Readable log, or one JSON object per line.")
 
     @field_validator(
         "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer",
@@ -178,7 +175,7 @@ class Settings(BaseSettings):
         given = {"ISSUER": self.oidc_issuer, "AUDIENCE": self.oidc_audience, "KEYS": self.oidc_keys}
         missing = [f"PANOLOC_OIDC_{name}" for name, value in given.items() if value is None]
         if 0 < len(missing) < len(given):
-            raise ValueError(f"expected {' and '.join(missing)} as well: tokens are verified by all three")
+            raise ValueError(f"expected {' and '.join(missing)} as well: verifying tokens needs all three")
         return self
 
     @model_validator(mode="after")

@@ -80,9 +80,9 @@ class SharedFolder:
                 if self._is_due("take over", _TAKE_OVER_S):
                     await self._take_over()
             except (TryAgainError, OSError) as error:
-                _log.warning("changes of other API replicas cannot be seen, trying again", error=str(error))
+                _log.warning("changes of other API replicas cannot be read; the service retries", error=str(error))
             except Exception:
-                _log.exception("looking at changes of other API replicas met an unexpected fault")
+                _log.exception("polling for changes of other API replicas failed unexpectedly")
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stopping.wait(), _POLL_S)
 

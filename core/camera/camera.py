@@ -61,18 +61,18 @@ class Camera:
         if self.model in ("pinhole", "opencv") and self.width_px / self.fx_px > _MOST_FOCAL_LENGTHS:
             raise OptionsError(
                 f"fx_px: expected an image of at most {_MAX_HFOV_DEG[self.model]:g} degrees, {self.width_px} px wide, got a focal length "
-                f"of {self.fx_px:g} px; check that it is in pixels, not in millimetres or shares of the width"
+                f"of {self.fx_px:g} px; check that it is in pixels, not in millimetres or fractions of the width"
             )
         for name, side in (("cx_px", self.width_px), ("cy_px", self.height_px)):
             if not -side <= getattr(self, name) <= 2 * side:
                 raise OptionsError(
-                    f"{name}: expected a pixel of the image, or one beside it by no more than its size ({side} px), "
-                    f"got {getattr(self, name)}"
+                    f"{name}: expected a pixel of the image, or one at most its size ({side} px) outside, got "
+                    f"{getattr(self, name)}"
                 )
         allowed = _NUM_COEFFICIENTS.get(self.model, ())
         if self.distortion and len(self.distortion) not in allowed:
             many = f"{' or '.join(map(str, allowed))} coefficients" if allowed else "none"
-            hint = "" if allowed else "; opencv and opencv_fisheye have them"
+            hint = "" if allowed else "; use opencv or opencv_fisheye for distortion"
             raise OptionsError(f"distortion: expected {many} for {self.model}, got {len(self.distortion)}{hint}")
         if not all(math.isfinite(value) for value in self.distortion):
             raise OptionsError(f"distortion: expected finite numbers, got {list(self.distortion)}")
@@ -99,8 +99,8 @@ class Camera:
         """Return the camera of a resized copy of the image. Raises OptionsError where the copy has another shape."""
         if not have_one_shape((self.width_px, self.height_px), (width_px, height_px)):
             raise OptionsError(
-                f"cameras: expected an image of the shape that width_px and height_px say, {self.width_px} x {self.height_px} px "
-                f"or a resized copy of it, got {width_px} x {height_px}; send size and intrinsics of the image as it is uploaded"
+                f"cameras: expected an image of width_px x height_px, {self.width_px} x {self.height_px} px, or a "
+                f"resized copy of it, got {width_px} x {height_px}; send size and intrinsics of the uploaded image"
             )
         across, down = width_px / self.width_px, height_px / self.height_px
         return replace(
@@ -140,20 +140,23 @@ class CameraDescription:
             raise OptionsError(f"model: expected one of {', '.join(CAMERA_MODELS)}, got {self.model!r}")
         if (self.width_px is None) != (self.height_px is None):
             raise OptionsError(
-                "width_px and height_px: expected both or neither; they say which image the intrinsics belong to"
+                "width_px and height_px: expected both or neither; they give the size of the image to which the "
+                "intrinsics belong"
             )
         if self.fx_px is not None and self.hfov_deg is not None:
-            raise OptionsError("hfov_deg: expected either fx_px with its like, or hfov_deg, got both; leave one out")
+            raise OptionsError(
+                "hfov_deg: expected either fx_px with the other intrinsics, or hfov_deg, got both; leave one out"
+            )
         if self.hfov_range_deg is not None:
             self._check_range(self.hfov_range_deg)
         elif self.fx_px is None and self.hfov_deg is None and self.model != "equirectangular":
             raise OptionsError(
-                f"fx_px: expected the intrinsics of a {self.model} camera, or hfov_deg, got neither; of a photo whose field of view "
-                "nobody knows send model pinhole and hfov_range_deg"
+                f"fx_px: expected the intrinsics of a {self.model} camera, or hfov_deg, got neither; for an unknown "
+                "field of view send model pinhole and hfov_range_deg"
             )
         if self.fx_px is not None and self.width_px is None:
             raise OptionsError(
-                "width_px: expected width_px and height_px of the image that the intrinsics belong to, got none"
+                "width_px: expected width_px and height_px of the image to which the intrinsics belong, got none"
             )
         self._camera(self.width_px or 2000, self.height_px or 1000)
 
@@ -161,7 +164,7 @@ class CameraDescription:
         least, most = bounds_deg
         if self.model != "pinhole" or self.fx_px is not None or self.hfov_deg is not None:
             raise OptionsError(
-                "hfov_range_deg: expected it of a pinhole, in place of fx_px or hfov_deg; leave the others out"
+                "hfov_range_deg: expected only with model pinhole, in place of fx_px or hfov_deg; leave the others out"
             )
         if not MIN_UNKNOWN_HFOV_DEG <= least < most <= MAX_UNKNOWN_HFOV_DEG:  # also false for NaN
             raise OptionsError(

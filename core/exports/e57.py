@@ -23,9 +23,9 @@ _BLOBS = {".jpg": "jpegImage", ".jpeg": "jpegImage", ".png": "pngImage"}
 def why_not(photo: PlacedPhoto) -> str | None:
     """Return why a photo cannot be written, None when it can."""
     if photo.image is None:
-        return "E57 holds the photo itself, which is not there any more"
+        return "E57 holds the photo itself, which no longer exists"
     if PurePosixPath(photo.name).suffix.lower() not in _BLOBS:
-        return "E57 holds JPEG and PNG images alone"
+        return "E57 holds only JPEG and PNG images"
     return why_not_as_named(photo.name, photo.image)
 
 
@@ -39,7 +39,7 @@ def write(tour: Tour) -> Iterator[ExportedFile]:
         from pye57 import E57
     except ImportError as error:
         raise ExportRefusedError(
-            "e57: expected the package pye57, which is not installed where the service runs; choose another format"
+            "e57: expected the package pye57, but the service runs without it; choose another format"
         ) from error
     with tempfile.TemporaryDirectory(prefix="panoloc-e57-") as folder:
         path = Path(folder) / "tour.e57"

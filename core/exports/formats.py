@@ -61,8 +61,8 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     exporter = EXPORTERS[format_name]
     if format_name in FORMATS_ON_EARTH and tour.georeference is None and tour.coordinate_system is None:
         raise ExportRefusedError(
-            f"{format_name}: expected a map with a georeference or a coordinate system, because this format has places on Earth, got one "
-            "without; set it with PATCH /maps/{id}, or choose another format"
+            f"{format_name}: expected a map with a georeference or a coordinate system, because this format holds "
+            f"places on Earth, got a map without one; set one with PATCH /maps/{id}, or choose another format"
         )
     held = _held(exporter, tour)
     yield from exporter.write(held)
@@ -93,7 +93,7 @@ def _why_not(exporter: Exporter, photo: PlacedPhoto) -> str | None:
     if not photo.name.isprintable():
         return "its name has control characters; rename it"
     if exporter.spheres_only and not photo.is_sphere:
-        return "placed, but this format holds full panoramas alone"
+        return "placed, but this format holds only full panoramas"
     return None if exporter.why_not is None else exporter.why_not(photo)
 
 

@@ -11,4 +11,4 @@ def why_not_as_named(name: str, image: Path) -> str | None:
     with image.open("rb") as stream:
         if stream.read(4).startswith(_HEADS.get(ending, b"")):
             return None
-    return f"its content is not what {ending} says; rename it to what it is"
+    return f"its content does not match {ending}; rename it to match its content"

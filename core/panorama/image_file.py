@@ -89,8 +89,8 @@ def read_mask(data: bytes, shape: tuple[int, ...], max_pixels: int) -> NDArray[n
     width, height = image.size
     if abs(width * shape[0] - height * shape[1]) > 0.01 * width * shape[0]:
         raise MaskShapeError(
-            f"mask: expected the aspect ratio of the image, {shape[1]} x {shape[0]}, got {width} x {height}; make it of the "
-            "image's size"
+            f"mask: expected the aspect ratio of the image, {shape[1]} x {shape[0]}, got {width} x {height}; give "
+            "the mask the image's size"
         )
     # Smaller first: the colours of a hundred million pixels take gigabytes.
     decoded = decode(image, MASK).resize((shape[1], shape[0]), Image.Resampling.NEAREST)

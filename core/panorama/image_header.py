@@ -65,8 +65,8 @@ def check_images(files: Sequence[bytes], upload: Upload, max_pixels: int) -> Non
         total += header.width * header.height
     if total > max_pixels:
         raise upload.too_large_error(
-            f"{upload.name}: expected at most {max_pixels:,} pixels in all {len(files)} files together, got {total:,}; scale them down, "
-            "1920 x 1440 is plenty for a frame, or send fewer"
+            f"{upload.name}: expected at most {max_pixels:,} pixels in all {len(files)} files together, got "
+            f"{total:,}; scale them down (1920 x 1440 is enough for a frame), or send fewer"
         )
 
 
@@ -78,8 +78,8 @@ def check_image(data: bytes, upload: Upload, max_pixels: int) -> ImageHeader:
         raise upload.format_error(f"{upload.name}: {error}") from error
     if header.width * header.height > max_pixels:
         raise upload.too_large_error(
-            f"{upload.name}: expected at most {max_pixels:,} pixels, got {header.width:,} x {header.height:,}; scale it down, "
-            "4096 x 2048 is plenty"
+            f"{upload.name}: expected at most {max_pixels:,} pixels, got {header.width:,} x {header.height:,}; scale "
+            "it down (4096 x 2048 is enough)"
         )
     return header
 
@@ -109,7 +109,7 @@ def read_image_header(data: bytes) -> ImageHeader:
         raise PanoramaFormatError(
             f"expected an image, got one that ends within its header ({len(data):,} bytes); send the whole file"
         ) from error
-    advice = "convert it to one of them" if data else "nothing of it was saved or sent; look at the file"
+    advice = "convert it to one of them" if data else "its content was not saved or not sent; check the file"
     raise PanoramaFormatError(f"expected a {KNOWN_FORMATS} image, got {_description(data)}; {advice}")
 
 

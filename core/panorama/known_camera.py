@@ -37,27 +37,29 @@ def no_camera_error(size: tuple[int, int]) -> PanoramaShapeError:
     """Return the error for a photo of this size (width, height) that nothing says the camera of."""
     width, height = size
     return PanoramaShapeError(
-        f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) and nothing that says "
-        "which camera took it; export the full sphere, or keep the GPano crop fields of a partial one; of a photo keep the EXIF "
-        "data (its focal length in 35 mm terms), or send options.cameras with a model and its intrinsics or hfov_deg (--hfov 69); "
-        "where nobody knows it, bounds: hfov_range_deg (--hfov 45-90)"
+        f"image: expected a 2:1 equirectangular panorama, got {width} x {height} ({width / height:.2f}:1) without "
+        "camera data; for a panorama, export the full sphere, or keep the GPano crop fields of a partial one; for a "
+        "photo, keep the EXIF data (focal length in 35 mm terms), or send options.cameras with a model and its "
+        "intrinsics or hfov_deg (--hfov 69); for an unknown field of view, send bounds: hfov_range_deg (--hfov 45-90)"
     )
 
 
 def cropped_error(size: tuple[int, int], taken: tuple[int, int]) -> PanoramaShapeError:
     """Return the error for a photo of this size (width, height) that was cut out of one of size `taken`, whose EXIF data it has."""
     return PanoramaShapeError(
-        f"image: expected the photo as it was taken, {taken[0]} x {taken[1]} px by its EXIF data, got {size[0]} x {size[1]} px of another "
-        "shape, whose focal length and middle nobody knows; send the whole photo, or options.cameras with the intrinsics of what is left "
-        "of it (cx_px and cy_px say where its middle is); of a crop around the middle hfov_range_deg will do (--hfov 45-90)"
+        f"image: expected the photo as it was taken, {taken[0]} x {taken[1]} px by its EXIF data, got {size[0]} x "
+        f"{size[1]} px of another shape, with unknown focal length and centre; send the whole photo, or "
+        "options.cameras with the intrinsics of the crop (cx_px and cy_px give the centre); for a centred crop "
+        "hfov_range_deg suffices (--hfov 45-90)"
     )
 
 
 def perhaps_cropped(size: tuple[int, int], taken: tuple[int, int]) -> str:
     """Return what to say of a photo of this size (width, height) that may be a copy of one of size `taken`, or a part of it."""
     return (
-        f"the EXIF data are of an image of {taken[0]} x {taken[1]} px, got {size[0]} x {size[1]}, which is taken for a copy of all of it; "
-        "if it is a part, its field of view is another: send the whole photo, or options.cameras"
+        f"the EXIF data describe an image of {taken[0]} x {taken[1]} px, got {size[0]} x {size[1]}, which is assumed "
+        "to be a resized copy of the whole photo; if it is a crop, the field of view differs: send the whole photo, "
+        "or options.cameras"
     )
 
 

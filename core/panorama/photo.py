@@ -54,8 +54,9 @@ def check_share(valid: NDArray[np.bool_], camera: Camera) -> None:
     with_direction = share_with_direction(camera)
     if with_direction < _MIN_WITH_DIRECTION:
         raise OptionsError(
-            f"distortion: expected coefficients that hold for most of the image, got some that turn back on themselves and leave "
-            f"{with_direction:.0%} of it a direction; check their order and signs, and that the intrinsics belong to this image"
+            "distortion: expected coefficients that are valid for most of the image, got some that fold over and "
+            f"leave {with_direction:.0%} of it a direction; check their order and signs, and that the intrinsics "
+            "belong to this image"
         )
     u, v, shown = project_to_image(camera, small_sphere_directions(_MIN_ROWS))
     column, row = u[shown].astype(np.int64), v[shown].astype(np.int64)

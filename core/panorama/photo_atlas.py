@@ -60,8 +60,8 @@ class PhotoAtlas:
         self._windows: dict[int, PhotoWindows] = {}
         if not bool((self.windows(_EXTENT_LEVEL).valid > 0).any()):
             raise PanoramaUnusableError(
-                "image: expected visible pixels that lie together, got a mask or transparency that leaves less than half of them "
-                "everywhere; mask whole regions, not single pixels"
+                "image: expected contiguous visible pixels, got a mask or transparency that leaves less than half of "
+                "the pixels everywhere; mask whole regions, not single pixels"
             )
 
     def __len__(self) -> int:

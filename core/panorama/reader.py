@@ -108,13 +108,14 @@ def _masked(valid: NDArray[np.bool_], mask: bytes | None, max_pixels: int) -> ND
     """Return which pixels (h, w) count, without those of the mask. Raises PanoramaUnusableError or MaskShapeError where none does."""
     if not valid.any():
         raise PanoramaUnusableError(
-            "image: expected visible pixels, got an alpha channel that hides all; export it without transparency"
+            "image: expected visible pixels, got an alpha channel that hides all pixels; export the image without "
+            "transparency"
         )
     if mask is not None:
         valid = valid & ~read_mask(mask, valid.shape, max_pixels)
     if not valid.any():
         raise MaskShapeError(
-            "mask: every pixel is masked, nothing is left to localize; check that non-zero mask pixels mean 'ignore'"
+            "mask: expected visible pixels, got a mask that hides all pixels; non-zero mask pixels mean 'ignore'"
         )
     return valid
 

@@ -80,24 +80,24 @@ class ScanCollector:
             return None
         try:
             if context.options.up_axis != "z":
-                raise OptionsError("it has z up, but the scan was said to be y-up")
+                raise OptionsError("it has z up, but the given up axis of the scan is y")
             system = coordinate_system(context.coordinate_system)
             if abs(system.metres_per_unit / metres - 1) > _UNIT_TOLERANCE:
                 raise OptionsError(
-                    f"its unit is {system.metres_per_unit:.7g} m, but the scan was said to be in {context.options.unit}"
+                    f"its unit is {system.metres_per_unit:.7g} m, but the given unit is {context.options.unit}"
                 )
             east, north, height = ((self._lowest + self._highest) / 2).tolist()
             place = system.place((east, north, height))
             if place is None:
-                raise OptionsError(f"the scan, at {east:,.0f} east and {north:,.0f} north, lies outside of it")
+                raise OptionsError(f"the scan, at {east:,.0f} east and {north:,.0f} north, lies outside its area")
         except OptionsError as error:
-            message = f"The coordinate system that the file names is not used: {error}."
+            message = f"The coordinate system of the file is not used: {error}."
             context.note("coordinate_system_unused", message, "warning")
             return None
         context.note(
             "coordinate_system",
             f"Coordinates are in {system.name}, as the file says; at the middle of the scan, {place.latitude_deg:.5f}, "
-            f"{place.longitude_deg:.5f}, the north of the grid is {place.convergence_deg:+.3f} degrees clockwise of true north.",
+            f"{place.longitude_deg:.5f}, grid north is {place.convergence_deg:+.3f} degrees clockwise from true north.",
         )
         return system.definition
 
@@ -148,8 +148,8 @@ class ScanCollector:
         if not _SMALLEST_PLAUSIBLE_M <= extent <= _LARGEST_PLAUSIBLE_M:
             note(
                 "suspicious_extent",
-                f"The scan measures {_metres(extent)} if its unit is {options.unit!r}; is that the right unit? "
-                "Set unit to m, cm, mm or ft.",
+                f"The scan measures {_metres(extent)} if its unit is {options.unit!r}; check the unit, "
+                "and set it to m, cm, mm or ft.",
                 "warning",
             )
 
@@ -170,8 +170,8 @@ class ScanCollector:
         self._context.note(
             "large_coordinates",
             f"Coordinates reach {np.abs([self._lowest, self._highest]).max():,.0f} m; the offset "
-            f"({', '.join(f'{value:.0f}' for value in offset + 0.0)}) is subtracted before they become float32 and added "
-            "back to every position that leaves.",
+            f"({', '.join(f'{value:.0f}' for value in offset + 0.0)}) is subtracted before conversion to float32 and "
+            "added back to every returned position.",
             "warning",
         )
         return np.asarray(offset, np.float64)

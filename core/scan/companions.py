@@ -14,8 +14,8 @@ def companion(context: ReadingContext, name: str, what: str) -> Path:
     relative = PurePosixPath(name.strip().replace("\\", "/"))
     if context.folder is None:
         raise ScanContentError(
-            f"The scan refers to the {what} {name[:100]!r}, which did not come with it. Put the scan and all files that it "
-            "refers to into one zip and upload that."
+            f"The scan refers to the {what} {name[:100]!r}, which was not uploaded with it. Put the scan and all "
+            "files that it refers to into one zip and upload the zip."
         )
     root = context.folder.resolve()
     if "\x00" in name:
@@ -38,5 +38,6 @@ def companion(context: ReadingContext, name: str, what: str) -> Path:
 
 def _leads_out(name: str, what: str) -> ScanDamagedError:
     return ScanDamagedError(
-        f"The scan refers to the {what} {name[:100]!r}, which leads out of what was uploaded. Refer to files beside the scan."
+        f"The scan refers to the {what} {name[:100]!r}, which is outside the upload. Refer only to files beside the "
+        "scan."
     )

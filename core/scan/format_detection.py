@@ -28,8 +28,8 @@ _OTHER_MAGIC = {
     b"\xff\xd8\xff": "a JPEG image",
     b"RIFF": "a RIFF file (WebP image, sound or video)",
     b"GIF8": "a GIF image",
-    b"\x1f\x8b": "a gzip archive: unpack it first and upload what was unpacked",
-    b"7z\xbc\xaf": "a 7z archive: unpack it first and upload what was unpacked",
+    b"\x1f\x8b": "a gzip archive: unpack it first and upload the content",
+    b"7z\xbc\xaf": "a 7z archive: unpack it first and upload the content",
     b"%PDF": "a PDF document",
     b"\xd0\xcf\x11\xe0": "an Office document",
     b"MZ": "a program",
@@ -117,8 +117,8 @@ def _text_format(head: bytes, named: str, expected: str | None) -> str:
         if expected == "obj":  # it may begin with a long comment
             return "obj"
         raise ScanFormatError(
-            f"expected a scan as {KNOWN_FORMATS}, got a file named .{named} that does not begin like one: its content is "
-            "plain text; give it the extension of its real format or export it again"
+            f"expected a scan as {KNOWN_FORMATS}, got a file named .{named} without that format's header: its "
+            "content is plain text; give it the extension of its real format or export it again"
         )
     found = other or f"unknown binary data (first bytes: {head[:8].hex(' ')})"
     claim = f"a file named .{named} that is " if expected else ""

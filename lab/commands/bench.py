@@ -49,7 +49,7 @@ def bench(
         list[Part] | None, typer.Option("--part", help="Only this part; repeatable.", rich_help_panel=_WHAT)
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Everything tiny: shows that all of it runs.", rich_help_panel=_WHAT)
+        bool, typer.Option("--quick", help="Tiny sizes: a functional test.", rich_help_panel=_WHAT)
     ] = False,
     repeats: Annotated[
         int | None, typer.Option(min=1, help="Repetitions of a figure; 9.", rich_help_panel=_WHAT)
@@ -58,11 +58,11 @@ def bench(
         int | None, typer.Option(min=1000, help="Points of the scan; 1,000,000.", rich_help_panel=_SIZES)
     ] = None,
     large_points: Annotated[
-        int | None, typer.Option(min=1000, help="Also register a scan of so many points.", rich_help_panel=_SIZES)
+        int | None, typer.Option(min=1000, help="Also register a scan with this many points.", rich_help_panel=_SIZES)
     ] = None,
     scan_formats: Annotated[
         list[ScanFormat] | None,
-        typer.Option("--scan-format", help="Of the large scan; repeatable; ply.", rich_help_panel=_SIZES),
+        typer.Option("--scan-format", help="Format of the large scan; repeatable; ply.", rich_help_panel=_SIZES),
     ] = None,
     starts: Annotated[
         int | None, typer.Option(min=4, max=800, help="Starts, by their spacing; about 400.", rich_help_panel=_SIZES)
@@ -81,10 +81,11 @@ def bench(
         int | None, typer.Option(min=1, help="Queries for each number of clients; 48.", rich_help_panel=_SERVICE)
     ] = None,
     paper: Annotated[
-        bool, typer.Option("--paper/--no-paper", help="Also one query of the method paper.", rich_help_panel=_SERVICE)
+        bool,
+        typer.Option("--paper/--no-paper", help="Also send one query with the method paper.", rich_help_panel=_SERVICE),
     ] = True,
     device: Annotated[
-        Device | None, typer.Option(help="What computes; a GPU where there is one.", rich_help_panel=_MACHINE)
+        Device | None, typer.Option(help="Device; default: a GPU if there is one.", rich_help_panel=_MACHINE)
     ] = None,
     threads: Annotated[
         int | None, typer.Option(min=1, help="Threads of the parts without a service.", rich_help_panel=_MACHINE)

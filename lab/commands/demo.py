@@ -28,13 +28,13 @@ LOCALIZE_TIMEOUT_S = 120.0
 def demo(
     ctx: typer.Context,
     folder: Annotated[
-        Path, typer.Option(file_okay=False, help="Where the scan, the images and the answers go.")
+        Path, typer.Option(file_okay=False, help="Folder for the scan, the images and the answers.")
     ] = Path("panoloc-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Another number makes another room.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the room.")] = 4,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Make a furnished room, register its scan, localize two panoramas and a photo, and compare with the known poses.
+    """Make a furnished room, register its scan, localize two panoramas and a photo, and check the resulting poses.
 
     Uses the service at --url; where none runs on this machine, one is started and left running.
     """

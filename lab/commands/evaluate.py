@@ -44,17 +44,17 @@ def evaluate(
     width: Annotated[int, _case(min=128, help="Pixels of a suite's panorama, or of a photo.")] = 1024,
     points: Annotated[int | None, _case(min=1000, help="Points of a suite's scan.")] = None,
     cases: Annotated[list[Path] | None, _case(help="Folder with truth.json in it or one below; repeatable.")] = None,
-    tags: Annotated[list[str] | None, _case("--tag", help="Only queries of --cases with it.")] = None,
+    tags: Annotated[list[str] | None, _case("--tag", help="Only queries of --cases with this tag.")] = None,
     dataset: Annotated[str | None, _case(help="omniscenes or stanford2d3ds.")] = None,
     root: Annotated[Path | None, _case(help="Folder of the data set.")] = None,
     splits: Annotated[list[str] | None, _case("--split", help="Split of the data set; repeatable.")] = None,
     limit: Annotated[int | None, _case(min=1, help="Queries per suite, case folder or split.")] = None,
     methods: Annotated[list[str] | None, _method("--method", help=_METHODS)] = None,
     device: Annotated[str | None, _method(help="cpu or cuda.")] = None,
-    timeout_s: Annotated[float | None, _method(min=0.1, help="Limit of one answer.")] = None,
+    timeout_s: Annotated[float | None, _method(min=0.1, help="Timeout per answer.")] = None,
     spacing_m: Annotated[float | None, _method(help="Metres between starts of suites.")] = None,
     cross: Annotated[int, _method(min=0, help="Also send each panorama to this many other maps.")] = 0,
-    change_maps: Annotated[bool, _method("--change-maps", help="Measure the maps of what changed.")] = False,
+    change_maps: Annotated[bool, _method("--change-maps", help="Measure the change maps.")] = False,
     out: Annotated[Path, _output(file_okay=False, help="Folder of rows and report.")] = Path("panoloc-evaluation"),
     within: Annotated[list[str] | None, _output("--within", help="Limits such as 0.05,5 (m, deg); repeatable.")] = None,
     json: JsonOption = False,
@@ -97,7 +97,7 @@ def evaluate(
 def fit(
     ctx: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="ROWS...", help="rows.jsonl of evaluations.")],
-    out: Annotated[Path, typer.Option(dir_okay=False, help="Where the coefficients go.")] = Path(
+    out: Annotated[Path, typer.Option(dir_okay=False, help="File for the coefficients.")] = Path(
         "core/judge/confidence.json"
     ),
     method: Annotated[str, typer.Option(help="Rows of this method.")] = "fast",
@@ -105,7 +105,7 @@ def fit(
     max_wrong: Annotated[float, typer.Option(min=0, max=1, help="Wrong answers allowed at the threshold.")] = 0.005,
     json: JsonOption = False,
 ) -> int:
-    """Fit the confidence on rows, say how it holds on groups held out in turn, and write the coefficients."""
+    """Fit the confidence on rows, cross-validate it by group, and write the coefficients."""
     session: Session = ctx.obj
     session.json_output = json
     with core_errors_shown(session) as failed:

@@ -59,7 +59,7 @@ def unpack_images(archive: Path, folder: Path, limits: UnpackLimits) -> tuple[li
         for image in unpacked:
             image.path.unlink(missing_ok=True)
         if isinstance(error, zipfile.BadZipFile | zlib.error | EOFError | NotImplementedError | ValueError):
-            raise ArchiveError(f"archive: expected a zip, but {error}; pack it again") from error
+            raise ArchiveError(f"archive: expected a zip, but {error}; pack the images again") from error
         raise
 
 
@@ -88,13 +88,15 @@ def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipf
 def _check(entry: zipfile.ZipInfo) -> None:
     if leads_out(entry.filename):
         raise ArchiveError(
-            f"archive: expected names inside of it, got {entry.filename[:80]!r}, which leads out of it; pack it again"
+            f"archive: expected paths inside the zip, got {entry.filename[:80]!r}, which leads out of it; pack the "
+            "images again"
         )
     if is_link(entry):
         raise ArchiveError(f"archive: expected files, got a link, {entry.filename[:80]!r}; pack the images themselves")
     if is_encrypted(entry):
         raise ArchiveError(
-            f"archive: expected files that can be read, got {entry.filename[:80]!r} encrypted; pack it without"
+            f"archive: expected files without encryption, got {entry.filename[:80]!r} encrypted; pack the images "
+            "without a password"
         )
 
 

@@ -44,8 +44,8 @@ def map_of(record: BatchRecord, results: Mapping[int, Result], wanted: str | Non
         return wanted
     if len(found) > 1:
         raise ExportRefusedError(
-            f"expected photos of one map, got some of {', '.join(found)}, each with axes of its own; "
-            "name one of them as map_id"
+            f"expected photos of one map, got photos of {', '.join(found)}, which have different axes; choose one "
+            "with map_id"
         )
     return found[0] if found else next(iter(record.map_ids), "none")
 
@@ -162,4 +162,4 @@ async def _run(module: str, *arguments: str, time_s: float) -> None:
     if process.returncode == REFUSED:
         raise ExportRefusedError(last)
     if process.returncode != 0:
-        raise ExportFailedError(f"the process that writes exports ended with {process.returncode}: {last}")
+        raise ExportFailedError(f"the export process ended with exit code {process.returncode}: {last}")

@@ -83,7 +83,7 @@ class BatchRuns:
     def _note_end(self, batch_id: str, task: asyncio.Task[None]) -> None:
         del self._running[batch_id]
         if not task.cancelled() and task.exception() is not None:
-            _log.error("a batch met an unexpected fault", batch_id=batch_id, exc_info=task.exception())
+            _log.error("a batch failed unexpectedly", batch_id=batch_id, exc_info=task.exception())
         record = self._once_more.pop(batch_id, None)
         if record is not None:
             self.begin(record)
@@ -92,7 +92,7 @@ class BatchRuns:
         structlog.contextvars.bind_contextvars(batch_id=record.id)
         while not self._pool.state().ready:
             await asyncio.sleep(_POLL_S)
-        own = await _persistently(lambda: self._store.try_run(record.id), "a batch cannot be taken up")
+        own = await _persistently(lambda: self._store.try_run(record.id), "a batch cannot be resumed")
         if own is None:
             return
         own.when_lost = self._running[record.id].cancel
@@ -102,7 +102,9 @@ class BatchRuns:
             own.release()
 
     async def _run_own(self, record: BatchRecord) -> None:
-        done = await _persistently(lambda: self._store.done(record.id), "what is done of a batch cannot be listed")
+        done = await _persistently(
+            lambda: self._store.done(record.id), "the finished images of a batch cannot be listed"
+        )
         if len(done) == len(record.names):
             return  # another process has done it meanwhile
         async with asyncio.TaskGroup() as images:
@@ -139,7 +141,7 @@ class BatchRuns:
             return {"status": answer["status"], "answer": answer}
         except Exception as error:
             if not isinstance(error, EXPECTED_ERRORS):
-                _log.exception("an image of a batch met an unexpected fault", number=number)
+                _log.exception("an image of a batch failed unexpectedly", number=number)
             return {"status": "failed", "error": problem_document(error, request_id)}
 
     async def _answer(self, record: BatchRecord, number: int, request_id: str) -> dict[str, Any]:
@@ -162,7 +164,7 @@ class BatchRuns:
                 if num_deadlines == _MAX_DEADLINES:
                     raise
             except TryAgainError as error:
-                _log.warning("an image of a batch is tried again", number=number, error=str(error))
+                _log.warning("an image of a batch is retried", number=number, error=str(error))
                 await asyncio.sleep(min(max(error.retry_after_s, _POLL_S), _LONGEST_PAUSE_S))
 
 
@@ -177,6 +179,6 @@ async def _persistently(work: Callable[[], Awaitable[_T]], what: str, max_tries:
             num_tries += not isinstance(error, StorageAwayError)
             if num_tries == max_tries:
                 raise
-            _log.error(f"{what}, it is tried again", error=str(error))
+            _log.error(f"{what}; the service retries", error=str(error))
             await asyncio.sleep(pause_s)
             pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)

@@ -139,7 +139,8 @@ class BatchStore:
         """Raise BatchLimitError when there are as many batches as allowed."""
         if len(self._batches) + self._num_coming >= self._max_batches:
             raise BatchLimitError(
-                f"expected fewer than {self._max_batches} batches, got as many; delete one you do not need"
+                f"expected fewer than {self._max_batches} batches, but the limit is reached; delete a batch that is no "
+                "longer needed"
             )
 
     async def add(self, record: BatchRecord, images: Sequence[tuple[Path, str]]) -> None:
@@ -225,7 +226,7 @@ class BatchStore:
             record = await asyncio.to_thread(self._files.read, batch_id)
             done = set() if record is None else await asyncio.to_thread(self._files.numbers_done, batch_id)
         except StorageError as error:
-            _log.error("a batch is left alone, its record cannot be read", batch_id=batch_id, error=str(error))
+            _log.error("a batch is skipped, because its record cannot be read", batch_id=batch_id, error=str(error))
             return True
         if record is not None and batch_id not in self._batches and batch_id not in self._deleted:
             self._batches[batch_id] = _Batch(record, done)
@@ -243,7 +244,7 @@ class BatchStore:
             for number in damaged:
                 batch.statuses.pop(number, None)
             _log.error(
-                "results are damaged, their images are localized again", batch_id=batch_id, numbers=sorted(damaged)
+                "results are damaged; their images are localized again", batch_id=batch_id, numbers=sorted(damaged)
             )
             self._redo(batch.record)
         return {number: result for number, result in found.items() if result is not None}

@@ -25,10 +25,10 @@ class TourDocument:
         if result["status"] == "failed":
             return f"failed: {result['error'].get('detail') or result['error'].get('title')}"
         if not _has_pose(result):
-            return f"not_localized: fits no place well enough{_best_guess(result['answer'])}"
+            return f"not_localized: no place fits well enough{_best_guess(result['answer'])}"
         if result["status"] == "ambiguous" and not self.include_ambiguous:
             guess = _best_guess(result["answer"])
-            return f"ambiguous: fits several places about as well{guess}; ask for ambiguous photos to have it"
+            return f"ambiguous: several places fit about equally well{guess}; include ambiguous photos to export it"
         placed_in = result["answer"]["map_id"]
         return None if placed_in == self.map_id else f"placed in another map, {placed_in}"
 

@@ -14,7 +14,7 @@ from panoloc.service.keys.audit_log import AuditLog
 from panoloc.service.keys.key_file import KeyFile, KeyFileError
 
 app = typer.Typer(
-    help="Make, list and revoke API keys in the data folder of a service. The service need not run.",
+    help="Make, list and revoke API keys in the data folder of a service. The service does not have to run.",
     no_args_is_help=True,
 )
 
@@ -37,16 +37,16 @@ _DEFAULT_FOLDER = Path("panoloc-data")
 @app.command()
 def make(
     ctx: typer.Context,
-    name: Annotated[str, typer.Argument(help="Whose key it is, for people.")],
+    name: Annotated[str, typer.Argument(help="Name of the key's owner, for display.")],
     scope: Annotated[list[ScopeName], typer.Option(help="What the key may do; repeatable.")],
     tenant: Annotated[
         str | None,
-        typer.Option(help="Tenant whose maps the key sees and makes. Keys may share one; default: one of its own."),
+        typer.Option(help="Tenant of the key and its maps. Several keys can share a tenant; default: a new one."),
     ] = None,
     data_dir: DataDirOption = _DEFAULT_FOLDER,
     json: JsonOption = False,
 ) -> int:
-    """Make a key and show it once: only its digest is stored. Once a key exists, the service asks every caller for one."""
+    """Make a key and show it once: only its digest is stored. From then on the service requires a key from callers."""
     session: Session = ctx.obj
     # A key is a file in the data folder; what a service stores there is in folders.
     is_used = data_dir.is_dir() and any(each.is_dir() for each in data_dir.iterdir())
@@ -58,17 +58,18 @@ def make(
         )
     else:
         session.results.print(text, markup=False, highlight=False)
-        session.messages.print(f"{made.id}: save it now, it is not shown again.", markup=False)
+        session.messages.print(f"{made.id}: save this key now, it is not shown again.", markup=False)
         session.messages.print(f"stored in {data_dir.resolve()}", markup=False)
     if not is_used:
         session.messages.print(
-            "No service has used that folder yet. The key works only for a service with this data folder: "
-            "set it with --data-dir or PANOLOC_DATA_DIR.",
+            "No service has used that folder yet. The key works only for a service with this data folder: set the "
+            "folder with --data-dir or PANOLOC_DATA_DIR.",
             markup=False,
         )
     elif ScopeName.admin not in scope and next(data_dir.glob("maps/map_*"), None):
         session.messages.print(
-            "The key sees only the maps of its tenant. Maps made without a key have no tenant: an admin key sees them, "
+            "The key has access only to the maps of its tenant. Maps made without a key have no tenant: an admin key "
+            "sees them, "
             "and `panoloc maps share ID --with TENANT` shares them.",
             markup=False,
         )
@@ -77,7 +78,7 @@ def make(
 
 @app.command("list")
 def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, json: JsonOption = False) -> int:
-    """List all keys that were ever made, without their texts."""
+    """List all keys, revoked ones too, without their secrets."""
     session: Session = ctx.obj
     keys = KeyFile(data_dir).read()
     table = Table("id", "name", "tenant", "scopes", "made", "revoked")

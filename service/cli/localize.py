@@ -50,46 +50,45 @@ def localize(
             "--session",
             exists=True,
             metavar="PATH",
-            help=f"{FILE_NAME} or the folder that holds it: one query of all its frames, with their poses.",
+            help=f"{FILE_NAME} or its folder: one query of all its frames, with their poses.",
         ),
     ] = None,
     up_known: Annotated[
-        bool, typer.Option("--up-known", help="The z axis of --session points up, as AR devices track it.")
+        bool, typer.Option("--up-known", help="The z axis of --session points up, as AR devices define it.")
     ] = False,
     map_id: MapOption = None,
     tag: TagOption = None,
     out: Annotated[
         Path | None, typer.Option(file_okay=False, help="Folder for the answers and their pictures.")
     ] = None,
-    frame: Annotated[Frame, typer.Option(help="Axes in which the pose is given.")] = QueryOptions.frame,
+    frame: Annotated[Frame, typer.Option(help="Axes of the pose.")] = QueryOptions.frame,
     method: MethodOption = QueryOptions.method,
     mask: Annotated[
-        Path | None, typer.Option(exists=True, dir_okay=False, help="Image; its non-zero pixels are ignored.")
+        Path | None, typer.Option(exists=True, dir_okay=False, help="Mask image: its non-zero pixels are ignored.")
     ] = None,
     hfov: HfovOption = None,
     camera: Annotated[
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="JSON file with an entry of `cameras` as in docs/api.md."),
     ] = None,
-    position: Annotated[Point | None, typer.Option(metavar="X Y Z", help="Hint: near this place, metres.")] = None,
-    radius: Annotated[float | None, typer.Option(help="Hint: at most this far from --position, metres.")] = None,
+    position: Annotated[Point | None, typer.Option(metavar="X Y Z", help="Hint: camera position, metres.")] = None,
+    radius: Annotated[float | None, typer.Option(help="Hint: largest distance from --position, metres.")] = None,
     region: Annotated[
-        Cuboid | None, typer.Option(metavar="X Y Z X Y Z", help="Hint: within this cuboid (least, greatest corner).")
+        Cuboid | None,
+        typer.Option(metavar="X Y Z X Y Z", help="Hint: cuboid around the camera (lowest, highest corner)."),
     ] = None,
     upright: UprightOption = False,
-    max_tilt: Annotated[float | None, typer.Option(help="Hint: tilted by at most this, degrees.")] = None,
+    max_tilt: Annotated[float | None, typer.Option(help="Hint: largest tilt of the camera, degrees.")] = None,
     heading: Annotated[float | None, typer.Option(help="Hint: yaw of the image centre, degrees.")] = None,
-    heading_tolerance: Annotated[
-        float | None, typer.Option(help="Hint: --heading is right within this, degrees.")
-    ] = None,
+    heading_tolerance: Annotated[float | None, typer.Option(help="Hint: tolerance of --heading, degrees.")] = None,
     top_k: Annotated[
-        int, typer.Option(min=1, max=MAX_TOP_K, help="Poses to return, alternatives included.")
+        int, typer.Option(min=1, max=MAX_TOP_K, help="Number of poses, including alternatives.")
     ] = QueryOptions.top_k,
     timeout: Annotated[
         float | None,
         typer.Option(
             min=0.1,
-            help="Seconds until the service gives up; default: its own limit, which is longer for paper.",
+            help="Timeout in seconds; default: the service's limit, which is longer for paper.",
         ),
     ] = None,
     url: UrlOption = DEFAULT_URL,
@@ -104,7 +103,7 @@ def localize(
     described = camera_object(hfov, camera)
     if bool(panoramas) == bool(tracked) or (tracked and described) or (up_known and not tracked):
         raise typer.BadParameter(
-            "expected images, or --session PATH alone: its file describes the cameras. --up-known needs --session",
+            "expected either images, or --session PATH, whose file describes the cameras. --up-known needs --session",
             param_hint="--session",
         )
     hints = hints_object(position, radius, region, upright, max_tilt, heading, heading_tolerance)
@@ -139,7 +138,9 @@ def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool
         raise typer.BadParameter(str(error), param_hint="--session") from error
     chosen = spread_evenly(found, MAX_IMAGES)
     if len(chosen) < len(found):
-        session.messages.print(f"{len(chosen)} of {len(found)} frames are sent, evenly spread: one query takes no more")
+        session.messages.print(
+            f"{len(chosen)} of {len(found)} frames are sent, evenly spread, because a query is limited to that number"
+        )
     options: JsonObject = {"cameras": [each.camera for each in chosen]}
     options |= {"session": {"up": "known"}} if up_known else {}
     folder = tracked if tracked.is_dir() else tracked.parent

@@ -74,12 +74,15 @@ def share(
     map_ids: MapIds,
     tenants: Annotated[
         list[str] | None,
-        typer.Option("--with", metavar="TENANT", help="Tenant whose keys see the maps; repeatable, `*` for all."),
+        typer.Option("--with", metavar="TENANT", help="Tenant that gets access to the maps; repeatable, `*` for all."),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Let exactly these tenants see the maps and localize in them; without --with, nobody. Only the owner changes a map."""
+    """Share the maps with exactly these tenants; without --with, with nobody.
+
+    These tenants can view the maps and localize in them. Only the owner can change a map.
+    """
     session: Session = ctx.obj
     session.json_output = json
     with session.client(url) as client:

@@ -13,8 +13,8 @@ from panoloc.service.client import JsonObject
 
 MapOption = Annotated[list[str] | None, typer.Option("--map", help="Map to search; repeatable.")]
 TagOption = Annotated[str | None, typer.Option(help="Search all maps with this tag instead.")]
-MethodOption = Annotated[Method, typer.Option(help="The default, or the paper's own recipe.")]
-UprightOption = Annotated[bool, typer.Option("--upright", help="Hint: the camera was level.")]
+MethodOption = Annotated[Method, typer.Option(help="fast, or the paper's own recipe.")]
+UprightOption = Annotated[bool, typer.Option("--upright", help="Hint: the camera is level.")]
 HfovOption = Annotated[
     str | None,
     typer.Option(help="Field of view of the photos, or bounds such as 45-90; default: from EXIF.", metavar="DEG"),
@@ -39,7 +39,7 @@ def camera_object(hfov: str | None, file: Path | None) -> JsonObject | None:
         return None if hfov is None else _camera_of_hfov(hfov)
     if hfov is not None:
         raise typer.BadParameter(
-            "expected --hfov or --camera, got both; the file can hold hfov_deg", param_hint="--hfov"
+            "expected either --hfov or --camera, got both; put hfov_deg into the camera file", param_hint="--hfov"
         )
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
@@ -60,7 +60,7 @@ def _camera_of_hfov(hfov: str) -> JsonObject:
         numbers = [float(part) for part in ((hfov[:1] + least, most) if dash else (hfov,))]
     except ValueError:
         raise typer.BadParameter(
-            f"expected degrees such as 69, or bounds such as 45-90 if they are unknown, got {hfov!r}",
+            f"expected degrees such as 69, or bounds such as 45-90 for an unknown field of view, got {hfov!r}",
             param_hint="--hfov",
         ) from None
     try:

@@ -21,7 +21,7 @@ def register(
             metavar="SCAN", exists=True, dir_okay=False, readable=True, help="Coloured point cloud or mesh."
         ),
     ],
-    name: Annotated[str | None, typer.Option(help="Name for people; default: the name of the file.")] = None,
+    name: Annotated[str | None, typer.Option(help="Display name; default: the file name.")] = None,
     tag: Annotated[list[str] | None, typer.Option(help="Tag for finding the map; repeatable.")] = None,
     unit: Annotated[Unit, typer.Option(help="Unit of the scan's coordinates.")] = ScanOptions.unit,
     up_axis: Annotated[UpAxis, typer.Option(help="Axis of the scan that points up.")] = ScanOptions.up_axis,
@@ -31,14 +31,16 @@ def register(
     coordinate_system: Annotated[
         str | None,
         typer.Option(
-            help="Projected coordinate system of the scan, such as EPSG:25832; default: the one that LAS, LAZ or E57 names."
+            help="Projected coordinate system of the scan, such as EPSG:25832; default: as named in a LAS, LAZ or "
+            "E57 file."
         ),
     ] = None,
     geoid_undulation: Annotated[
         float | None,
         typer.Option(
             metavar="METRES",
-            help="Height of the geoid above the ellipsoid; turns heights above sea level into the heights of GeoPose.",
+            help="Height of the geoid above the ellipsoid; converts heights above sea level to the ellipsoidal "
+            "heights of GeoPose.",
         ),
     ] = None,
     wait: Annotated[bool, typer.Option(help="Wait until the map is ready.")] = True,
@@ -80,8 +82,8 @@ def upload_and_wait(
 
     if not session.messages.is_terminal:
         # No bar shows it there, and whoever stops waiting needs the id.
-        tell(": the scan is stored, the service registers it.")
-    manage = f"panoloc maps shows it, panoloc maps delete {place['id']} ends it."
+        tell(": the scan is stored, and the service continues its registration.")
+    manage = f"panoloc maps shows its state, panoloc maps delete {place['id']} cancels it."
     try:
         with show_registration(session.messages) as on_update:
             return client.wait_for_map(place["id"], on_update)
@@ -89,11 +91,11 @@ def upload_and_wait(
         if problem.status != 403:
             raise
         # A key that may upload but not read. It is no failure: a second upload would make a second map.
-        tell(": the scan is stored and goes on registering; this key may not read its progress.")
+        tell(": the scan is stored and its registration continues; this key may not read its progress.")
         return place
     except KeyboardInterrupt:
-        tell(f" goes on registering: {manage}")
+        tell(f": its registration continues: {manage}")
         raise
     except UnreachableError:
-        tell(f" is registered when the service runs again: {manage}")
+        tell(f": its registration continues when the service runs again: {manage}")
         raise

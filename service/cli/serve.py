@@ -41,20 +41,23 @@ def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on; 0.0.0.0 for all.")] = None,
     port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port to listen on.")] = None,
     data_dir: Annotated[Path | None, typer.Option(file_okay=False, help="Folder for scans and map records.")] = None,
-    storage: Annotated[str | None, typer.Option(help="Bucket for them instead, such as s3://bucket/prefix.")] = None,
+    storage: Annotated[
+        str | None, typer.Option(help="Bucket for scans and map records, such as s3://bucket/prefix.")
+    ] = None,
     redis_url: Annotated[str | None, typer.Option(help="Redis to use; without it the service starts its own.")] = None,
     ray_address: Annotated[
-        str | None, typer.Option(help="Ray cluster whose workers to use; without it, workers of its own.")
+        str | None, typer.Option(help="Ray cluster that runs the workers; without it the service starts its own.")
     ] = None,
     num_workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Workers; one per GPU or per CPU socket otherwise.")
+        int | None,
+        typer.Option("--workers", min=1, help="Number of workers; default: one per GPU, else one per CPU socket."),
     ] = None,
-    log_level: Annotated[LogLevel | None, typer.Option(help="How much to log.")] = None,
-    log_format: Annotated[LogFormat | None, typer.Option(help="Lines for people, or JSON.")] = None,
+    log_level: Annotated[LogLevel | None, typer.Option(help="Log level.")] = None,
+    log_format: Annotated[LogFormat | None, typer.Option(help="Readable lines, or JSON.")] = None,
 ) -> int:
-    """Start the service and stay in the foreground; Ctrl-C or SIGTERM stops it after the work under way.
+    """Start the service in the foreground. Ctrl-C or SIGTERM stops it once running work is done.
 
-    Options win over PANOLOC_ environment variables; docs/operations.md lists all settings.
+    Options override PANOLOC_ environment variables; docs/operations.md lists all settings.
     """
     given = {
         "host": host,
@@ -97,8 +100,8 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     fault = why_not_free(settings.host, settings.port)
     if fault is not None:
         session.messages.print(
-            f"The service cannot start: {fault}. Stop what listens there (another panoloc?), or choose another address "
-            "with --host and --port, PANOLOC_HOST and PANOLOC_PORT.",
+            f"The service cannot start: {fault}. Stop the program that listens there (another panoloc?), or choose "
+            "another address with --host and --port, or PANOLOC_HOST and PANOLOC_PORT.",
             markup=False,
         )
         return ExitCode.ERROR
@@ -114,14 +117,18 @@ def _fault_of_redis_url(url: str) -> str | None:
     try:
         parse_url(url)
     except ValueError as error:
-        return f"expected redis://host:port/0, rediss:// or unix:///socket, got one of which the client says: {error}"
+        return "expected redis://host:port/0, rediss:// or unix:///socket, got a URL that the Redis client refuses: "
+        f"{error}"
     return None
 
 
 def _fault_of_ray_address(address: str) -> str | None:
     """Return what is wrong with an address that no cluster can have; one that does not answer is tried again."""
     if importlib.util.find_spec("ray") is None:
-        return 'expected Ray to be installed: pip install "panoloc[ray]"; or unset it to run workers of this machine'
+        return (
+            'expected an installation of Ray, got none: pip install "panoloc[ray]"; '
+            "or unset it to run the workers on this machine"
+        )
     host, _, port = address.rpartition(":")
     if address == "auto" or (host and port.isdecimal() and 0 < int(port) < 2**16):
         return None

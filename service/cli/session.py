@@ -40,7 +40,7 @@ DEFAULT_URL = default_url()
 
 UrlOption = Annotated[str, typer.Option("--url", envvar="PANOLOC_URL", help="URL of the service.")]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document per result on standard output, and nothing else there.")
+    bool, typer.Option("--json", help="Print one JSON document per result on standard output, and nothing else.")
 ]
 
 
@@ -101,7 +101,7 @@ class Session:
             show("Start it with [bold]panoloc serve[/], or set its URL with [bold]--url[/] or [bold]PANOLOC_URL[/].")
             return ExitCode.UNREACHABLE
         if isinstance(error, MapFailedError) and error.serving_revision is None:
-            show(f"The failed map stays until you delete it: panoloc maps delete {error.map_id}", markup=False)
+            show(f"Delete the failed map with: panoloc maps delete {error.map_id}", markup=False)
         return ExitCode.ERROR
 
     def _show_advice(self, error: ApiProblemError) -> None:

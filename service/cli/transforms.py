@@ -46,7 +46,7 @@ def read_transforms(path: Path, frame: Frame) -> list[TrackedImage]:
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise TransformsError(f"expected a {FILE_NAME} as nerfstudio has it, but {file}: {error}") from error
+        raise TransformsError(f"expected a {FILE_NAME} in nerfstudio's format, but {file}: {error}") from error
     frames = document.get("frames") if isinstance(document, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(each, dict) for each in frames):
         raise TransformsError(f"expected `frames` with one object per image in {file}, got {str(frames)[:40]}")
@@ -88,7 +88,7 @@ def _checked_image(path: Path) -> Path:
         raise TransformsError(f"file_path: expected an image that can be read, but {path}: {error.strerror}") from error
     if image_kind(head) is None:
         raise TransformsError(
-            f"file_path: expected a {KNOWN_FORMATS} image, got {path}, whose first bytes are of none of these. "
+            f"file_path: expected a {KNOWN_FORMATS} image, got {path}, whose first bytes match none of these. "
             "Convert it, or remove the frame. Nothing was sent"
         )
     return path
@@ -157,7 +157,7 @@ def _pose(given: Any, frame: Frame) -> JsonObject:
     if off > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) <= 0:
         raise TransformsError(
             "transform_matrix: expected a rotation and a position in metres, "
-            "got a matrix that also scales or mirrors; take the scale out"
+            "got a matrix that also scales or mirrors; remove the scale"
         )
     pose = Pose(rotation @ np.array(_OPENGL_FROM_FLU), position).in_frame(frame)
     return {

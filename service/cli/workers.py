@@ -15,13 +15,16 @@ def workers(
         typer.Option(envvar=["PANOLOC_RAY_ADDRESS", "RAY_ADDRESS"], help="The cluster's head as host:port, or auto."),
     ] = "auto",
     num_workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Workers; one per GPU, or one per machine without GPUs.")
+        int | None,
+        typer.Option(
+            "--workers", min=1, help="Number of workers; default: one per GPU, or one per machine without GPUs."
+        ),
     ] = None,
 ) -> int:
-    """Bring the workers up on a Ray cluster, or change how many there are, and return once they are up.
+    """Start the workers on a Ray cluster, or change their number, and return once they are up.
 
-    API replicas (panoloc serve with PANOLOC_RAY_ADDRESS) find them by name. PANOLOC_REDIS_URL and PANOLOC_STORAGE, or PANOLOC_DATA_DIR
-    on a disk that all machines share, have to be those of the API replicas.
+    API replicas (panoloc serve with PANOLOC_RAY_ADDRESS) find them by name. Set PANOLOC_REDIS_URL as on the replicas,
+    and also PANOLOC_STORAGE, or PANOLOC_DATA_DIR on a disk that all machines share.
     """
     session: Session = ctx.obj
     try:
@@ -29,7 +32,9 @@ def workers(
     except ModuleNotFoundError as error:
         if error.name != "ray":
             raise
-        session.messages.print('[bold red]Error:[/] expected Ray, which is not installed: pip install "panoloc\\[ray]"')
+        session.messages.print(
+            '[bold red]Error:[/] expected an installation of Ray, got none: pip install "panoloc\\[ray]"'
+        )
         return ExitCode.ERROR
     try:
         plan = plan_of_environment()

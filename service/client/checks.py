@@ -27,6 +27,6 @@ def check_key(key: str | None) -> None:
     """Raise InvalidKeyError for a key that no header can carry; the message does not repeat it."""
     if key and not _KEY.fullmatch(key):
         raise InvalidKeyError(
-            "Expected a key of ASCII letters, digits and signs without spaces or line ends, got others, perhaps at its end; "
-            "correct PANOLOC_API_KEY."
+            "Expected a key of ASCII letters, digits and punctuation, got a key with spaces, line ends or other "
+            "characters, perhaps at its end; correct PANOLOC_API_KEY."
         )

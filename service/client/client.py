@@ -199,7 +199,8 @@ class PanolocClient:
             raise UnreachableError(self.url, _reason(error)) from error
         except httpx.TimeoutException as error:
             raise WaitTimeoutError(
-                f"{self.url} accepted the connection but did not answer {method} {path} in time; see its log, or try again."
+                f"{self.url} accepted the connection but did not answer {method} {path} in time; see the service's "
+                "log, or try again."
             ) from error
         except httpx.HTTPError as error:
             raise UnreachableError(self.url, f"the connection broke: {_reason(error)}") from error
@@ -231,7 +232,9 @@ def _json_object(reply: httpx.Response) -> JsonObject:
     except ValueError:
         body = None
     if not isinstance(body, dict):
-        raise UnexpectedReplyError(f"Expected a JSON object from {reply.url}, got something else; is it panoloc?")
+        raise UnexpectedReplyError(
+            f"Expected a JSON object from {reply.url}, got something else; check that panoloc answers there."
+        )
     return body
 
 

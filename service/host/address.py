@@ -20,10 +20,10 @@ def why_not_free(host: str, port: int) -> str | None:
     if errno.EADDRINUSE in numbers:
         return f"the address {place} is taken: another program listens on it"
     if errno.EACCES in numbers:
-        return f"this user may not listen on {place}; ports below 1024 need a privilege"
+        return f"this user may not listen on {place}; use a port from 1024 up, or grant the privilege"
     # "localhost" has an IPv6 address on machines without IPv6, too.
     if None not in faults:
-        return f"nobody can listen on {place} ({faults[0]})"
+        return f"no program can listen on {place} ({faults[0]})"
     return None
 
 

@@ -53,8 +53,10 @@ async def _run(folder: Path) -> None:
         await process.wait()
         raise
     if process.returncode != 0:
-        last = (said.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
-        raise WorkerError("DemoRoom", f"the process that makes the demo room ended with {process.returncode}: {last}")
+        last = (said.decode(errors="replace").strip().splitlines() or ["it printed nothing"])[-1]
+        raise WorkerError(
+            "DemoRoom", f"the process that generates the demo room ended with exit code {process.returncode}: {last}"
+        )
 
 
 def _key(name: str) -> str:

@@ -120,7 +120,7 @@ class EmbeddedRedis:
             _close_pipe(process)
             if self._stopping.is_set():
                 return
-            _log.warning("embedded redis ended, starting it again", extra={"returncode": process.returncode})
+            _log.warning("embedded Redis ended; the service restarts it", extra={"returncode": process.returncode})
             self._stopping.wait(_RESTART_PAUSE_S)
             if not self._stopping.is_set():
                 self._launch()

@@ -24,7 +24,7 @@ async def watch_redis(cache: Cache, url: str, interval_s: float = _INTERVAL_S) -
             if was_up:
                 said = {"redis": _place(url), "error": str(error)}
                 _log.warning(
-                    "Redis does not answer or keeps nothing; requests get 503, or answers that are not kept",
+                    "Redis does not answer or stores nothing; requests get 503, or their answers are not stored",
                     extra=said,
                 )
         if is_up and not was_up:

@@ -37,7 +37,8 @@ class RunFolder:
             (data_dir / "run").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataFolderUnusableError(
-                f"expected a data folder that can be made and written, got {data_dir} ({error.strerror}); correct PANOLOC_DATA_DIR"
+                f"expected a data folder that can be created and written, got {data_dir} ({error.strerror}); correct "
+                "PANOLOC_DATA_DIR"
             ) from error
         own = data_dir / "run"
         own.chmod(0o700)
@@ -70,8 +71,8 @@ def _sole_lock(path: Path) -> IO[str]:
         holder = lock.read().strip() or "unknown"
         lock.close()
         raise DataFolderInUseError(
-            f"{path.parent.parent}: expected a data folder of its own, but the service with process id {holder} is"
-            " using it; stop that one, set PANOLOC_DATA_DIR, or PANOLOC_SHARED for each of them"
+            f"{path.parent.parent}: expected an unused data folder, but the service with process id {holder} is "
+            "using it; stop that one, set another PANOLOC_DATA_DIR, or set PANOLOC_SHARED for both services"
         ) from error
     lock.truncate(0)
     lock.write(f"{os.getpid()}\n")
@@ -86,8 +87,8 @@ def _shared_lock(path: Path) -> IO[str]:
     except BlockingIOError as error:
         lock.close()
         raise DataFolderInUseError(
-            f"{path.parent.parent}: expected a data folder that only services with PANOLOC_SHARED use, but one without it is using it; "
-            "stop that one, or set PANOLOC_DATA_DIR"
+            f"{path.parent.parent}: expected a data folder used only by services with PANOLOC_SHARED, but a service "
+            "without it is using it; stop that one, or set another PANOLOC_DATA_DIR"
         ) from error
     return lock
 

@@ -14,7 +14,7 @@ from panoloc.service.maps.known_maps import VisibleMaps
 from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import services_of
 
-_bearer = HTTPBearer(auto_error=False, description="Asked for only where the operator has made keys.")
+_bearer = HTTPBearer(auto_error=False, description="Required only if the operator has set keys.")
 _header = APIKeyHeader(
     name="X-API-Key", auto_error=False, description="The same key, for clients without bearer tokens."
 )
@@ -64,8 +64,8 @@ def own_map(request: Request, map_id: str) -> MapRecord:
     record = maps_seen(request).get(map_id)
     if not record.belongs_to(caller_of(request).tenant):
         raise ScopeMissingError(
-            f"expected a map of your own, but {map_id} is only shared with you; ask its owner, or register the scan "
-            "yourself"
+            f"expected a map of your tenant, but {map_id} is only shared with it; ask the owner, or register the "
+            "scan yourself"
         )
     return record
 

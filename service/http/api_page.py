@@ -53,7 +53,7 @@ def api_page(document: dict[str, Any]) -> str:
         f'<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}: HTTP API</title>\n<style>{_STYLE}</style>\n<main>\n<h1>{escape(title)}</h1>\n"
         f"<p>{_text(info.get('description', ''))}</p>\n"
-        '<p>For programs, and for tools that send requests: <a href="openapi.json">openapi.json</a>. Requests can be tried in the '
+        '<p>For programs and API tools: <a href="openapi.json">openapi.json</a>. Try requests in the '
         '<a href="./">console</a>.</p>\n'
         f"<h2>Requests</h2>\n{operations}<h2>Schemas</h2>\n{models}</main>\n</html>\n"
     )

@@ -76,7 +76,7 @@ async def _http_exception(request: Request, error: HTTPException) -> Response:
     problem = HTTP_PROBLEMS.get(error.status_code) or Problem(
         "http-error", "The request cannot be answered", error.status_code, ""
     )
-    headers, expected = dict(error.headers or {}), "one of the paths that /docs lists"
+    headers, expected = dict(error.headers or {}), "a path listed at /docs"
     if error.status_code == 405:
         methods = _methods_at(request)
         headers, expected = {**headers, "Allow": ", ".join(methods)}, f"{' or '.join(methods)} at this path"

@@ -79,7 +79,7 @@ def accepted_headers(path_of: str) -> dict[str, Any]:
     return {
         "Location": {"description": f"Path of the {path_of}", "required": True, "schema": {"type": "string"}},
         "Retry-After": {
-            "description": "Seconds to wait before the first look",
+            "description": "Seconds to wait before the first poll",
             "required": True,
             "schema": {"type": "integer"},
         },

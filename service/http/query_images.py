@@ -17,7 +17,7 @@ def query_images(images: Sequence[bytes], masks: Sequence[bytes], options: Local
     """Put together what belongs to each image. Raises InvalidOptionsError."""
     if not images:
         raise InvalidOptionsError.of(
-            "image", "expected an image in a part of this name, got none; send -F image=@photo.jpg"
+            "image", "expected an image in a part of this name, got none; send one, such as -F image=@photo.jpg"
         )
     if len(masks) not in (0, 1, len(images)):
         wanted = "one or none" if len(images) == 1 else f"none, one for all, or one per image ({len(images)})"
@@ -51,7 +51,7 @@ def _cameras(options: LocalizeOptions, num_images: int) -> Sequence[Camera | Non
     if given[0].session_from_camera is not None:
         raise InvalidOptionsError.of(
             f"cameras.0.{_POSE}",
-            f"expected a pose of its own for each of the {num_images} images, got one for all; send one entry of "
+            f"expected a separate pose for each of the {num_images} images, got one for all; send one entry of "
             "`cameras` per image",
         )
     return [given[0]] * num_images
@@ -67,15 +67,15 @@ def _poses(options: LocalizeOptions, cameras: Sequence[Camera | None]) -> list[T
         at = f"cameras.{poses.index(None)}.{_POSE}" if len(options.cameras or ()) == len(poses) else "cameras"
         raise InvalidOptionsError.of(
             at,
-            f"expected {_POSE} for each of the {len(poses)} images, got {len(poses) - poses.count(None)} of them; send "
-            "the poses that the device's tracking gives, one entry of `cameras` per image, or send each image as a "
-            "query of its own",
+            f"expected {_POSE} for each of the {len(poses)} images, got {len(poses) - poses.count(None)} of them; "
+            "send the poses from the device's tracking, one entry of `cameras` per image, or send each image as a "
+            "separate query",
         )
     if poses == [None] and options.session is not None and options.session.up == "known":
         raise InvalidOptionsError.of(
             "session.up",
-            f"expected {_POSE} beside it, got an image without a pose, of which no axis is known; send its pose, or "
-            "hints.upright for a camera that is level",
+            f"expected {_POSE} beside it, got an image without a pose, so that no axis is known; send its pose, or "
+            "hints.upright for a level camera",
         )
     for number, pose in enumerate(poses):
         if pose is not None and poses[0] is not None:
@@ -88,5 +88,5 @@ def _check_distance(number: int, distance_m: float) -> None:
         raise InvalidOptionsError.of(
             f"cameras.{number}.{_POSE}.position_m",
             f"expected at most {MAX_SESSION_SPAN_M:g} m from the first image, got {distance_m:g} m; send metres, and "
-            "images of one place",
+            "only images of one place",
         )

@@ -63,7 +63,7 @@ class RequestContext:
         try:
             await app(scope, receive, send_with_id)
         except Exception as error:
-            _log.exception("a request met an unexpected fault")
+            _log.exception("a request failed unexpectedly")
             if status:
                 raise
             await problem_response(error, request_id)(scope, receive, send_with_id)

@@ -30,4 +30,4 @@ def file_response(description: str, media_types: tuple[str, ...], *errors: int) 
 
 def nothing_left(*errors: int) -> Responses:
     """Return the answer to a deletion, with status 204."""
-    return {204: {"description": "Nothing of it is left."}, **error_responses(*errors)}
+    return {204: {"description": "Everything of it is deleted."}, **error_responses(*errors)}

@@ -148,7 +148,7 @@ class _FormReader:
         """Return the parts once the body is over. Raises MalformedRequestError when it ended early."""
         if not self._ended:
             raise MalformedRequestError(
-                "expected a multipart body that ends with its boundary, got one that ends earlier; send it again, whole"
+                "expected a multipart body that ends with its boundary, got a truncated one; send it again in full"
             )
         return self._form
 
@@ -163,7 +163,7 @@ class _FormReader:
             return MultipartParser(boundary, self._callbacks())
         except FormParserError as error:
             raise MalformedRequestError(
-                f"expected a boundary as clients make it, but {error}; send a shorter one"
+                f"expected a standard multipart boundary, but {error}; send a shorter one"
             ) from error
 
     def _callbacks(self) -> "MultipartCallbacks":

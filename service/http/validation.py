@@ -72,7 +72,7 @@ def validation_error(
         return MalformedRequestError(f"{where or 'body'}: expected JSON, but {reason}; send valid JSON")
     fields = [_field(each, skip, where, model) for each in found[:_MOST_MESSAGES]]
     text = "; ".join(f"{each['field']}: {each['message']}" for each in fields)
-    return InvalidOptionsError(f"{text}. Correct the fields named, see /docs", fields)
+    return InvalidOptionsError(f"{text}. Correct the named fields, see /docs", fields)
 
 
 @contextmanager
@@ -90,7 +90,7 @@ def _refuse_doubles(data: bytes) -> None:
     def check(members: list[tuple[str, object]]) -> None:
         for name, times in Counter(name for name, _ in members).items():
             if times > 1:
-                message = f"expected once in its object, got {times} times; leave one"
+                message = f"expected once in its object, got {times} times; remove the others"
                 raise InvalidOptionsError.of(name[:_LONGEST_VALUE], message)
 
     # pydantic has read it: it is JSON and not deep. Long numbers, which the model refuses, are left as text.
@@ -110,7 +110,7 @@ def _expected(found: Mapping[str, Any], model: type[BaseModel] | None) -> str:
     kind = str(found["type"])
     if kind == "extra_forbidden":
         meant = None if model is None else _meant(found["loc"], model)
-        advice = f"perhaps you mean {meant}" if meant else "see /docs for those that there are"
+        advice = f"perhaps you mean {meant}" if meant else "see /docs for the fields"
         return f"expected no field of this name, {advice}"
     if kind in _EXPECTED:
         return _EXPECTED[kind].format(**found.get("ctx", {}))

@@ -41,4 +41,4 @@ class AuditLog:
             finally:
                 os.close(file)
         except OSError as error:
-            _log.error("a line of the audit log could not be written", extra={**line, "error": str(error)})
+            _log.error("a line of the audit log cannot be written", extra={**line, "error": str(error)})

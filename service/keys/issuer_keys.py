@@ -54,7 +54,7 @@ class IssuerKeys:
                 self._keys = await asyncio.to_thread(read_keys, self.place)
             except (OSError, ValueError) as error:
                 _log.error(
-                    "the keys of the issuer of tokens cannot be read",
+                    "the keys of the token issuer cannot be read",
                     extra={"place": self.place, "error": str(error), "num_known": len(self._keys)},
                 )
 
@@ -64,7 +64,7 @@ def is_url(place: str) -> bool:
     their keys."""
     parts = urlsplit(place)
     if parts.scheme == "http" and not is_loopback(parts.hostname or ""):
-        raise ValueError(f"expected https:// or a file for the keys of the issuer, got {place!r}")
+        raise ValueError(f"expected an https:// URL or a file with the keys of the issuer, got {place!r}")
     return parts.scheme in ("http", "https")
 
 
@@ -79,7 +79,7 @@ def read_keys(place: str) -> tuple[jwt.PyJWK, ...]:
         raise ValueError(f'expected a JWK set, {{"keys": […]}}, but {error!r}') from error
     usable = tuple(each for each in found.keys if _is_usable(each))
     if not usable:
-        raise ValueError("expected a JWK set with a public key that signs (RSA, EC or Ed25519), got none")
+        raise ValueError("expected a JWK set with a public signing key (RSA, EC or Ed25519), got none")
     return usable
 
 

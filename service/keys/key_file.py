@@ -57,7 +57,7 @@ class KeyFile:
         except FileNotFoundError:
             return []
         except (ValueError, KeyError, TypeError) as error:
-            raise KeyFileError(f"{self.path}: expected keys as `panoloc keys` writes them, but {error!r}") from error
+            raise KeyFileError(f"{self.path}: expected keys in the format of `panoloc keys`, but {error!r}") from error
 
     def make(self, name: str, scopes: Sequence[Scope], tenant: str | None = None) -> tuple[StoredKey, str]:
         """Add a key and return it with its text, which is shown once. tenant: None for one of its own.
@@ -65,13 +65,13 @@ class KeyFile:
         Raises KeyFileError for a name or tenant that would not say whose the key is.
         """
         if not name.strip():
-            raise KeyFileError("expected a name that says whose key it is, got none")
+            raise KeyFileError("expected a name for the key's owner, got none")
         for text in (name, tenant or ""):
             if not text.isprintable():
                 raise KeyFileError(f"expected a name or tenant without control characters, got {text[:80]!r}")
         if tenant is not None and tenant.strip() in ("", "*"):
             raise KeyFileError(
-                f"expected the name of a tenant, got {tenant!r}; `*` stands for all of them where maps are shared"
+                f"expected the name of a tenant, got {tenant!r}; `*` means all tenants when sharing maps"
             )
         key_id, text = f"key_{secrets.token_hex(4)}", f"pk_{secrets.token_urlsafe(32)}"
         made = StoredKey(key_id, name, tenant or key_id, tuple(scopes), digest_of(text), _now())
@@ -91,7 +91,8 @@ class KeyFile:
 
         if not self.path.exists():
             raise KeyFileError(
-                f"there are no keys in {self.path.parent.resolve()}: is it the data folder of the service?"
+                f"expected keys in {self.path.parent.resolve()}, got none; check that it is the data folder of the "
+                "service"
             )
         self._change(without)
         return revoked[0]

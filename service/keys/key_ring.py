@@ -90,14 +90,14 @@ class KeyRing:
         if seen is None:
             # Opening the service to everybody takes more than a file that was moved away.
             if self._of_file:
-                _log.error("the file of keys is gone, its keys open nothing", extra={"path": str(self._file.path)})
+                _log.error("the key file is missing; its keys are refused", extra={"path": str(self._file.path)})
             self._of_file = {}
             return
         self._seen = seen
         try:
             self._of_file = {key.sha256: key.caller for key in self._file.read() if key.revoked_at is None}
         except (KeyFileError, OSError) as error:
-            _log.error("the file of keys cannot be read, its keys open nothing", extra={"error": str(error)})
+            _log.error("the key file cannot be read; its keys are refused", extra={"error": str(error)})
             self._of_file = {}
 
 

@@ -67,8 +67,8 @@ class Tokens:
         keys = [each for each in self.keys.of(header.get("kid")) if each.algorithm_name == algorithm]
         if not keys:
             raise TokenRefusedError(
-                f"expected a token that is signed with a key of {self.rules.issuer}, got one of an unknown key, or one "
-                f"that does not sign with {algorithm}",
+                f"expected a token signed with a key of {self.rules.issuer}, got one with an unknown key, "
+                f"or with a key that does not support {algorithm}",
                 may_be_new=True,
             )
         for key in keys:
@@ -76,9 +76,7 @@ class Tokens:
                 return self._decoded(token, key)
             except jwt.InvalidSignatureError:
                 continue
-        raise TokenRefusedError(
-            f"expected a token that {self.rules.issuer} has signed, got one whose signature is wrong"
-        )
+        raise TokenRefusedError(f"expected a token that {self.rules.issuer} has signed, got one with a wrong signature")
 
     def _decoded(self, token: str, key: jwt.PyJWK) -> dict[str, Any]:
         try:
@@ -100,9 +98,9 @@ class Tokens:
         if isinstance(error, jwt.ExpiredSignatureError):
             return "that is still valid, got one that has expired; ask for a new one"
         if isinstance(error, jwt.InvalidAudienceError):
-            return f"for the audience {self.rules.audience!r}, got one for others"
+            return f"for the audience {self.rules.audience!r}, got one for another audience"
         if isinstance(error, jwt.InvalidIssuerError):
-            return f"of the issuer {self.rules.issuer!r}, got one of another"
+            return f"of the issuer {self.rules.issuer!r}, got one of another issuer"
         return f"that is valid now and has the claims {_CLAIMS}, but {error}"
 
 

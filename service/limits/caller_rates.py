@@ -67,13 +67,13 @@ class CallerRates:
         if limit == "byte-rate":
             raise RateError(
                 f"expected at most {self.limits.bytes_per_hour:,} bytes of one caller in an hour "
-                "(PANOLOC_MAX_BYTES_PER_HOUR), got more; send smaller images or fewer, and the next upload in "
-                f"{retry_after_s} s; requests without bytes are answered",
+                f"(PANOLOC_MAX_BYTES_PER_HOUR), got more; wait {retry_after_s} s before the next upload, or send "
+                "smaller images or fewer; requests without uploads are still answered",
                 retry_after_s,
             )
         raise RateError(
             f"expected at most {self.limits.requests_per_minute:,} requests of one caller in a minute "
-            f"(PANOLOC_MAX_REQUESTS_PER_MINUTE), got more; ask less often, the next time in {retry_after_s} s",
+            f"(PANOLOC_MAX_REQUESTS_PER_MINUTE), got more; send fewer requests, the next one in {retry_after_s} s",
             retry_after_s,
         )
 
@@ -93,7 +93,7 @@ class CallerRates:
                 return await count(self._together)
             except (RedisError, OSError) as error:
                 self._alone_until_s = time.monotonic() + _PAUSE_S
-                _log.warning("the rates of callers are counted by this process alone", extra={"error": str(error)})
+                _log.warning("this process counts the rates of callers alone", extra={"error": str(error)})
         return await count(self._alone)
 
 

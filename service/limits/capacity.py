@@ -69,8 +69,7 @@ class Capacity:
             if amount > 0 and held + amount > most:
                 self._note_refusal(self._refusal)
                 raise self._error(
-                    f"expected at most {most:,} {self._what} of {whose} at the same time, got more; try again when "
-                    "others are done",
+                    f"expected at most {most:,} {self._what} of {whose} at the same time, got more; try again later",
                     _RETRY_AFTER_S,
                 )
         self._by_caller[caller] += amount

@@ -105,7 +105,7 @@ class Registrations:
         try:
             own = await self._registry.try_register(ref)
         except (TryAgainError, OSError) as error:
-            _log.warning("a registration cannot be taken up, it is tried again later", error=str(error))
+            _log.warning("a registration cannot be resumed; the service retries later", error=str(error))
             return
         if own is None:
             return
@@ -116,7 +116,7 @@ class Registrations:
             if not self._is_wanted(ref) or self._registry.get(ref.id).newest.status == "queued":
                 await self._register(ref, request_id)
         except TryAgainError as error:
-            _log.warning("a registration cannot go on, it is tried again later", error=str(error))
+            _log.warning("a registration cannot continue; the service retries later", error=str(error))
         finally:
             own.release()
 
@@ -145,7 +145,7 @@ class Registrations:
             raise
         except Exception as error:
             if not isinstance(error, EXPECTED_ERRORS):
-                _log.exception("a registration met an unexpected fault")
+                _log.exception("a registration failed unexpectedly")
             if isinstance(error, RegistrationLimitError):
                 self._metrics.note_refusal("registration")
             failure = problem_document(error, request_id)
@@ -165,7 +165,7 @@ class Registrations:
                 except TryAgainError as error:
                     has_no_room = isinstance(error, StorageFullError | StorageReadOnlyError)
                     self.waiting_for_room[ref] = _NO_ROOM if has_no_room else _NO_STORAGE
-                    _log.warning("a map cannot be stored, trying again", map_id=ref.id, error=str(error))
+                    _log.warning("a map cannot be stored; the service retries", map_id=ref.id, error=str(error))
                 await asyncio.sleep(min(self._room_pause_s * attempt, _LONGEST_PAUSE_S))
                 attempt += 1
         finally:
@@ -186,7 +186,7 @@ class Registrations:
                 attempt = self._registry.get(ref.id).newest.num_attempts
                 if attempt >= MAX_ATTEMPTS:
                     raise
-                _log.warning("a registration is tried again", attempt=attempt, error=str(error))
+                _log.warning("a registration is retried", attempt=attempt, error=str(error))
                 await asyncio.sleep(min(error.retry_after_s * max(1, attempt), _LONGEST_PAUSE_S))
             except asyncio.CancelledError:
                 # An orderly stop is no attempt that ended the service.
@@ -200,7 +200,7 @@ class Registrations:
         """Count an attempt before it can end the service, so that a scan that always does is given up."""
         if self._registry.get(ref.id).newest.num_attempts >= MAX_ATTEMPTS:
             raise RegistrationLimitError(
-                f"expected a map after {MAX_ATTEMPTS} attempts at most, but the service ended during each; "
+                f"expected a map after at most {MAX_ATTEMPTS} attempts, but the service ended during each of them; "
                 "upload a smaller scan, or one in another format"
             )
         self._attempted.add(ref)

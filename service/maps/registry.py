@@ -106,7 +106,8 @@ class MapRegistry(KnownMaps):
         """Raise MapLimitError when there are as many maps as allowed."""
         if len(self._records) + self._num_coming >= self._max_maps:
             raise MapLimitError(
-                f"expected fewer than {self._max_maps} maps (PANOLOC_MAX_MAPS), got as many; delete one you do not need"
+                f"expected fewer than {self._max_maps} maps (PANOLOC_MAX_MAPS), but the limit is reached; delete a "
+                "map that is no longer needed"
             )
 
     async def adopt_scan(self, ref: MapRef, name: str, file: Path, digest: str) -> str:
@@ -131,7 +132,7 @@ class MapRegistry(KnownMaps):
         async def put() -> None:
             if not self.holds(ref):
                 raise MapNotFoundError(
-                    f"expected a revision that is kept, got {ref.id} revision {ref.revision}; too late"
+                    f"expected a revision that still exists, got {ref.id} revision {ref.revision}, which is deleted"
                 )
             for name, data in files.items():
                 await asyncio.to_thread(self._storage.put, key_of(ref, name), data)
@@ -164,8 +165,8 @@ class MapRegistry(KnownMaps):
                 found = self.get(map_id)
                 if version is not None and found.version != version:
                     raise VersionConflictError(
-                        f"expected version {version} of {map_id}, but somebody has changed it: "
-                        f"it is at {found.version}; read it again"
+                        f"expected version {version} of {map_id}, but somebody has changed the map to version "
+                        f"{found.version}; read the map again"
                     )
                 changed = update(found)
                 if changed == found:
@@ -245,7 +246,9 @@ class MapRegistry(KnownMaps):
             self._records.pop(map_id, None)
             self._stamps.pop(map_id, None)
         except StorageError as error:
-            _log.error("a map stays as it was, its record cannot be read", map_id=map_id, error=str(error))
+            _log.error(
+                "a map keeps its last known state, because its record cannot be read", map_id=map_id, error=str(error)
+            )
 
     async def _load(self, map_id: str) -> None:
         await self._look(map_id)
@@ -253,7 +256,7 @@ class MapRegistry(KnownMaps):
             await self._remove_forgotten_revisions(record)
         elif not self._locks.is_shared:  # otherwise another process may store its scan now
             # Never deleted here: it may be a scan that somebody wants back.
-            _log.error("a folder of maps is left alone, its record is missing or cannot be read", map_id=map_id)
+            _log.error("a map folder is skipped, because its record is missing or cannot be read", map_id=map_id)
 
     async def _remove_forgotten_revisions(self, record: MapRecord) -> None:
         for name in await asyncio.to_thread(self._storage.names, folder_of(record.id)):

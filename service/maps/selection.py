@@ -35,7 +35,9 @@ class MapChoice:
             got = "both" if tags else "neither"
             raise invalid_option("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
         if len(set(map_ids)) > MAX_MAPS:
-            raise invalid_option("map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; ask for fewer")
+            raise invalid_option(
+                "map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; name fewer maps"
+            )
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
 
     def resolve(self, registry: KnownMaps) -> ChosenMaps:
@@ -50,7 +52,7 @@ class MapChoice:
         tagged = seen.with_tag(self.tag)
         if not tagged:
             raise MapNotFoundError(
-                f"expected a tag that some map bears, got {self.tag[:80]!r}; GET /maps and `panoloc maps` list the maps"
+                f"expected the tag of a map, got {self.tag[:80]!r}; GET /maps and `panoloc maps` list the maps"
             )
         serving = [ref for record in tagged if (ref := record.serving_ref) is not None]
         if not serving:
@@ -60,7 +62,7 @@ class MapChoice:
                 "tag", f"expected at most {MAX_MAPS} maps, got {len(serving)} with this tag; name the maps"
             )
         left_out = [record.id for record in tagged if record.serving is None]
-        return ChosenMaps(tuple(serving), tuple(f"{map_id} bears the tag but is not ready" for map_id in left_out))
+        return ChosenMaps(tuple(serving), tuple(f"{map_id} has the tag but is not ready" for map_id in left_out))
 
 
 def serving_ref(record: MapRecord) -> MapRef:
@@ -70,9 +72,9 @@ def serving_ref(record: MapRecord) -> MapRef:
         return ref
     if record.newest.status == "failed":
         reason = (record.newest.error or {}).get("detail", "see its error")
-        raise MapUnusableError(f"expected a map that is ready, but {record.id} failed: {reason}")
+        raise MapUnusableError(f"expected a ready map, but {record.id} failed: {reason}")
     raise MapNotReadyError(
-        f"expected a map that is ready, but {record.id} is still being built; poll GET /maps/{record.id}",
+        f"expected a ready map, but {record.id} is still being built; poll GET /maps/{record.id}",
         _RETRY_AFTER_S,
     )
 

@@ -72,8 +72,8 @@ class Admission:
     def _refuse_without_a_place(self) -> None:
         if self.num_admitted - self._num_workers >= self._queue_limit:
             raise QueueFullError(
-                f"{self.queue_depth} requests are waiting, which is as many as may; try again in"
-                f" {self.retry_after_s} s or raise PANOLOC_QUEUE_LIMIT",
+                f"{self.queue_depth} requests are waiting, which is the limit; try again in {self.retry_after_s} s, "
+                "or ask the operator to raise PANOLOC_QUEUE_LIMIT",
                 self.retry_after_s,
             )
 
@@ -85,8 +85,8 @@ class Admission:
             retry_after_s = self._within_reason(needed_s - remaining_s)
             before = "1 request is" if self.num_admitted == 1 else f"{self.num_admitted} requests are"
             raise QueueFullError(
-                f"expected an answer within the {remaining_s:.1f} s of timeout_s, but {before} before this one "
-                f"and it would take about {needed_s:.0f} s; try again in {retry_after_s} s, or allow more time",
+                f"expected an answer within the {remaining_s:.1f} s of timeout_s, but {before} ahead of this one "
+                f"and the answer would take about {needed_s:.0f} s; try again in {retry_after_s} s, or allow more time",
                 retry_after_s,
                 "deadline",
             )

@@ -22,4 +22,4 @@ async def run_build(hello: Hello, kind: Kind, job: Any) -> WorkerReply[Any]:
 
 
 def _note_loss(work: Work, how: str) -> None:
-    work.fail(f"the process that builds the map ended ({how}): too little memory for this scan?")
+    work.fail(f"the process that builds the map ended ({how}); the memory may be too small for this scan")

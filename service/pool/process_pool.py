@@ -73,7 +73,7 @@ class ProcessPool:
         for task in self._supervisors:
             task.cancel()
         await asyncio.gather(*self._supervisors, return_exceptions=True)
-        self._refuse_waiting("the service has ended")
+        self._refuse_waiting("the service is stopped")
 
     @property
     def num_under_way(self) -> int:
@@ -120,7 +120,7 @@ class ProcessPool:
                         return _outcome(reply)
                     await self._builds.rebuild(reply.missing)
                     work = work.again()
-        raise NoWorkerError(f"the index of {job.maps[0].id} does not stay in Redis; is its maxmemory too small?")
+        raise NoWorkerError(f"Redis does not keep the index of {job.maps[0].id}; check its maxmemory")
 
     async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
         """Build and store a map's index in a process of its own, after the registrations that came before it."""
@@ -134,7 +134,7 @@ class ProcessPool:
 
     def _require_workers(self) -> None:
         if not self._is_open:
-            raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for or 'workers'}")
+            raise NoWorkerError(f"no worker can take this request: waiting for {self.state().waiting_for or 'workers'}")
 
     async def _reply_to(self, work: Work) -> WorkerReply[LocalizeOutcome]:
         heapq.heappush(self._queue, work)
@@ -167,7 +167,7 @@ class ProcessPool:
         if work.may_repeat(how):
             self._num_retries += 1
             lost = {"request_id": work.request.job.request_id, "attempt": work.num_attempts, "error": how}
-            _log.warning("a worker was lost, its query is repeated", extra=lost)
+            _log.warning("a worker was lost; the service repeats its query", extra=lost)
             heapq.heappush(self._queue, work)
 
     async def _supervise(self, seat: Seat) -> None:
@@ -182,7 +182,7 @@ class ProcessPool:
                 how = str(error)
             finally:
                 self._processes.remove(process)
-            _log.warning("a worker process ended, starting another", extra={"error": process.problem or how})
+            _log.warning("a worker process ended; the service starts another", extra={"error": process.problem or how})
             if process.was_ready:
                 pause_s = _FIRST_PAUSE_S
                 continue
@@ -198,7 +198,7 @@ class ProcessPool:
             self._problem = problem
             while self._queue:
                 work = self._queue.pop()
-                work.fail(f"no worker can take this: {problem}")
+                work.fail(f"no worker can take this request: {problem}")
 
     async def _watch(self) -> None:
         while True:
@@ -226,7 +226,7 @@ async def _deadline(remaining_s: float) -> AsyncIterator[None]:
 def _outcome(reply: WorkerReply[Result]) -> Result:
     if reply.failure is not None:
         if reply.failure.traceback:
-            _log.error("a worker met a fault of its own", extra={"origin": reply.failure.traceback})
+            _log.error("a worker failed unexpectedly", extra={"origin": reply.failure.traceback})
         raise error_of(reply.failure)
     assert reply.outcome is not None
     return reply.outcome

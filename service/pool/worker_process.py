@@ -54,7 +54,7 @@ class Work:
         self.num_attempts += 1
         if self.request.kind == "localize" and self.num_attempts < _MAX_ATTEMPTS:
             return not self.future.done()
-        self.fail(f"{self.num_attempts} workers in a row were lost with this query ({how})")
+        self.fail(f"{self.num_attempts} workers in a row were lost while answering this query ({how})")
         return False
 
     def fail(self, reason: str) -> None:
@@ -144,7 +144,7 @@ class WorkerProcess:
         if due and time.time() > min(due) + OVERDUE_S:
             self.kill(f"a query was {OVERDUE_S:.0f} s past its deadline")
         elif self._resident_bytes() > memory_bytes:
-            self.kill(f"it had more than {memory_bytes / 2**30:.1f} GiB of memory")
+            self.kill(f"it used more than {memory_bytes / 2**30:.1f} GiB of memory")
 
     async def _take_messages(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdout is not None

@@ -121,7 +121,7 @@ def plan_of_environment() -> WorkerPlan:
     """Return the plan that the settings of this process say. Raises ValueError without a Redis, or with wrong settings."""
     settings = Settings()
     if settings.redis_url is None:
-        raise ValueError("expected PANOLOC_REDIS_URL, a Redis that all machines reach; it is not set")
+        raise ValueError("expected PANOLOC_REDIS_URL with a Redis that all machines reach, but it is not set")
     return WorkerPlan(WorkerSettings.of(settings, settings.redis_url))
 
 

@@ -80,7 +80,7 @@ def _raise(error: Exception) -> None:
 async def _run(pipes: ChildPipes, watchdog: "Watchdog", plan: WorkerPlan) -> None:
     localizer = serve.get_app_handle(APPLICATION)
     if differences := _differences(await localizer.describe.remote(), description(plan)):
-        raise ValueError(f"workers and API replica differ in {differences}; set both alike")
+        raise ValueError(f"workers and API replica differ in {differences}; set them to the same value")
     bridge = Bridge(pipes, localizer, serve.get_deployment_handle(BUILDER, APPLICATION))
     loop = asyncio.get_running_loop()
 

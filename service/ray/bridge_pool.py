@@ -30,7 +30,7 @@ class BridgePool(ProcessPool):
     async def _build(self, kind: Kind, job: Any) -> WorkerReply[Any]:
         bridge = next((each for each in self._processes if each.num_workers), None)
         if bridge is None:
-            raise NoWorkerError(f"no worker can take this: waiting for {self.state().waiting_for}")
+            raise NoWorkerError(f"no worker can take this request: waiting for {self.state().waiting_for}")
         work = Work(next(self._numbers), kind, job)
         bridge.begin(work)
         try:

@@ -51,7 +51,7 @@ class ChangeSignal:
         try:
             found: Any = await self._redis.xrange(_STREAM, min=f"({self._last_id}")
         except (RedisError, OSError) as error:
-            _log.debug("Redis does not answer; changes of other API replicas are found by looking", error=str(error))
+            _log.debug("Redis does not answer; changes of other API replicas are found by polling", error=str(error))
             return []
         if found:
             self._last_id = found[-1][0].decode()

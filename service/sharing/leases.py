@@ -96,7 +96,7 @@ class LeaseLocks(Locks):
                 lease.renewed_s = now_s
             except CacheDownError as error:
                 # Nobody else gets one from a Redis that does not answer.
-                _log.warning("a lease cannot be renewed, trying again", lease=lease.name, error=str(error))
+                _log.warning("a lease cannot be renewed; the service retries", lease=lease.name, error=str(error))
         with contextlib.suppress(RedisError, OSError):  # it ends by itself
             await lease.in_redis.release()
 
@@ -114,5 +114,5 @@ async def _answered(asked: Awaitable[Answer]) -> Answer:
         return await asked
     except (RedisError, OSError) as error:
         raise CacheDownError(
-            f"expected a lock from Redis, got {error}; try again, or let the operator look at Redis"
+            f"expected a lock from Redis, got {error}; try again, or ask the operator to check Redis"
         ) from error

@@ -64,7 +64,7 @@ class Locks(ABC):
     def check_sure(self, name: str) -> None:
         """Raise CacheDownError where another process may have a lock of this one; before what cannot be undone."""
         if not self.is_sure(name):
-            raise CacheDownError("expected a lock in Redis that is renewed in time, but it was not; try again")
+            raise CacheDownError("expected the lock in Redis to be renewed in time, but it expired; try again")
 
     def is_sure(self, name: str) -> bool:
         """Tell whether a lock of this process is certainly still its own; True for one that it does not hold."""

@@ -109,7 +109,7 @@ class BucketStorage:
             self._objects.delete(rest)
             self._objects.delete([note])
         except ServiceError as error:
-            _log.warning("deleted objects still take room in the bucket", extra={"key": prefix, "error": str(error)})
+            _log.warning("deleted objects still take space in the bucket", extra={"key": prefix, "error": str(error)})
 
     def delete(self, key: str) -> None:
         """Delete an object, then the digest beside it."""
@@ -135,7 +135,7 @@ class BucketStorage:
             try:
                 self._finish_deletion(note, min(min_age_s, _UNDER_WAY_S))
             except (StorageError, ValueError, KeyError, TypeError) as error:
-                _log.warning("a note of a deletion is ignored", extra={"key": note["path"], "error": str(error)})
+                _log.warning("a record of a deletion is ignored", extra={"key": note["path"], "error": str(error)})
 
     def stamps(self, prefix: str, name: str) -> dict[str, Stamp]:
         """Return the tags of the files of this name; a page of the list covers many folders."""

@@ -46,7 +46,7 @@ def open_client(url: str, variables: Mapping[str, str], *, is_patient: bool = Tr
         )
     except (BaseError, ValueError) as error:
         raise StorageAwayError(
-            f"expected variables that say how {url} is reached, but {str(error).splitlines()[0]}"
+            f"expected variables for the access to {url}, but {str(error).splitlines()[0]}"
         ) from error
     return client
 

@@ -41,11 +41,12 @@ def _translated(url: str, key: str, error: Exception, writes: bool) -> ServiceEr
     text, reason = str(error), _reason_of(error)
     if _NO_BUCKET.search(text):
         return StorageAwayError(
-            f"expected a bucket at {url}, got {reason}; let the operator create it or correct PANOLOC_STORAGE",
+            f"expected a bucket at {url}, got {reason}; ask the operator to create the bucket or to correct "
+            "PANOLOC_STORAGE",
             _RETRY_AFTER_S,
         )
     if isinstance(error, AlreadyExistsError | PreconditionError):
-        return StoredFileChangedError(f"{key}: somebody else has replaced it since it was read")
+        return StoredFileChangedError(f"{key}: somebody else has replaced the file since it was read")
     if isinstance(error, FileNotFoundError):
         return missing(key)
     if _FULL.search(text):
@@ -55,12 +56,13 @@ def _translated(url: str, key: str, error: Exception, writes: bool) -> ServiceEr
     if isinstance(error, PermissionDeniedError | UnauthenticatedError):
         kind, verb = (StorageReadOnlyError, "written") if writes else (StorageAwayError, "read")
         return kind(
-            f"expected a bucket {url} that can be {verb}, got {reason}; let the operator check the key and its rights",
+            f"expected a bucket {url} that can be {verb}, got {reason}; ask the operator to check the key and its "
+            "rights",
             _RETRY_AFTER_S,
         )
     return StorageAwayError(
-        f"expected an answer from the bucket {url}, got {reason}; "
-        "try again, or let the operator check the endpoint and the network",
+        f"expected an answer from the bucket {url}, got {reason}; try again, or ask the operator to check the "
+        "endpoint and the network",
         _RETRY_AFTER_S,
     )
 

@@ -76,7 +76,7 @@ class BucketClaim:
         if first is None:
             return
         _log.warning(
-            "another service has used the bucket; waiting to see whether it still does",
+            "another service has used the bucket; waiting to check whether it still runs",
             extra={"other": _named(first), "longest_s": _WATCH_S},
         )
         deadline = time.monotonic() + _WATCH_S
@@ -96,7 +96,9 @@ class BucketClaim:
                     self._write()
                     continue
             except ServiceError as error:
-                _log.warning("the claim of the bucket cannot be renewed, trying again", extra={"error": str(error)})
+                _log.warning(
+                    "the claim on the bucket cannot be renewed; the service retries", extra={"error": str(error)}
+                )
                 continue
             self.loss = f"{_named(other)} has taken the bucket"
             _log.error("the service ends", extra={"error": self.loss})
@@ -140,6 +142,6 @@ def _named(note: dict[str, Any]) -> str:
 
 def _in_use(url: str, note: dict[str, Any]) -> BucketInUseError:
     return BucketInUseError(
-        f"{url}: expected a bucket of its own, but {_named(note)} is using it; stop that one, "
-        "set PANOLOC_STORAGE to another prefix, or PANOLOC_SHARED for each of them"
+        f"{url}: expected an unused bucket prefix, but {_named(note)} is using it; stop that one, set "
+        "PANOLOC_STORAGE to another prefix, or set PANOLOC_SHARED for both services"
     )

@@ -47,7 +47,7 @@ class FolderStorage:
         """Store bytes over older ones in one step; callers that pass `over` hold a lock that excludes other writers."""
         target = self._path(key)
         if over is not None and _stamp_of(target) != over:
-            raise StoredFileChangedError(f"{key}: somebody else has replaced it since it was read")
+            raise StoredFileChangedError(f"{key}: somebody else has replaced the file since it was read")
         with disk_errors():
             make_folder(target.parent)
             temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")

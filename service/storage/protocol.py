@@ -84,13 +84,15 @@ def parts_of(key: str) -> list[str]:
 
 def missing(key: str) -> StoredFileMissingError:
     """Return the error for a file that is not there."""
-    return StoredFileMissingError(f"{key}: expected a stored file, found none; was the storage changed by hand?")
+    return StoredFileMissingError(
+        f"{key}: expected a stored file, found none; check whether somebody changed the storage by hand"
+    )
 
 
 def check_digest(key: str, expected: str | None, found: str) -> None:
     """Raise StoredFileDamagedError where bytes differ from those that were stored. expected: None where unknown."""
     if expected is not None and found != expected:
         raise StoredFileDamagedError(
-            f"{key}: expected the SHA-256 {expected[:12]}… noted when it was stored, got {found[:12]}…; "
-            "the disk or somebody changed it: restore it from a backup or upload the scan again"
+            f"{key}: expected the SHA-256 {expected[:12]}… recorded when it was stored, got {found[:12]}…; the file "
+            "is damaged or was changed: restore it from a backup or upload the scan again"
         )

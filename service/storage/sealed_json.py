@@ -27,7 +27,7 @@ def unseal(kind: TypeAdapter[Record], data: bytes, key: str) -> Record:
         return kind.validate_python(sealed["record"])
     except (ValueError, KeyError, TypeError, OptionsError) as error:
         raise StoredFileDamagedError(
-            f"{key}: expected a record as the service wrote it, but {error}; restore the file from a backup"
+            f"{key}: expected an unchanged record of the service, but {error}; restore the file from a backup"
         ) from error
 
 

@@ -23,14 +23,14 @@ def check_at_start(storage: Storage, *, is_shared: bool) -> None:
     try:
         storage.put(key, b"first")
         if storage.names(prefix) != ["probe"]:
-            raise StorageUnusableError(f"expected {storage.url} to list what was just written, but it does not")
+            raise StorageUnusableError(f"expected {storage.url} to list a file that was just written, but it does not")
         _, stamp = storage.read_stamped(key)
         if is_shared:
             storage.replace(key, b"second", stamp)
             _check_that_an_old_stamp_is_refused(storage, key, stamp)
         storage.delete_all(prefix)
     except StorageError as error:
-        raise StorageUnusableError(f"{storage.url} does not keep what is written: {error}") from error
+        raise StorageUnusableError(f"{storage.url} does not keep a written file: {error}") from error
     except ServiceError as error:
         raise StorageUnusableError(str(error)) from error
 
@@ -41,7 +41,7 @@ def _check_that_an_old_stamp_is_refused(storage: BucketStorage, key: str, stamp:
     except StoredFileChangedError:
         return
     raise StorageUnusableError(
-        f"expected {storage.url} to refuse a write over what has changed since it was read (If-Match), "
-        "as several API replicas need, but it accepted the write; "
-        "use a newer version of that storage, or one API replica without PANOLOC_SHARED"
+        f"expected {storage.url} to refuse the overwrite of a changed file (If-Match), which several API replicas "
+        "need, but it accepted the write; use a newer version of that storage, or one API replica without "
+        "PANOLOC_SHARED"
     )

@@ -35,7 +35,7 @@ def split_url(url: str) -> tuple[str, str]:
             f"{url if '@' not in url else scheme + '://…'}"
         )
     if "@" in rest:
-        raise ValueError(f"expected no key in the URL: it belongs into variables that begin with {_VARIABLES[scheme]}")
+        raise ValueError(f"expected no key in the URL: put it into variables that begin with {_VARIABLES[scheme]}")
     return scheme, rest
 
 

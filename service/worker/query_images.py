@@ -103,7 +103,8 @@ def _photo(image: Panorama | Photo) -> Photo:
 def _pose(tracked: TrackedPose | None, frame: Frame) -> Pose:
     if tracked is None:
         raise OptionsError(
-            "cameras: expected session_from_camera for each of several images, got one without; send all"
+            "cameras: expected session_from_camera for each of several images, got an image without it; send one for "
+            "each image"
         )
     return Pose.from_frame(tracked.position_m, tracked.quaternion_xyzw, frame)
 

@@ -183,8 +183,8 @@ def _within_memory(work: Callable[[], Result]) -> Result:
         if not isinstance(error, MemoryError) and "can't allocate memory" not in str(error):
             raise
         raise RegistrationLimitError(
-            "expected a scan that fits in the memory allowed (PANOLOC_REGISTRATION_MEMORY_BYTES), but it ran "
-            "out; thin the scan, or let the operator allow more"
+            "expected a scan that fits in the allowed memory (PANOLOC_REGISTRATION_MEMORY_BYTES), but the memory ran "
+            "out; thin the scan, or ask the operator for more"
         ) from error
 
 

@@ -223,11 +223,11 @@ def test_a_service_that_is_busy_is_asked_again_when_it_says_so(page: Page, servi
 
     page.route(re.compile(r"/batches\?"), busy_once)
     page.goto(f"{service.http.base_url}/#/batches")
-    expect(page.get_by_text("It will be asked again in 3 s")).to_be_visible()
+    expect(page.get_by_text("The page retries in 3 s")).to_be_visible()
     expect(
         page.get_by_role("link", name="Localize photos").or_(page.get_by_role("list", name="Batches"))
     ).to_be_visible()
-    expect(page.get_by_text("It will be asked again")).to_have_count(0)
+    expect(page.get_by_text("The page retries in")).to_have_count(0)
     assert len(asked) >= 2
 
 
@@ -294,7 +294,7 @@ def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_v
     Image.fromarray(np.full((60, 80, 3), 128, np.uint8)).save(photo)
     page.goto(f"{service.http.base_url}/#/maps/{room_id}")
     page.get_by_label("Choose photos to localize").set_input_files(photo)
-    expect(page.get_by_role("alert").filter(has_text="How wide does this photo see?")).to_be_visible()
+    expect(page.get_by_role("alert").filter(has_text="What is the field of view of this photo?")).to_be_visible()
     # The search itself is none of the page's; what the page asks for is.
     page.route(re.compile(r"/localize$"), lambda route: route.abort())
     page.evaluate(
@@ -307,7 +307,7 @@ def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_v
         }"""
     )
     page.get_by_role("button", name="Search 45° to 90°").click()
-    expect(page.get_by_role("alert").filter(has_text="The connection broke off")).to_be_visible()
+    expect(page.get_by_role("alert").filter(has_text="The connection was interrupted")).to_be_visible()
     asked_for = json.loads(page.evaluate("window.askedFor"))
     assert asked_for["cameras"] == [{"model": "pinhole", "hfov_range_deg": [45, 90]}]
     page.get_by_role("button", name="Remove wall.png").click()
@@ -318,7 +318,7 @@ def test_an_upload_that_broke_off_is_sent_again_when_asked_to(page: Page, tmp_pa
     (scan := tmp_path / "broken off.ply").write_bytes(small_room().scan)
     page.route(re.compile(r"/maps$"), lambda route: route.abort("connectionreset"))
     page.get_by_label("Choose scans to upload").set_input_files(scan)
-    expect(page.get_by_role("alert").filter(has_text="The connection broke off")).to_be_visible()
+    expect(page.get_by_role("alert").filter(has_text="The connection was interrupted")).to_be_visible()
     page.unroute_all()
     page.get_by_role("button", name="Try again").click()
     page.get_by_role("link", name="broken off.ply").click()

@@ -96,7 +96,7 @@ def test_workers_get_the_key_of_the_bucket_with_their_plan(
     [
         ("s3://no-such-bucket/x", False, "NoSuchBucket"),
         (f"s3://{BUCKET}/x", True, "the key and its rights"),
-        ("az://container", False, "expected variables that say how az://container is reached"),
+        ("az://container", False, "expected variables for the access to az://container"),
     ],
 )
 def test_a_bucket_that_cannot_be_used_ends_the_start_with_one_line(
@@ -129,7 +129,7 @@ def test_a_folder_of_files_elsewhere_has_one_service_at_a_time_too(
     other = lock_folder(tmp_path / "scans", is_shared=False)
     assert run_service(Settings(data_dir=tmp_path / "data", storage=f"file://{tmp_path}/scans")) == 1
     other.close()
-    assert f"{tmp_path}/scans: expected a data folder of its own" in capfd.readouterr().err
+    assert f"{tmp_path}/scans: expected an unused data folder" in capfd.readouterr().err
 
 
 @pytest.mark.slow
@@ -147,4 +147,4 @@ def test_a_bucket_has_one_service_at_a_time(
         monkeypatch.setenv(name, value)
     assert run_service(Settings(data_dir=tmp_path / "data", storage=f"s3://{BUCKET}/{prefix}")) == 1
     other.release()
-    assert "expected a bucket of its own, but the service with process id" in capfd.readouterr().err
+    assert "expected an unused bucket prefix, but the service with process id" in capfd.readouterr().err

@@ -16,9 +16,9 @@ _ENDINGS = (".jpg", ".jpeg")
 def why_not(photo: PlacedPhoto) -> str | None:
     """Return why a photo cannot be written, None when it can."""
     if photo.image is None:
-        return "GPano is written into a copy of the photo, which is not there any more"
+        return "GPano is written into a copy of the photo, which no longer exists"
     if PurePosixPath(photo.name).suffix.lower() not in _ENDINGS:
-        return "GPano is written into JPEG files alone"
+        return "GPano is written only into JPEG files"
     return why_not_as_named(photo.name, photo.image)
 
 

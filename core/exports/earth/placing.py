@@ -48,8 +48,8 @@ def _place(tour: Tour, photo: PlacedPhoto) -> EarthPose:
     found = coordinate_system(tour.coordinate_system).place((x, y, z), tour.geoid_undulation_m)
     if found is None:
         raise ExportRefusedError(
-            f"expected positions inside of {tour.coordinate_system[:60]}, got {photo.name} at {x:.1f}, {y:.1f}, outside of it; correct the "
-            "coordinate system of the map"
+            f"expected positions inside {tour.coordinate_system[:60]}, got {photo.name} at {x:.1f}, {y:.1f}, "
+            "which is outside; correct the coordinate system of the map"
         )
     # The north of the grid is turned from true north by the convergence, as the y axis of a map by its heading.
     enu_from_camera = turned_by(found.convergence_deg) @ pose.rotation

@@ -19,7 +19,7 @@ _MAX_POINTS = 200_000
 def why_not(photo: PlacedPhoto) -> str | None:
     """Return why a photo cannot be written, None when it can."""
     if " " in photo.name:
-        return "its name has a space, at which names end in COLMAP's text files; rename it"
+        return "its name has a space, which ends a name in COLMAP's text files; rename the photo"
     return None
 
 

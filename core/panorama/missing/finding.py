@@ -49,7 +49,8 @@ def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Foun
     whole = "panorama" if is_sphere else "photo"
     if _is_blank(planes, counts):
         words = (
-            f"the {whole} is of one colour all over and shows no place; was the lens covered, or did the export fail?"
+            f"the {whole} has a single colour and shows no place; check whether the lens was covered or the export "
+            "failed"
         )
         return Found(np.zeros(valid.shape, np.bool_), (words,))
     if min(counts.shape) < _LEAST_SIDE_PX or is_label_image(planes):
@@ -63,7 +64,7 @@ def find_missing(color: NDArray[np.uint8], valid: Mask, is_sphere: bool) -> Foun
             if share < _LEAST_SHARE or left < 1 - _MOST_SHARE:
                 continue
             missing |= found
-            said.append(f"{share:.0%} of the {whole} is {name} and was left out; send a mask to say it yourself")
+            said.append(f"{share:.0%} of the {whole} is {name} and was left out; send a mask to override this")
     return Found(_enlarged(missing, step, valid.shape), tuple(said))
 
 

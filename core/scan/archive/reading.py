@@ -77,13 +77,14 @@ def _common_system(systems: dict[str | None, str], context: ReadingContext) -> s
     if len(named) > 1:
         listed = ", ".join(f"{name}: {system[:60]}" for system, name in named.items())
         raise ScanContentError(
-            f"The scans of the zip are in different coordinate systems ({listed}). Bring them into one and pack them again."
+            f"The scans of the zip are in different coordinate systems ({listed}). Convert them to one system and "
+            "pack them again."
         )
     system = next(iter(named), None)
     if system is not None and None in systems:
         context.note(
             "coordinate_system_assumed",
-            f"{systems[None]} names no coordinate system that can be used; it is taken to be in {system[:60]}, as "
+            f"{systems[None]} has no usable coordinate system; it is assumed to be in {system[:60]}, as "
             f"{named[system]} says.",
             "warning",
         )
@@ -121,7 +122,7 @@ def _is_scan(path: Path, folder: Path) -> bool:
         return False
     if name == "zip":
         raise ScanContentError(
-            f"The zip holds another one, {_name(path, folder)!r}. Pack the scans into one zip themselves."
+            f"The zip holds another zip, {_name(path, folder)!r}. Pack the scans directly into one zip."
         )
     return True
 

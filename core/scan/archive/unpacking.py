@@ -27,7 +27,7 @@ _CLUTTER = ("__macosx", "thumbs.db", "desktop.ini")
 _PREFIX = "panoloc-zip-"
 _BLOCK_BYTES = 1 << 20
 _SPARE_BYTES = 1 << 30
-_PACK_AGAIN = "The archive is damaged or was cut short: pack the scan again and upload it again."
+_PACK_AGAIN = "The archive is damaged or truncated: pack the scan again and upload it again."
 
 
 @contextmanager
@@ -77,12 +77,13 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
             f"The zip cannot be unpacked ({str(error)[:120] or type(error).__name__}). {_PACK_AGAIN}"
         ) from error
     except NotADirectoryError as error:
-        raise ScanDamagedError(f"The zip uses the name of a file for a folder as well. {_PACK_AGAIN}") from error
+        raise ScanDamagedError(f"The zip uses the same name for a file and a folder. {_PACK_AGAIN}") from error
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
         raise ScanDamagedError(
-            "The zip holds a file with a longer name than the disk takes. Shorten it, pack the scan again and upload it again."
+            "The zip holds a file name that is too long for the disk. Shorten it, pack the scan again and upload it "
+            "again."
         ) from error
 
 
@@ -112,7 +113,7 @@ def _checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zi
     infos = [info for info in archive.infolist() if not info.is_dir()]
     if len(infos) > MAX_MEMBERS:
         raise ScanContentError(
-            f"The zip holds {len(infos):,} files; expected at most {MAX_MEMBERS:,}. Leave out what is no scan."
+            f"The zip holds {len(infos):,} files; expected at most {MAX_MEMBERS:,}. Leave out files that are not scans."
         )
     members = [(info, _place(info)) for info in infos]
     for info in infos:
@@ -132,7 +133,7 @@ def _place(info: zipfile.ZipInfo) -> PurePosixPath:
     place = PurePosixPath(name)
     if leads_out(name) or not place.parts:
         raise ScanDamagedError(
-            f"The zip holds a file whose name leads out of the archive: {name[:100]!r}. Pack the scan again."
+            f"The zip holds a file with a path outside the archive: {name[:100]!r}. Pack the scan again."
         )
     return place
 
@@ -157,8 +158,8 @@ def _check_sizes(infos: Sequence[zipfile.ZipInfo], size_bytes: int) -> None:
         )
     if unpacked > MAX_UNPACKED_BYTES or unpacked > max(MAX_RATIO * packed, _UNSUSPICIOUS_BYTES):
         raise ScanContentError(
-            f"The zip of {size_bytes:,} bytes would take {unpacked:,} bytes unpacked; at most {MAX_UNPACKED_BYTES:,} are, and no more "
-            f"than {MAX_RATIO} times the packed ones. Upload the scans one by one."
+            f"The zip of {size_bytes:,} bytes would take {unpacked:,} bytes unpacked; the limits are "
+            f"{MAX_UNPACKED_BYTES:,} bytes and {MAX_RATIO} times the packed size. Upload the scans one by one."
         )
 
 

@@ -130,7 +130,7 @@ def _view(image: E57Image, widest: int) -> _View:
     try:
         with Image.open(io.BytesIO(image.read()), formats=("JPEG", "PNG")) as opened:
             if opened.size[0] * opened.size[1] > MAX_PIXELS:
-                raise ValueError(f"it has {opened.size[0]} x {opened.size[1]} pixels, at most {MAX_PIXELS:,} are read")
+                raise ValueError(f"it has {opened.size[0]} x {opened.size[1]} pixels; the limit is {MAX_PIXELS:,}")
             opened.draft("RGB", (widest, widest // 2))
             opened.thumbnail((widest, widest // 2), Image.Resampling.BOX)
             colors = np.asarray(opened.convert("RGB"))

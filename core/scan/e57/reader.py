@@ -31,7 +31,7 @@ def opened(context: ReadingContext) -> Iterator[Any]:
         from pye57 import libe57
     except ImportError as error:
         raise ScanFormatError(
-            "E57 files cannot be read here: the package pye57 is not installed (there is none for this machine). "
+            "E57 files cannot be read here: the package pye57 is not installed (it has no build for this machine). "
             "Convert the scan to PLY or LAZ."
         ) from error
     image_file = None
@@ -77,7 +77,9 @@ def _colored_by_images(context: ReadingContext, scans: list[E57Scan], image_file
     posed = with_poses(images)
     if not posed:
         fields, count = ", ".join(scans[0].field_names)[:200], len(images) + num_others
-        beside = f", and {count} images, but none that is read and has a pose to colour points by" if count else ""
+        beside = (
+            f", and {count} images, but none that is readable and has a pose, which colouring needs" if count else ""
+        )
         raise no_color_error(fields + beside)
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
@@ -95,8 +97,8 @@ def _colored_by_images(context: ReadingContext, scans: list[E57Scan], image_file
     left_out = f", {len(images) - len(posed)} images were not used" if len(posed) < len(images) else ""
     context.note(
         "colored_by_images",
-        f"The scan has no colours: {num_seen:,} of {total:,} points have those that {len(posed)} images of the file show; what none of "
-        f"them sees was left out{left_out}.",
+        f"The scan has no colours: {num_seen:,} of {total:,} points got colours from {len(posed)} images of the file; "
+        f"points that no image sees were left out{left_out}.",
         "info" if num_seen > total // 2 else "warning",
     )
 

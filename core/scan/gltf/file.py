@@ -49,7 +49,7 @@ class GltfFile:
         try:
             self.document: Json = json.loads(chunks[_JSON_CHUNK].decode("utf-8-sig"))
         except (ValueError, RecursionError) as error:
-            raise ScanDamagedError(f"The glTF description is no JSON ({str(error)[:100]}). {CUT_SHORT}") from error
+            raise ScanDamagedError(f"The glTF description is not JSON ({str(error)[:100]}). {CUT_SHORT}") from error
         _check_version(self.document["asset"]["version"])
         _check_extensions(self.document)
 
@@ -57,7 +57,8 @@ class GltfFile:
         """Return an entry of one of the lists of the JSON, such as "nodes"."""
         if not isinstance(number, int) or number < 0:  # negative ones would count from the end
             raise ScanDamagedError(
-                f"The glTF file refers to entry {str(number)[:40]} of its {kind}. Export the scan again."
+                f"The glTF file refers to entry {str(number)[:40]} of its {kind}, which does not exist. Export the "
+                "scan again."
             )
         found: Json = self.document[kind][number]
         return found
@@ -67,7 +68,7 @@ class GltfFile:
         accessor = self.entry("accessors", number)
         if "sparse" in accessor or "bufferView" not in accessor:
             raise ScanContentError(
-                "The glTF file stores numbers sparsely, which is not read. Export the scan as plain GLB."
+                "The glTF file uses sparse accessors, which are not supported. Export the scan as plain GLB."
             )
         dtype, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
         stride = self.entry("bufferViews", accessor["bufferView"]).get("byteStride") or width * dtype.itemsize
@@ -105,7 +106,8 @@ class GltfFile:
             return base64.b64decode(text, validate=True) if head.endswith(";base64") else unquote(text).encode()
         if "://" in uri:
             raise ScanContentError(
-                f"The glTF file refers to the {what} {uri[:100]!r} by a URL; nothing is fetched. Export it as GLB."
+                f"The glTF file refers to the {what} {uri[:100]!r} by a URL, and readers fetch nothing. Export it as "
+                "GLB."
             )
         return companion(self._context, unquote(uri), what).read_bytes()
 
@@ -138,9 +140,11 @@ def _check_extensions(document: Json) -> None:
     for name in document.get("extensionsRequired", []):
         if name in _COMPRESSED:
             raise ScanContentError(
-                f"The glTF file uses {_COMPRESSED[name]} ({name}), which is not read. Export it without, with JPEG or PNG textures."
+                f"The glTF file uses {_COMPRESSED[name]} ({name}), which is not supported. Export it without this "
+                "compression, with JPEG or PNG textures."
             )
         if not str(name).startswith(_HARMLESS):
             raise ScanContentError(
-                f"The glTF file needs the extension {str(name)[:60]}, which is not known. Export it without."
+                f"The glTF file needs the extension {str(name)[:60]}, which is not supported. Export it without this "
+                "extension."
             )

@@ -72,7 +72,8 @@ def _placed_meshes(file: GltfFile) -> Iterator[tuple[Json, NDArray[np.float64]]]
         node = file.entry("nodes", number)
         if number in seen:
             raise ScanDamagedError(
-                f"Node {number} of the glTF file stands in two places, or below itself; expected a tree. Export the scan again."
+                f"Node {number} of the glTF file has two parents, or is its own descendant; expected a tree. Export "
+                "the scan again."
             )
         seen.add(number)
         matrix = parent @ _matrix(node)

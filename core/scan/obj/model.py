@@ -71,7 +71,7 @@ class _Gathered:
             rows = np.delete(rows, 3, axis=1)
         if self.vertices and rows.shape[1] != self.vertices[0].shape[1]:
             raise ScanDamagedError(
-                f"From line {number:,} on the vertices have other columns than before. Export the scan again."
+                f"From line {number:,} on, the vertices have different columns than before. Export the scan again."
             )
         self.vertices.append(rows)
         self.num_vertices = _counted(self.num_vertices + len(rows))

@@ -28,7 +28,7 @@ def read_obj(context: ReadingContext) -> Iterator[RawChunk]:
         yield from iter_surface_samples(_parts(context, model, colors), context)
         return
     if colors is None:
-        raise no_color_error("no faces, and no colours behind the positions of its vertices")
+        raise no_color_error("no faces, and no colours after the positions of its vertices")
     points = SurfacePart(model.vertices[:, :3], np.empty((0, 3), np.int64), Paint(vertex_colors=colors))
     yield from iter_surface_samples([points], context)
 
@@ -64,7 +64,8 @@ def _parts(context: ReadingContext, model: ObjModel, colors: NDArray[np.float64]
                 context.note(
                     "texture_unused",
                     f"The material {name[:80]!r} has the texture {material.texture[:80]!r}, but {num_without:,} of its "
-                    f"{len(numbers):,} triangles have no texture coordinates: it is shown on none of them. Export the model with them.",
+                    f"{len(numbers):,} triangles have no texture coordinates: no triangle shows the texture. "
+                    "Export the model with texture coordinates.",
                     "warning",
                 )
             else:

@@ -66,6 +66,6 @@ def _checked_vertices(context: ReadingContext, header: PlyHeader) -> PlyElement:
         )
     is_colored = is_splats or _is_textured(context, header)
     if not is_colored and color_names(vertices) is None and not has_face_colors(header):
-        hint = " and a texture image beside it: upload both in one zip" if texture_names(header) else ""
+        hint = "; if it has a texture image, upload both in one zip" if texture_names(header) else ""
         raise no_color_error(f"{', '.join(scalars)[:200]}{hint}")
     return vertices

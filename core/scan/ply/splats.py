@@ -49,6 +49,7 @@ def iter_splats(context: ReadingContext, header: PlyHeader, vertices: PlyElement
         )
     context.note(
         "splats_read",
-        f"Gaussian splats: the centres of {num_kept:,} of {num_done:,} became points; the others are too transparent. "
-        "Splats trained on photos alone have no scale and no vertical; the map is as good as the positions of the file.",
+        f"Gaussian splats: the centres of {num_kept:,} of {num_done:,} became points; the others are too "
+        "transparent. Splats trained on photos alone have no metric scale and no vertical; the map is only as good "
+        "as the positions in the file.",
     )

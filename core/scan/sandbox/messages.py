@@ -60,4 +60,4 @@ def receive_chunk(message: Message, take: Callable[[int], bytearray]) -> RawChun
 
 
 def _nonsense() -> ScanDamagedError:
-    return ScanDamagedError("The reader of the file lost its way while reading it. Export the scan again.")
+    return ScanDamagedError("The reader of the file failed while reading it. Export the scan again.")

@@ -20,7 +20,7 @@ from panoloc.core.scan.sandbox.messages import MAX_LINE_BYTES, Message, parse, r
 _READ_BYTES = 1 << 20
 _NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
 _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
-_EXPORT_AGAIN = "The file is damaged or made to do harm; export the scan again."
+_EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 
 
 def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
@@ -98,11 +98,11 @@ class _Sandbox:
             raise found(message)
         if kind == "MemoryError":
             raise ScanContentError(
-                f"Reading the {self._reader} file takes more than the {self._limits.memory_bytes / 2**30:.3g} GiB of memory "
-                f"that a reader may have. {_SIMPLIFY}"
+                f"Reading the {self._reader} file takes more than {self._limits.memory_bytes / 2**30:.3g} GiB, "
+                f"the memory limit of a reader. {_SIMPLIFY}"
             )
         if kind == "RecursionError":
-            raise self._crashed("it nests too deeply")
+            raise self._crashed("its structure is nested too deeply")
         raise self._crashed(message)
 
     def close(self) -> None:
@@ -131,7 +131,8 @@ class _Sandbox:
             return self._too_slow(self._limits.cpu_s)
         if code == -signal.SIGKILL:
             return ScanContentError(
-                f"The reader of the {self._reader} file was ended by the system for the time or memory it took. {_SIMPLIFY}"
+                f"The reader of the {self._reader} file was ended by the system because of its time or memory use. "
+                f"{_SIMPLIFY}"
             )
         return self._crashed(signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}")
 

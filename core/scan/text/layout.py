@@ -84,7 +84,8 @@ def choose_columns(layout: TextLayout, sample: NDArray[np.float64], is_pts: bool
         if _looks_like_color(sample[:, start : start + 3]):
             return [0, 1, 2, start, start + 1, start + 2], f"by their values (columns {start + 1} to {start + 3})"
     raise no_color_error(
-        f"{layout.num_columns} columns, of which none look like colours of 0..1 or 0..255; a header line can name them"
+        f"{layout.num_columns} columns, and none looks like colours of 0..1 or 0..255; name the columns in a header "
+        "line"
     )
 
 

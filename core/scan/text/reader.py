@@ -46,7 +46,7 @@ def _iter_chunks(context: ReadingContext, layout: TextLayout, lines: TextLines) 
             is_pts = announced is not None or _extension(context) == "pts"
             columns, found = choose_columns(layout, table, is_pts)
             if layout.num_columns > 6:
-                context.note("columns_chosen", f"The colour columns were found {found}.")
+                context.note("columns_chosen", f"The colour columns were determined {found}.")
         num_done += len(table)
         yield RawChunk(table[:, columns[:3]], table[:, columns[3:]], block.end_offset / context.size_bytes)
     if announced is not None and num_done < announced:
@@ -63,7 +63,7 @@ def _parse_count(block: TextBlock, row: int) -> int:
     if not word.isdigit() or len(word) >= 20:
         raise ScanDamagedError(
             f"Line {block.numbers[row]:,} has the single value {word[:40].decode(errors='replace')!r}; expected a "
-            "point, or the number of points that follow. Export the scan again."
+            "point, or the number of points below. Export the scan again."
         )
     return int(word)
 

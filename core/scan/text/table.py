@@ -72,7 +72,7 @@ class TextBlock:
             row = int(odd[0])
             raise ScanDamagedError(
                 f"Line {self.numbers[row]:,} has {self.num_values[row]} values, expected {num_columns}: "
-                f"{self.excerpt(row)}. The file is damaged or was cut short; export the scan again."
+                f"{self.excerpt(row)}. The file is damaged or truncated; export the scan again."
             )
         values = self.to_values()
         return values.reshape(len(self), num_columns)
@@ -93,10 +93,10 @@ class TextBlock:
             values = parse_numbers(_MISSING_VALUE.sub(b"nan", self.line(row)))
             if values is None or len(values) != self.num_values[row]:
                 return ScanDamagedError(
-                    f"Line {self.numbers[row]:,} holds something that is not a number: {self.excerpt(row)}. "
+                    f"Line {self.numbers[row]:,} holds a value that is not a number: {self.excerpt(row)}. "
                     "Export the scan again."
                 )
-        return ScanDamagedError(f"The lines from {self.numbers[0]:,} on hold something that is not a number.")
+        return ScanDamagedError(f"The lines from {self.numbers[0]:,} on hold values that are not numbers.")
 
 
 class TextLines:

@@ -39,32 +39,37 @@ def export(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="The --out of `panoloc place` or `panoloc localize`, one answer in the latter, or the id of a batch.",
+            help="The --out folder of `panoloc place` or `panoloc localize`, one NAME.json in the latter, or the id "
+            "of a batch.",
         ),
     ],
     formats: Annotated[
         str,
         typer.Option(
-            "--export", metavar="FORMATS", help="Formats with commas, such as potree,colmap; see docs/exports.md."
+            "--export",
+            metavar="FORMATS",
+            help="Formats, separated by commas, such as potree,colmap; see docs/exports.md.",
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(file_okay=False, help="Folder for one folder per format; default: SOURCE.")
+        Path | None, typer.Option(file_okay=False, help="Folder that gets one subfolder per format; default: SOURCE.")
     ] = None,
     map_id: Annotated[
-        str | None, typer.Option("--map", help="For a batch in several maps: the photos in this one.")
+        str | None, typer.Option("--map", help="Only photos in this map, for a batch in several maps.")
     ] = None,
     include_ambiguous: Annotated[
-        bool, typer.Option("--include-ambiguous", help="Also photos that fit several places, at the likeliest.")
+        bool, typer.Option("--include-ambiguous", help="Also export ambiguous photos, at the most likely place.")
     ] = False,
     scan: Annotated[
         Path | None,
-        typer.Option(exists=True, dir_okay=False, help="E57 file that the map was made of; e57 then keeps all points."),
+        typer.Option(
+            exists=True, dir_okay=False, help="E57 file behind the map; the e57 export then keeps all points."
+        ),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Write placed photos in the formats of other systems, with a list of those without a pose."""
+    """Write placed photos in the formats of other systems, with a list of photos without a pose."""
     session: Session = ctx.obj
     session.json_output = json
     wanted = formats_of(formats)
@@ -115,7 +120,9 @@ def formats_of(given: str | None) -> list[ExportFormat]:
     wanted = [name.strip() for name in (given or "").split(",") if name.strip()]
     unknown = [name for name in wanted if name not in FORMATS]
     if unknown:
-        raise typer.BadParameter(f"expected some of {', '.join(FORMATS)}, got {unknown[0]!r}", param_hint="--export")
+        raise typer.BadParameter(
+            f"expected formats among {', '.join(FORMATS)}, got {unknown[0]!r}", param_hint="--export"
+        )
     return [name for name in FORMATS if name in wanted]
 
 
@@ -129,8 +136,8 @@ def check_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> N
     if known and not any(each.get("georeference") or each.get("coordinate_system") for each in known):
         raise typer.BadParameter(
             f"{', '.join(on_earth)}: expected a map with a georeference or a coordinate system, because the format "
-            "holds places on Earth, got none with one; set it with PATCH /maps/{id}, or leave the format out and "
-            "write it later with `panoloc export`",
+            f"holds places on Earth, got a map with neither; set one with PATCH /maps/{id}, or leave the format out "
+            "and write it later with `panoloc export`",
             param_hint="--export",
         )
 
@@ -164,14 +171,14 @@ def _refresh_maps(client: PanolocClient, placed: PlaceFolder) -> str | None:
     """Update the stored maps, for example with a new georeference; return why that was not possible, else None."""
     if not client.is_live():
         return (
-            f"no service answers at {client.url}, so the maps are as they were when the photos were placed; "
-            "start it to get newer ones"
+            f"no service answers at {client.url}, so the export uses the maps' data from the time of placing; start "
+            "the service to get newer data"
         )
     try:
         for map_id in placed.maps():
             placed.put_map(client.get_map(map_id))
     except ClientError as error:
-        return f"the maps are as they were when the photos were placed, because {error}"
+        return f"the export uses the maps' data from the time of placing, because {error}"
     return None
 
 

@@ -48,25 +48,27 @@ def place(
         ),
     ],
     out: Annotated[
-        Path, typer.Option(file_okay=False, help="Folder for results and exports; a second run continues there.")
+        Path, typer.Option(file_okay=False, help="Folder for results and exports; a second run resumes there.")
     ],
     map_id: MapOption = None,
     tag: TagOption = None,
     export: Annotated[
         str | None,
-        typer.Option(metavar="FORMATS", help="Formats with commas, such as potree,colmap; see docs/exports.md."),
+        typer.Option(
+            metavar="FORMATS", help="Formats, separated by commas, such as potree,colmap; see docs/exports.md."
+        ),
     ] = None,
     include_ambiguous: Annotated[
-        bool, typer.Option("--include-ambiguous", help="Export also photos that fit several places, at the likeliest.")
+        bool, typer.Option("--include-ambiguous", help="Also export ambiguous photos, at the most likely place.")
     ] = False,
     upright: UprightOption = False,
     hfov: HfovOption = None,
     method: MethodOption = QueryOptions.method,
-    parallel: Annotated[int, typer.Option(min=1, max=32, help="Photos sent at the same time.")] = 2,
+    parallel: Annotated[int, typer.Option(min=1, max=32, help="Number of photos sent in parallel.")] = 2,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
 ) -> int:
-    """Localize all photos of a folder. A run that ended, for whatever reason, continues when it is started again."""
+    """Localize all photos of a folder. Run the command again to resume an interrupted run."""
     check_map_choice(map_id, tag)
     session: Session = ctx.obj
     session.json_output = json
@@ -106,7 +108,7 @@ class _Placing:
         results = {name: result for name in done if (result := self.placed.result(name)) is not None}
         self._has_answers = bool(results)
         if results:
-            self.session.messages.print(f"{len(results)} of {_counted(len(names))} are done already")
+            self.session.messages.print(f"{len(results)} of {_counted(len(names))} are already done")
         statuses = Counter(result["status"] for result in results.values())
         with show_counts(self.session.messages, "placing", len(names)) as show:
             show(statuses)
@@ -132,7 +134,7 @@ class _Placing:
                 f"expected photos ({endings}), got none in {folder}{': ' if unread else ''}{unread}",
                 param_hint="FOLDER",
             )
-        for left_out in filter(None, (unread, _several(files.others, " (no photo by its name)"))):
+        for left_out in filter(None, (unread, _several(files.others, " (not a photo, by its name)"))):
             self.session.messages.print(f"left out: {left_out}", markup=False)
         return files.photos
 
@@ -147,7 +149,7 @@ class _Placing:
                         yield running.pop(future), future.result()
                         running |= {pool.submit(self._localize, name): name for name in islice(waiting, 1)}
             except KeyboardInterrupt:
-                self.session.messages.print("ends after the photos that are being localized; run again to continue")
+                self.session.messages.print("stops after the photos in progress; run again to resume")
                 raise
             finally:
                 self.stopped.set()
@@ -194,7 +196,7 @@ class _Placing:
             return
         self.session.results.print(f"{_counted(num_photos)}: {counts_text(statuses) or 'none'}", markup=False)
         if statuses["localized"] < num_photos:
-            self.session.results.print(f"those without a pose: {unplaced}", markup=False)
+            self.session.results.print(f"photos without a pose: {unplaced}", markup=False)
 
 
 def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> JsonObject:

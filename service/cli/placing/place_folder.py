@@ -58,8 +58,8 @@ class PlaceFolder:
         """
         if folder.resolve() == Path(question.photos):
             raise _wrong_out(
-                "expected another folder than that of the photos, or exports would be taken for photos; "
-                f"try {folder / 'placed'}"
+                "expected --out outside the folder of the photos, got that folder itself, where exports would be "
+                f"taken for photos; try {folder / 'placed'}"
             )
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / _LOCK).open("ab") as lock:
@@ -75,8 +75,8 @@ class PlaceFolder:
                 _write(folder / _QUESTION, asdict(question))
             elif found != asdict(question):
                 raise _wrong_out(
-                    f"expected a new folder, or one with the same photos, maps and options, but {folder} has others; "
-                    "choose another --out"
+                    f"expected a new folder, or one of a run with the same photos, maps and options, but {folder} is "
+                    "from a different run; choose another --out"
                 )
             yield cls(folder, question)
 
@@ -160,7 +160,7 @@ class PlaceFolder:
         """
         place = _read(self.folder / "maps" / f"{map_id}.json")
         if place is None:
-            raise _wrong_source(f"expected {map_id} in {self.folder / 'maps'}; run `panoloc place` to its end")
+            raise _wrong_source(f"expected {map_id} in {self.folder / 'maps'}; let `panoloc place` finish")
         tour = TourDocument(map_id, include_ambiguous)
         for name in self.names():
             result = self.result(name)
@@ -170,7 +170,7 @@ class PlaceFolder:
             else:
                 tour.add(name, self.photo(name), result["answer"])
         for name in self.gone():
-            tour.leave_out(name, f"was placed, but is no longer in {self.question.photos}")
+            tour.leave_out(name, f"it was placed, but is no longer in {self.question.photos}")
         created_unix_s = (self.folder / _QUESTION).stat().st_mtime
         return tour.document(created_unix_s, place, self.folder / "maps" / f"{map_id}.ply", survey)
 

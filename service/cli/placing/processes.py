@@ -69,7 +69,7 @@ def folder_of_photos(given: Path, out: Path) -> Path:
     if not found["num_images"]:
         raise _wrong_folder(
             f"expected an E57 file with panoramas or pinhole images, got {given} with none "
-            f"({found['num_others']} others); export them with the scanner's software, and give their folder"
+            f"({found['num_others']} others); export the images with the scanner's software, and pass their folder"
         )
     return folder
 

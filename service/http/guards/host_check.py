@@ -42,16 +42,16 @@ class HostCheck:
         if unknown or len(hosts) > 1:
             got = ", ".join(unknown or hosts)[:80]
             return HostCheckError(
-                f"expected a request to an address or to one name of this service, got one to {got!r}; let the "
-                "operator add the name to PANOLOC_ALLOWED_HOSTS, or set API keys"
+                f"expected a request to an address or an allowed host name of this service, got one to {got!r}; "
+                "ask the operator to add the name to PANOLOC_ALLOWED_HOSTS, or to set API keys"
             )
         host = hosts[0].lower() if hosts else ""
         is_foreign = any(urlsplit(origin).netloc.lower() != host for origin in origins)
         if method not in _HARMLESS and (is_foreign or headers.get("sec-fetch-site") in ("cross-site", "same-site")):
             got = (", ".join(origins) or "another page")[:80]
             return HostCheckError(
-                f"expected a change from a program or from a page of this service, got one from {got!r}; set API keys "
-                "where pages of other sites may use the service"
+                f"expected a change from a program or from a page of this service, got one from {got!r}; "
+                "to allow pages of other sites, set API keys"
             )
         return None
 

@@ -22,19 +22,19 @@ from panoloc.service.services import Services, services_of
 
 router = APIRouter(tags=["batches"])
 
-_MapId = Annotated[str | None, Query(description="Of photos placed in several maps: those of this one.", max_length=80)]
+_MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100
 _EXPORT_TIME_S = 600.0
 _BLOCK_BYTES = 2**20
 _STATUSES = ("localized", "ambiguous", "not_localized", "failed")
 _IMAGE_HEADS = ((b"\xff\xd8\xff", "image/jpeg"), (b"\x89PNG", "image/png"), (b"RIFF", "image/webp"))
 _IMAGE_TYPES = tuple(kind for _, kind in _IMAGE_HEADS)
-_ZIP = "A zip of the files of the format, with `unplaced.txt` and `export.json`."
+_ZIP = "A zip with the files of the format, `unplaced.txt` and `export.json`."
 
 
 @router.get(
     "/batches/{batch_id}",
-    summary="Show a batch and what became of its images",
+    summary="Show a batch and the results of its images",
     dependencies=[Depends(require("localize"))],
     responses=json_response(Batch, BATCH_EXAMPLE, 401, 403, 404, 422),
 )
@@ -42,7 +42,7 @@ async def get_batch(
     request: Request,
     batch_id: str,
     limit: Annotated[int, Query(ge=0, le=200, description="Images on a page; 0 for the counts alone.")] = 50,
-    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=20)] = None,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the previous page.", max_length=20)] = None,
 ) -> Response:
     """Return counts and progress, and the images page by page."""
     services = services_of(request)
@@ -59,18 +59,17 @@ async def get_batch(
     summary="Fetch an image of a batch",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
-    responses=file_response("The bytes as they were uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
+    responses=file_response("The bytes as uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
 )
 async def get_image(
     request: Request, batch_id: str, number: Annotated[int, Path(ge=0, description="`number` of its item.")]
 ) -> Response:
-    """Return an image as it was uploaded; one that is no image comes as plain bytes."""
+    """Return an image as uploaded; a file of another kind is returned as plain bytes."""
     services = services_of(request)
     record = own_batch(request, batch_id)
     if number >= len(record.names):
         raise BatchNotFoundError(
-            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; `items` of the batch have "
-            "them"
+            f"expected the number of an image, 0 to {len(record.names) - 1}, got {number}; see `items` of the batch"
         )
     data = await services.batches.image(batch_id, number)
     media_type = next((kind for head, kind in _IMAGE_HEADS if data.startswith(head)), "application/octet-stream")
@@ -90,11 +89,11 @@ async def get_export(
     batch_id: str,
     format: Annotated[ExportFormat, Query(description="See docs/exports.md.")],
     include: Annotated[
-        Literal["ambiguous"] | None, Query(description="Write photos that fit several places, too, at the likeliest.")
+        Literal["ambiguous"] | None, Query(description="Also export ambiguous photos, at the most likely place.")
     ] = None,
     map_id: _MapId = None,
 ) -> Response:
-    """Return what is placed so far; photos without a pose are listed beside, never written with zeros."""
+    """Return the photos placed so far. Photos without a pose are listed separately, never written with zeros."""
     services = services_of(request)
     record = own_batch(request, batch_id)
 
@@ -115,7 +114,7 @@ async def get_export(
 
 @router.get(
     "/batches/{batch_id}/plan.png",
-    summary="The scan from above, with the photos that are placed so far",
+    summary="The scan from above, with the photos placed so far",
     dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response("The picture.", ("image/png",), 401, 403, 404, 422),
@@ -125,8 +124,9 @@ async def get_plan(
     batch_id: str,
     map_id: _MapId = None,
 ) -> Response:
-    """Return where each photo was taken and where it looks, numbered from 1 in the order of the upload; hollow dots are
-    further places that an ambiguous one fits.
+    """Return a plan with the position and direction of each photo, numbered from 1 in the order of the upload.
+
+    Hollow dots are further places of ambiguous photos.
     """
     services = services_of(request)
     record = own_batch(request, batch_id)
@@ -144,13 +144,13 @@ async def get_plan(
 
 @router.delete(
     "/batches/{batch_id}",
-    summary="Delete a batch with its images; one under way is cancelled",
+    summary="Delete a batch with its images; a running batch is cancelled",
     dependencies=[Depends(require("localize"))],
     status_code=204,
     responses=nothing_left(401, 403, 404),
 )
 async def delete_batch(request: Request, batch_id: str) -> Response:
-    """Cancel what is under way and delete images and results. There is no way back."""
+    """Cancel running work, and delete images and results. This cannot be undone."""
     services = services_of(request)
     own_batch(request, batch_id)
     await services.batch_runs.cancel(batch_id)

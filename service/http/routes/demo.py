@@ -12,18 +12,18 @@ router = APIRouter(tags=["operations"], dependencies=[Depends(require("read"))])
 
 @router.get(
     "/demo/room.ply",
-    summary="The scan of a made-up room",
+    summary="The scan of a synthetic room",
     response_class=Response,
     responses=file_response("A coloured point cloud.", ("application/ply",), 401, 403, 503),
 )
 async def get_room(request: Request) -> Response:
-    """Return a scan to register; made when it is first asked for, which takes some seconds."""
+    """Return a scan to register. The first request generates it, which takes some seconds."""
     return Response(await services_of(request).demo_room.file("room.ply"), media_type="application/ply")
 
 
 @router.get(
     "/demo/panorama.jpg",
-    summary="A panorama of the made-up room, taken after furniture was moved",
+    summary="A panorama of the synthetic room, taken after furniture was moved",
     response_class=Response,
     responses=file_response("An equirectangular panorama.", ("image/jpeg",), 401, 403, 503),
 )

@@ -129,7 +129,7 @@ def _reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
     if answer.status != "localized" or answer.accuracy is None:
         words = "fits several places" if answer.status == "ambiguous" else "fits no place well enough"
         raise NoPoseError(
-            f"expected an image of a mapped place, got one that {words}; send one that shows more of the place"
+            f"expected an image of a mapped place, got one that {words}; send an image that shows more of the place"
         )
     if answer.geopose is None:
         raise NoPoseError(

@@ -36,7 +36,7 @@ _EITHER: dict[str, Any] = {
     responses={200: _EITHER, **error_responses(*_ERRORS)},
 )
 async def get_localization(request: Request, localization_id: str) -> Response:
-    """Return the answer to a query, or how far it is."""
+    """Return the answer to a query, or its state."""
     found = await services_of(request).localizations.get(localization_id)
     waiting = found["status"] in ("queued", "running")
     return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
@@ -60,12 +60,16 @@ def _offer_picture(name: str, summary: str, description: str) -> None:
     )
 
 
-_offer_picture("score_map_2d", "The panorama tinted by its score map", "Return where the panorama fits the scan.")
 _offer_picture(
-    "score_map_3d", "The scan at the found pose, tinted by its score map", "Return where the scan fits the panorama."
+    "score_map_2d", "The panorama tinted by its score map", "Return a picture of how well the panorama fits the scan."
+)
+_offer_picture(
+    "score_map_3d",
+    "The scan at the estimated pose, tinted by its score map",
+    "Return a picture of how well the scan fits the panorama.",
 )
 _offer_picture(
     "overlay",
-    "The panorama above the scan at the found pose",
-    "Return a picture in which a person sees whether the pose is right.",
+    "The panorama above the scan at the estimated pose",
+    "Return a picture for checking the pose by eye.",
 )

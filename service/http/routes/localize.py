@@ -47,7 +47,8 @@ _PARTS = {
         MAX_IMAGES,
     ),
     "mask": files_part(
-        "An image of the same shape; its non-zero pixels are ignored in the query. One for all images, or one per image in their order.",
+        "A mask image of the same shape: its non-zero pixels are ignored in the query. One for all images, or one "
+        "per image in their order.",
         MAX_IMAGES,
     ),
     "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
@@ -58,7 +59,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
     202: {
         "model": PendingLocalization,
-        "description": "With `Prefer: respond-async`: the answer is fetched later.",
+        "description": "With `Prefer: respond-async`: fetch the answer later.",
         "headers": accepted_headers("answer"),
         "content": {"application/json": {"example": {**PENDING_EXAMPLE, "status": "queued"}}},
     },
@@ -93,7 +94,7 @@ async def localize(
     request: Request,
     prefer: str | None = Header(None, description="`respond-async`: answer 202 at once."),
 ) -> Localization | Response:
-    """Return the pose of a panorama, a photo or a session. The answer `not_localized` means that it fits nowhere."""
+    """Return the pose of a panorama, a photo or a session. `not_localized` means that no place fits."""
     services = services_of(request)
     held = services.bytes_in_flight.hold(caller_of(request).id)
     try:
@@ -144,8 +145,8 @@ def checked_options(given: LocalizeOptions, settings: Settings) -> QueryOptions:
     if options.timeout_s > settings.max_timeout_s:
         raise InvalidOptionsError.of(
             "timeout_s",
-            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; ask for less, or let the "
-            "operator raise PANOLOC_MAX_TIMEOUT_S",
+            f"expected at most {settings.max_timeout_s:g} seconds, got {options.timeout_s:g}; request less, or "
+            "ask the operator to raise PANOLOC_MAX_TIMEOUT_S",
         )
     return options
 

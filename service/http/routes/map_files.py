@@ -61,7 +61,7 @@ _POINTS_RESPONSE: dict[str, Any] = {
     responses=file_response("The picture.", ("image/png",), *_ERRORS),
 )
 async def get_preview(request: Request, map_id: str) -> Response:
-    """Return a picture of the revision that answers queries."""
+    """Return a picture of the serving revision."""
     data, ref = await _file(request, map_id, "preview.png")
     return Response(data, media_type="image/png", headers=_caching(ref))
 
@@ -76,16 +76,16 @@ async def get_points(
     request: Request,
     map_id: str,
     max_points: Annotated[
-        int, Query(ge=1, le=MAX_SAMPLE_POINTS, description=f"Points at most; as JSON {_MOST_JSON_POINTS:,}.")
+        int, Query(ge=1, le=MAX_SAMPLE_POINTS, description=f"Largest number of points; as JSON {_MOST_JSON_POINTS:,}.")
     ] = 100_000,
     format: Annotated[
         Literal["ply", "json"] | None,
-        Query(description="Wins over `Accept`, where `application/ply` is the default and `application/json` known."),
+        Query(description="Overrides `Accept`, which accepts `application/ply` (default) and `application/json`."),
     ] = None,
 ) -> Response:
-    """Return a fair sample of the map's points as binary PLY, or as JSON when asked for.
+    """Return a uniform sample of the map's points as binary PLY, or as JSON on request.
 
-    The points come in random order: a viewer that draws what has arrived shows the whole scan, ever more densely.
+    The points come in random order: a viewer that draws points on arrival shows the whole scan, ever more densely.
     """
     storage = services_of(request).storage
     sample, ref = await _stored(request, map_id, "points.ply", partial(_open_sample, storage))
@@ -116,12 +116,11 @@ async def get_starts(request: Request, map_id: str) -> Response:
 
 @router.get(
     "/maps/{map_id}/changes",
-    summary="What changed since the scan, as answers saw it",
+    summary="Changes since the scan, as seen by answers",
     responses=json_response(MapChanges, CHANGES_EXAMPLE, *_ERRORS),
 )
 async def get_changes(request: Request, map_id: str) -> Response:
-    """Return the answers that count and the cells of space in which they saw a change, of the revision that answers
-    queries."""
+    """Return the answers in use, and the cells in which they saw a change. Both refer to the serving revision."""
     services = services_of(request)
     record = maps_seen(request).get(map_id)
     stats = (record.serving.stats if record.serving else None) or {}

@@ -34,9 +34,9 @@ _LAST_PROGRESS = 0.99
 )
 async def list_maps(
     request: Request,
-    tag: Annotated[str | None, Query(description="Only maps that bear this tag.", max_length=LONGEST_TAG)] = None,
+    tag: Annotated[str | None, Query(description="Only maps with this tag.", max_length=LONGEST_TAG)] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Maps on a page.")] = 50,
-    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=512)] = None,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the previous page.", max_length=512)] = None,
 ) -> Response:
     """Return maps, oldest first, page by page."""
     services = services_of(request)
@@ -57,7 +57,7 @@ async def get_map(request: Request, map_id: str) -> Response:
     try:
         await services.registry.refresh(map_id)
     except StorageAwayError as error:
-        _log.warning("a map is shown as it was known last", map_id=map_id, error=str(error))
+        _log.warning("a map is shown in its last known state", map_id=map_id, error=str(error))
     record = maps_seen(request).get(map_id)
     return JSONResponse((await documents(services, [record]))[0], headers=_tag(record))
 
@@ -73,12 +73,12 @@ async def patch_map(
     request: Request,
     map_id: str,
     if_match: Annotated[
-        str | None, Header(description="The `ETag`, or the `version`, that the map must still have.", max_length=40)
+        str | None, Header(description="The expected `ETag` or `version` of the map.", max_length=40)
     ] = None,
 ) -> Response:
-    """Change the fields that are given; the others stay as they are.
+    """Change the given fields; the others stay unchanged.
 
-    With `If-Match` only where the map is as it was when it was read: 412 otherwise.
+    With `If-Match` the map changes only if it still has that version; otherwise the answer is 412.
     """
     services = services_of(request)
     own_map(request, map_id)
@@ -97,7 +97,7 @@ async def patch_map(
     responses=nothing_left(401, 403, 404, 503),
 )
 async def delete_map(request: Request, map_id: str) -> Response:
-    """Delete a map; a registration under way ends. There is no way back."""
+    """Delete a map and cancel its running registration. This cannot be undone."""
     services = services_of(request)
     own_map(request, map_id)
     # Without Redis its entries would stay: nothing is deleted then, and the caller tries again.
@@ -122,7 +122,7 @@ def _wanted_version(if_match: str | None) -> int | None:
     version = if_match.strip().strip('"')
     if version.isascii() and version.isdigit():
         return int(version)
-    message = f"expected the ETag of a map, or *, got {if_match!r}; GET /maps/{{id}} has it"
+    message = f"expected the ETag of a map, or *, got {if_match!r}; GET /maps/{{id}} returns the ETag"
     raise InvalidOptionsError.of("If-Match", message)
 
 
@@ -132,7 +132,7 @@ async def documents(services: Services, records: Sequence[MapRecord]) -> list[di
     try:
         progress = await services.cache.get_progress(waiting)
     except CacheDownError as error:
-        _log.warning("progress is not known", error=str(error))
+        _log.warning("the progress of maps is unknown", error=str(error))
         unknown = {"status": "queued", "stage": "unknown while Redis does not answer", "progress": 0.0}
         progress = dict.fromkeys(waiting, unknown)
     for ref, stage in services.registrations.waiting_for_room.items():

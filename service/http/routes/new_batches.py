@@ -50,9 +50,12 @@ _ACCEPTED = "The images are stored; poll the batch until it is done."
 async def list_batches(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=200, description="Batches on a page.")] = 50,
-    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=512)] = None,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the previous page.", max_length=512)] = None,
 ) -> Response:
-    """Return the caller's batches, oldest first, page by page; each one's own address has its images and counts."""
+    """Return the caller's batches, oldest first, page by page.
+
+    `GET /batches/{id}` has the images and counts of a batch.
+    """
     batches = services_of(request).batches
     place = ("", "") if cursor is None else decode_cursor(cursor)
     found = batches.after(place, caller_of(request).tenant)
@@ -76,9 +79,9 @@ async def list_batches(
     openapi_extra=multipart(
         {
             "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}. Repeat the part.", 2000),
-            "archive": binary_part("Instead of `image`: a zip of images, with folders if you like."),
+            "archive": binary_part("Instead of `image`: a zip of images, optionally in folders."),
             "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
-            "tag": {"type": "string", "description": "Instead of `map_id`: all maps that bear this tag."},
+            "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
             "options": json_part(BatchOptions),
         },
         [],
@@ -90,7 +93,7 @@ async def list_batches(
     ),
 )
 async def post_batch(request: Request) -> Response:
-    """Store the images durably, then localize them in the background, without holding up other queries."""
+    """Store the images durably, then localize them in the background, without delaying other queries."""
     services = services_of(request)
     services.batches.check_room()
     folder = await asyncio.to_thread(services.storage.spool_folder)
@@ -163,7 +166,9 @@ def _any_head(head: bytes, name: str) -> None:
 
 def _check_zip(head: bytes, name: str) -> None:
     if not head.startswith(_ZIP_HEADS):
-        raise ArchiveError(f"archive: expected a zip, got {name[:80]!r}, which is none; send images as parts `image`")
+        raise ArchiveError(
+            f"archive: expected a zip, got {name[:80]!r}, which is not a zip; send images in parts named `image`"
+        )
 
 
 async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], list[str]]:
@@ -185,7 +190,7 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
     with disk_errors():
         images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
     if not images:
-        raise ArchiveError("archive: expected images, got a zip without any; their names end in .jpg, .png or .webp")
+        raise ArchiveError("archive: expected images, got a zip without any; image names end in .jpg, .png or .webp")
     return images, ignored
 
 

@@ -76,7 +76,7 @@ async def post_map(request: Request) -> Response:
 
 @router.put(
     "/maps/{map_id}/scan",
-    summary="Replace a map's scan by a newer one",
+    summary="Replace a map's scan with a newer one",
     dependencies=[Depends(require("write")), Depends(hold_upload_place)],
     status_code=202,
     responses=accepted_response(Map, QUEUED_MAP_EXAMPLE, _ACCEPTED, "map", 400, 401, 403, 404, 408, 413, 415, 422, 503),
@@ -85,7 +85,7 @@ async def post_map(request: Request) -> Response:
 async def put_scan(request: Request, map_id: str) -> Response:
     """Store a new revision under the same id. The old one answers queries until the new one is ready.
 
-    Options that are left out are as they were for the revision before.
+    Options that are left out keep their values of the previous revision.
     """
     services = services_of(request)
     own_map(request, map_id)

@@ -108,7 +108,7 @@ async def localize_image(request: Request, map_id: str) -> OpenFlameAnswer:
 
 @router.get(
     "/{map_id:map_id}/capabilities",
-    summary="What an OpenFLAME map server can do",
+    summary="Capabilities of an OpenFLAME map server",
     dependencies=[Depends(require("read"))],
     responses={
         200: {"content": {"application/json": {"example": _CAPABILITIES_EXAMPLE}}},

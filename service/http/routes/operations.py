@@ -22,7 +22,7 @@ _RETRY_AFTER_S = 2
 
 @router.get(
     "/health/live",
-    summary="Does the process run?",
+    summary="Check that the process runs",
     responses={200: {"model": Liveness}, **error_responses()},
 )
 async def live() -> Response:
@@ -32,12 +32,12 @@ async def live() -> Response:
 
 @router.get(
     "/health/ready",
-    summary="Are requests served?",
+    summary="Check that requests are served",
     responses={
         200: {"model": Health | Readiness},
         503: {
             "model": Health | Readiness,
-            "description": "Not yet; `waiting_for` says what is missing.",
+            "description": "Not yet; `waiting_for` lists the missing parts.",
             "headers": {"Retry-After": {"required": True, "schema": {"type": "integer"}}},
         },
         **error_responses(),
@@ -46,7 +46,7 @@ async def live() -> Response:
 async def ready(request: Request) -> Response:
     """Answer 200 when Redis takes values, the storage can be written, a worker is up and start-up is over.
 
-    With keys set, a caller without one learns no more than that: probes bring no key.
+    With keys set, a caller without a key gets only the status, because probes send no key.
     """
     caller = caller_of(request)
     details = await _details(services_of(request), caller.tenant)
@@ -60,13 +60,12 @@ async def ready(request: Request) -> Response:
 
 @router.get(
     "/health",
-    summary="Details for people",
+    summary="Show details for people",
     dependencies=[Depends(require("read"))],
     responses={200: {"model": Health}, **error_responses(401, 403, 429)},
 )
 async def health(request: Request) -> Response:
-    """Return the same details as readiness, always with 200, and the last requests and registrations that ended in a
-    problem."""
+    """Return the same details as readiness, always with 200, and the latest problems of requests and registrations."""
     services = services_of(request)
     tenant = caller_of(request).tenant
     details = await _details(services, tenant)
@@ -91,7 +90,7 @@ async def metrics(request: Request) -> Response:
 
 
 @router.get(
-    "/problems/{slug}", summary="What a kind of problem means", response_model=None, responses=error_responses(404)
+    "/problems/{slug}", summary="Explain a kind of problem", response_model=None, responses=error_responses(404)
 )
 async def problem(request: Request, slug: str) -> Response:
     """Explain the `type` of a problem document."""

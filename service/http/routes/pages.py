@@ -31,7 +31,8 @@ _NOT_BUILT = """<!doctype html>
 <meta charset="utf-8">
 <title>panoloc</title>
 <h1>panoloc</h1>
-<p>The service runs, but its console was not built: run <code>scripts/install</code> where the sources are, then reload this page.
+<p>The service runs, but its console is not built: run <code>scripts/install</code> in the
+source folder, then reload this page.
 The <a href="/docs">HTTP API</a> works.</p>
 </html>
 """

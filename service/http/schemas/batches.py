@@ -19,13 +19,14 @@ class BatchOptions(LocalizeOptions):
     """The part `options` of `POST /batches`: as for `POST /localize`, but without pictures and sessions."""
 
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=1)] | None = Field(
-        None, description="Camera of all images, one entry. Without it, each image's metadata gives its camera."
+        None,
+        description="Camera of all images, one entry. Without it, the camera comes from the metadata of each image.",
     )
     session: None = Field(
-        None, description="Not in a batch: each image is a query of its own; sessions go to `POST /localize`."
+        None, description="Not in a batch: each image is a separate query; send sessions to `POST /localize`."
     )
     artifacts: list[Any] = Field(
-        default_factory=list, max_length=0, description="Not in a batch: its pictures are not kept."
+        default_factory=list, max_length=0, description="Not in a batch: a batch stores no pictures."
     )
 
 
@@ -46,7 +47,7 @@ class BatchItem(ResponseModel):
     name: str
     status: ItemStatus
     answer: Localization | None = Field(
-        description="As from `POST /localize`; null while the image waits, or when it failed."
+        description="As from `POST /localize`; null while the image waits, or if it failed."
     )
     error: ProblemDocument | None
 
@@ -74,7 +75,7 @@ class Batch(BatchOverview):
     """Images that are localized one by one; a batch survives restarts of the service."""
 
     counts: BatchCounts
-    ignored: list[str] = Field(description="Files of the archive that are not images by their names; at most 100.")
+    ignored: list[str] = Field(description="Files of the archive whose names are not those of images; at most 100.")
     items: list[BatchItem] = Field(
         description="A page of the images, in their order; empty in the answer to `POST /batches`."
     )

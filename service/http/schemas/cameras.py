@@ -63,20 +63,23 @@ class SessionFromCamera(RequestModel):
 
 
 class Camera(RequestModel):
-    """Intrinsics of an image `width_px` x `height_px`, of which the upload may be a resized copy; or a field of view.
+    """Intrinsics of an image of `width_px` x `height_px`, or a field of view.
+
+    The upload may be a resized copy of that image.
 
     Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
     """
 
     model: CameraModel | None = Field(
         None,
-        description="`pinhole`; `opencv` and `opencv_fisheye` with OpenCV's distortion; `cylindrical`, as phones make sweep panoramas; "
-        "`equirectangular`, also a part of the sphere. With `session_from_camera` alone, the camera comes from the image's metadata.",
+        description="`pinhole`; `opencv` and `opencv_fisheye` with OpenCV's distortion; `cylindrical` for the sweep "
+        "panoramas of phones; `equirectangular`, also a part of the sphere. With `session_from_camera` alone, the "
+        "camera comes from the image's metadata.",
     )
-    width_px: _Pixels | None = Field(None, description="Of the image to which the intrinsics belong.")
+    width_px: _Pixels | None = Field(None, description="Width of the image to which the intrinsics belong.")
     height_px: _Pixels | None = None
     fx_px: _Number | None = Field(
-        None, description="Focal length; of `cylindrical` and `equirectangular` pixels per radian across."
+        None, description="Focal length; for `cylindrical` and `equirectangular` horizontal pixels per radian."
     )
     fy_px: _Number | None = Field(None, description="Default: `fx_px`.")
     cx_px: _Number | None = Field(None, description="Default: the middle.")
@@ -86,9 +89,7 @@ class Camera(RequestModel):
         max_length=8,
         description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
     )
-    hfov_deg: _Number | None = Field(
-        None, description="Degrees from the left edge to the right edge, instead of `fx_px` … `cy_px`."
-    )
+    hfov_deg: _Number | None = Field(None, description="Horizontal field of view, instead of `fx_px` … `cy_px`.")
     hfov_range_deg: tuple[_Number, _Number] | None = Field(
         None,
         description="Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as "
@@ -112,7 +113,7 @@ class Camera(RequestModel):
         if self.model is None:
             if any(value not in (None, []) for value in given.values()) or self.session_from_camera is None:
                 raise OptionsError(
-                    f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only where "
+                    f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only if "
                     "session_from_camera is the only field"
                 )
             return None
@@ -124,8 +125,8 @@ class TrackedSession(RequestModel):
 
     up: Literal["known", "unknown"] = Field(
         "unknown",
-        description="`known`: the session's up axis (y in `webxr` and `unity`, z in `ros` and `opencv`) is against gravity, as ARKit, "
-        "ARCore and WebXR have it.",
+        description="`known`: the session's up axis (y in `webxr` and `unity`, z in `ros` and `opencv`) is opposite "
+        "to gravity, as in ARKit, ARCore and WebXR.",
     )
     position_noise_m: Annotated[float, Field(ge=0, le=MAX_POSITION_NOISE_M)] = Field(
         SessionOptions.position_noise_m,

@@ -10,20 +10,21 @@ from panoloc.service.http.schemas.geometry import Vector
 
 
 class AnswerWithChange(ResponseModel):
-    """One of the answers that are counted."""
+    """One of the answers in use."""
 
     id: str | None = Field(
-        description="Of the localization, whose answer may have expired; null for keys of a tenant, who may share the map with others."
+        description="Id of the localization, whose answer may have expired; null for keys of a tenant, because "
+        "tenants may share the map."
     )
     created_at: datetime
-    position_m: Vector = Field(description="Where the photo was taken.")
+    position_m: Vector = Field(description="Position of the photo.")
     confidence: float
     panorama_changed_fraction: float | None
     map_changed_fraction: float | None
 
 
 class ChangedCell(ResponseModel):
-    """A cube in which something changed."""
+    """A cube with a change."""
 
     center_m: Vector
     num_changed: int = Field(ge=1, description="Answers that saw a change here.")
@@ -32,16 +33,14 @@ class ChangedCell(ResponseModel):
 
 
 class MapChanges(ResponseModel):
-    """What changed since the scan, by the answers of the last `lifetime_s` seconds."""
+    """Changes since the scan, from the answers of the last `lifetime_s` seconds."""
 
     map_id: str
-    revision: int = Field(
-        description="Revision of the scan that answers queries; answers from other revisions do not count."
-    )
+    revision: int = Field(description="Serving revision of the scan; answers from other revisions do not count.")
     lifetime_s: int = Field(description="Seconds for which an answer counts.")
-    cell_m: float | None = Field(description="Edge of a cell, metres; null without answers.")
+    cell_m: float | None = Field(description="Edge length of a cell in metres; null without answers.")
     answers: list[AnswerWithChange] = Field(description="Newest first.")
-    cells: list[ChangedCell] = Field(description="Those that changed in most answers first.")
+    cells: list[ChangedCell] = Field(description="Cells, those with the most changes first.")
 
 
 CHANGES_EXAMPLE: dict[str, Any] = {

@@ -71,7 +71,7 @@ class CameraReading(_Lenient):
         if turned is not None and (turned.mirrored or turned.rotation % 360 != 0):
             raise InvalidOptionsError.of(
                 f"{_READINGS}.imageOrientation",
-                "expected an upright image, got a turned or mirrored one; turn it first",
+                "expected an upright image, got a rotated or mirrored one; rotate it first",
             )
         model = (self.params.model if self.params and self.params.model else "").upper()
         if model in _NO_CAMERA:
@@ -106,7 +106,7 @@ class SensorReadings(_Lenient):
         images = [each for each in self.cameraReadings if (each.imageFormat or "").upper() != _DEPTH]
         if len(images) != 1:
             raise InvalidOptionsError.of(
-                _READINGS, f"expected one image besides depth, got {len(images)}; send one, or POST /localize"
+                _READINGS, f"expected one image besides depth, got {len(images)}; send one image, or use POST /localize"
             )
         return images[0]
 
@@ -130,7 +130,7 @@ class OpenFlameAnswer(ResponseModel):
 
 
 class OpenFlameCapabilities(ResponseModel):
-    """What an OpenFLAME map server can do."""
+    """Capabilities of an OpenFLAME map server."""
 
     commonName: str  # noqa: N815
     iconURL: str  # noqa: N815

@@ -20,7 +20,7 @@ class PoolHealth(ResponseModel):
     ready: bool
     waiting_for: str | None
     num_workers: int
-    queue_depth: int = Field(description="Queries that wait for a worker.")
+    queue_depth: int = Field(description="Queries waiting for a worker.")
     resident_bytes: int = Field(description="Map indexes in the workers' memory.")
 
 
@@ -47,7 +47,7 @@ class Health(ResponseModel):
     """The whole service."""
 
     status: Literal["ready", "not_ready"]
-    waiting_for: list[str] = Field(description="What is missing; empty when ready.", examples=[["workers"]])
+    waiting_for: list[str] = Field(description="Missing parts; empty when ready.", examples=[["workers"]])
     version: str
     uptime_s: float
     redis: Literal["up", "down"]

@@ -24,13 +24,13 @@ from panoloc.service.jobs import ARTIFACTS, Artifact, QueryOptions
 
 
 class Hints(RequestModel):
-    """What the caller knows beforehand. Every hint narrows the search; no answer lies outside of it."""
+    """Prior knowledge of the caller. Every hint narrows the search, and every answer satisfies it."""
 
-    position_m: Vector | None = Field(None, description="Where the camera is, in the map's own frame.")
+    position_m: Vector | None = Field(None, description="Camera position in the map's own frame.")
     radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
-        None, description=f"How far from `position_m` at most; {DEFAULT_RADIUS_M:g} when left out."
+        None, description=f"Largest distance from `position_m`; {DEFAULT_RADIUS_M:g} by default."
     )
-    region: Box | None = Field(None, description="Where the camera is, in the map's own frame.")
+    region: Box | None = Field(None, description="Box around the camera in the map's own frame.")
     upright: bool | None = Field(None, description="The camera is level within `max_tilt_deg`.")
     max_tilt_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(
         None, description=f"{DEFAULT_TILT_DEG:g} when only `upright` is given."
@@ -39,7 +39,7 @@ class Hints(RequestModel):
         None, description="Yaw of the image centre, counter-clockwise about z from +x."
     )
     heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
-        None, description=f"{DEFAULT_HEADING_TOLERANCE_DEG:g} when left out."
+        None, description=f"{DEFAULT_HEADING_TOLERANCE_DEG:g} by default."
     )
 
     @model_validator(mode="after")
@@ -70,9 +70,9 @@ class LocalizeOptions(RequestModel):
     hints: Hints | None = None
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=MAX_IMAGES)] | None = Field(
         None,
-        description="Cameras of the images: one entry for all, or one per image in their order. Without it, an image of 2:1 is a full "
-        "sphere; of others, GPano fields or the EXIF focal length in 35 mm terms give the camera. Several images need one entry each, "
-        "with its `session_from_camera`.",
+        description="Cameras of the images: one entry for all, or one per image in their order. Without it, a 2:1 "
+        "image is a full sphere; for other images the camera comes from GPano fields or the EXIF focal length in 35 "
+        "mm terms. Several images need one entry each, with `session_from_camera`.",
     )
     session: TrackedSession | None = Field(None, description="Accuracy and up axis of `session_from_camera`.")
     artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
@@ -81,10 +81,11 @@ class LocalizeOptions(RequestModel):
         strict=True,
         ge=1,
         le=MAX_TOP_K,
-        description="Most poses in the answer: the pose and up to `top_k` − 1 alternatives; `ambiguous` lists its rivals in any case.",
+        description="Largest number of poses: the pose and up to `top_k` − 1 alternatives; `ambiguous` always lists "
+        "its rivals.",
     )
     timeout_s: Annotated[float, Field(gt=0)] | None = Field(
-        None, description="Seconds for the answer, then 504; null: the service's setting, and more for `paper`."
+        None, description="Seconds for the answer, then 504; null: the service's default, which is longer for `paper`."
     )
 
     def to_options(self, timeout_s: float) -> QueryOptions:
@@ -106,4 +107,4 @@ class PendingLocalization(ResponseModel):
     id: str
     status: Literal["queued", "running", "failed"]
     created_at: datetime
-    error: ProblemDocument | None = Field(description="Why it failed; null otherwise.")
+    error: ProblemDocument | None = Field(description="Reason of a failure; null otherwise.")

@@ -23,8 +23,8 @@ _COORDINATE_SYSTEM = (
     "null: from the scan's file."
 )
 _GEOID_UNDULATION = (
-    "Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose where the heights of the `coordinate_system` are "
-    "above the geoid, or their reference is unknown."
+    "Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose if the heights of the "
+    "`coordinate_system` are above the geoid, or if their reference is unknown."
 )
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
@@ -45,7 +45,7 @@ class StartsOptions(RequestModel):
     spacing_m: float | None = Field(
         None, ge=MIN_SPACING_M, le=MAX_SPACING_M, description="Distance between starts; null: the service chooses."
     )
-    region: Box | None = Field(None, description="Where cameras can be; null: everywhere in the scanned space.")
+    region: Box | None = Field(None, description="Possible camera positions; null: the whole scanned space.")
 
 
 class ScanOptions(RequestModel):
@@ -53,7 +53,9 @@ class ScanOptions(RequestModel):
 
     unit: Unit = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
     up_axis: UpAxis = Field(options.ScanOptions.up_axis, description="Axis of the scan that points up.")
-    color_kind: ColorKind = Field(options.ScanOptions.color_kind, description="`labels`: colours are codes of classes.")
+    color_kind: ColorKind = Field(
+        options.ScanOptions.color_kind, description="`labels`: colours encode semantic classes."
+    )
     starts: StartsOptions = Field(default_factory=lambda: StartsOptions.model_validate({}))
 
     def to_options(self) -> RegisterOptions:
@@ -73,7 +75,7 @@ class ScanOptions(RequestModel):
 
 
 class Georeference(RequestModel):
-    """Where the map's origin lies on Earth (WGS 84)."""
+    """Position of the map's origin on Earth (WGS 84)."""
 
     latitude_deg: float = Field(ge=-90, le=90)
     longitude_deg: float = Field(ge=-180, le=180)
@@ -108,7 +110,7 @@ class MapOptions(ScanOptions):
 
 
 class MapPatch(RequestModel):
-    """The body of `PATCH /maps/{id}`: fields left out stay as they are; null removes a place on Earth."""
+    """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth."""
 
     name: Name = ""
     tags: Tags = Field(default_factory=list)
@@ -116,7 +118,7 @@ class MapPatch(RequestModel):
     coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
     geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
     shared_with: Tags = Field(
-        default_factory=list, description="Other tenants whose keys see the map and localize in it; `*` for all."
+        default_factory=list, description="Other tenants that can view the map and localize in it; `*` for all."
     )
 
     def changes(self) -> dict[str, Any]:

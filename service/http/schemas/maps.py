@@ -37,16 +37,14 @@ class Map(ResponseModel):
     """A registered scan.
 
     After `PUT /maps/{id}/scan`, `revision`, `status`, `stage`, `progress` and `error` describe the new revision. Until
-    it is ready, `serving_revision` answers queries; `stats` and `diagnostics` are of that one.
+    it is ready, `serving_revision` answers queries; `stats` and `diagnostics` belong to that revision.
     """
 
     id: str
     name: str
     tags: list[str]
     revision: int = Field(ge=1, description="The newest revision of the scan.")
-    serving_revision: int | None = Field(
-        description="The revision that answers queries; null before the first is ready."
-    )
+    serving_revision: int | None = Field(description="The serving revision; null until the first is ready.")
     status: MapStatus
     stage: str | None = Field(description="Current step of the registration, for people.")
     progress: float = Field(ge=0, le=1)
@@ -57,17 +55,20 @@ class Map(ResponseModel):
     diagnostics: list[Diagnostic]
     georeference: dict[str, Any] | None
     coordinate_system: str | None = Field(
-        description="Of positions in the map, by EPSG code or WKT: as given, else from the scan's file; null: neither."
+        description="Coordinate system of positions, as an EPSG code or WKT: as given, else from the scan's file; "
+        "null: none."
     )
     geoid_undulation_m: float | None = Field(
         None, description="Height of the geoid above the ellipsoid at the map, metres, as given."
     )
     owner: str | None = Field(None, description="Tenant of the key that created the map; null: none.")
-    shared_with: list[str] = Field(default_factory=list, description="Other tenants that see the map; `*` for all.")
+    shared_with: list[str] = Field(
+        default_factory=list, description="Other tenants that can view the map; `*` for all."
+    )
     version: int = Field(
         0,
         ge=0,
-        description="Grows with each change; sent as `If-Match`, a change needs this version.",
+        description="Increases with each change; a change with `If-Match` requires this version.",
     )
 
 

@@ -19,7 +19,7 @@ class ProblemDocument(ResponseModel):
     title: str = Field(description="The kind of problem, for people.")
     status: int = Field(ge=400, le=599)
     detail: str = Field(description="What was expected, what came and what to do.")
-    request_id: str = Field(description="The service's log says more under this id.")
+    request_id: str = Field(description="The service's log has details under this id.")
     fields: list[FieldMistake] | None = Field(
-        None, description="Wrong fields of the options, or the upload at fault, `image` or `mask`."
+        None, description="Wrong fields of the options, or the faulty upload, `image` or `mask`."
     )

@@ -43,7 +43,7 @@ def test_a_resized_copy_has_its_intrinsics_scaled() -> None:
 
 
 def test_an_image_of_another_shape_is_refused_with_both_shapes() -> None:
-    with pytest.raises(OptionsError, match=r"1920 x 1440 px .* got 1440 x 1920"):
+    with pytest.raises(OptionsError, match=r"1920 x 1440 px.* got 1440 x 1920"):
         GOOD.resized(1440, 1920)
 
 

@@ -86,7 +86,7 @@ def test_a_photo_that_is_no_sphere_is_left_out_of_what_holds_spheres_and_kept_wh
     [
         ("arcgis", {"map_from_camera": replace(GOLDEN, rotation=rotation_of(0, 0, 120))}, "roll is 120 degrees"),
         ("gpano", {"name": "pano.png"}, "JPEG"),
-        ("gpano", {"image": None}, "not there"),
+        ("gpano", {"image": None}, "no longer exists"),
         ("e57", {"name": "pano.webp"}, "JPEG and PNG"),
         ("colmap", {"name": "my pano.jpg"}, "space"),
         ("potree", {"name": "my\tpano.jpg"}, "control characters"),
@@ -303,4 +303,4 @@ def test_a_photo_that_is_not_what_its_name_says_is_left_out_and_not_spoiled(name
     assert not (folder / "called.jpg").exists()
     assert (
         folder / "unplaced.txt"
-    ).read_text() == "called.jpg\tits content is not what .jpg says; rename it to what it is\n"
+    ).read_text() == "called.jpg\tits content does not match .jpg; rename it to match its content\n"

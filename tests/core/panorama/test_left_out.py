@@ -28,7 +28,7 @@ def test_an_image_of_one_colour_is_said_to_show_nothing(level: int, noise: float
     grain = np.random.default_rng(0).normal(level, noise, (size[1], size[0], 3))
     panorama = read_panorama(encoded(np.clip(grain, 0, 255).astype(np.uint8), "JPEG"))
     (words,) = panorama.left_out
-    assert words.startswith("the panorama is of one colour all over and shows no place")
+    assert words.startswith("the panorama has a single colour and shows no place")
     assert panorama.valid.all()
 
 

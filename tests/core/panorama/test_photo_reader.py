@@ -109,7 +109,7 @@ def test_a_photo_that_says_nothing_of_its_camera_is_refused_with_a_list_of_what_
 
 def test_a_distortion_that_leaves_most_of_the_photo_without_a_direction_is_refused() -> None:
     wild = CameraDescription("opencv", 640, 480, 500.0, distortion=(-50.0, 1000.0, 0.0, 0.0))
-    with pytest.raises(OptionsError, match=r"^distortion: expected coefficients that hold .* leave \d+% of it"):
+    with pytest.raises(OptionsError, match=r"^distortion: expected coefficients that are valid .* leave \d+% of it"):
         read_image(encoded(picture(640, 480)), camera=wild)
 
 

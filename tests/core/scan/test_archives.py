@@ -209,7 +209,7 @@ def test_archives_that_are_none_hold_no_scan_or_too_much_are_told_so(
         b"PK\x03\x04" + bytes(100): "cannot be unpacked",
         zip_of({}): "holds no scan.*It holds nothing",
         zip_of({"a.jpg": b"x", "read me.txt": b"hello"}): r"holds no scan.*a\.jpg, read me\.txt",
-        zip_of({"inner.zip": good}): "holds another one, 'inner.zip'",
+        zip_of({"inner.zip": good}): "holds another zip, 'inner.zip'",
         zip_of({"a.ply": b"what", "b.ply": encode_ply(cloud)}): r"^a\.ply: expected a scan",
         zip_of({"a.ply": encode_ply(cloud), "A.PLY": encode_ply(cloud)}): "twice",
         zip_of({"a.ply": encode_ply(cloud)}, zipfile.ZIP_LZMA): "packed by method 14",
@@ -245,7 +245,7 @@ def test_a_mesh_beside_a_table_is_read_apart(scan_file: ScanFile) -> None:
 
 
 def test_a_name_longer_than_the_disk_takes_is_said(scan_file: ScanFile) -> None:
-    with pytest.raises(ScanDamagedError, match="longer name than the disk takes"):
+    with pytest.raises(ScanDamagedError, match="too long for the disk"):
         read_scan(scan_file("scans.zip", zip_of({f"{'a' * 300}.ply": b"ply"})))
 
 

@@ -65,7 +65,7 @@ def test_a_las_file_names_it_by_wkt_or_by_keys(
     assert read.coordinate_system == expected
     np.testing.assert_allclose(read.positions + read.origin_offset, cloud.positions + PLACE, atol=1e-3)
     message = notes_of(read).get("coordinate_system", "")
-    assert ("+1.396 degrees clockwise of true north" in message) == (expected is not None)
+    assert ("+1.396 degrees clockwise from true north" in message) == (expected is not None)
 
 
 @pytest.mark.parametrize("text", [CRS(UTM_32).to_wkt(), UTM_32, ""])
@@ -90,9 +90,9 @@ def test_an_e57_file_names_it_in_its_root(
     [
         (CRS(4326).to_wkt(), "m", "z", 1.0, "no lengths on a grid"),
         ("PROJCS[nonsense", "m", "z", 1.0, "expected a projected coordinate system"),
-        (CRS(UTM_32).to_wkt(), "m", "y", 1.0, "y-up"),
-        (CRS(UTM_32).to_wkt(), "ft", "z", 1 / 0.3048, "its unit is 1 m, but the scan was said to be in ft"),
-        (CRS(2263).to_wkt(), "m", "z", 1.0, "its unit is 0.3048006 m, but the scan was said to be in m"),
+        (CRS(UTM_32).to_wkt(), "m", "y", 1.0, "the given up axis"),
+        (CRS(UTM_32).to_wkt(), "ft", "z", 1 / 0.3048, "its unit is 1 m, but the given unit is ft"),
+        (CRS(2263).to_wkt(), "m", "z", 1.0, "its unit is 0.3048006 m, but the given unit is m"),
     ],
 )
 def test_what_cannot_be_used_is_said_and_the_scan_is_read(
@@ -125,6 +125,6 @@ def test_a_scan_of_a_zip_that_names_no_system_is_said_to_be_in_that_of_the_other
     read = read_scan(scan_file("scans.zip", zip_of({"a.ply": silent, "b.laz": named})))
     (said,) = [found for found in read.diagnostics if found.code == "coordinate_system_assumed"]
     assert (read.coordinate_system, said.severity) == ("EPSG:25832", "warning")
-    assert said.message.startswith("a.ply names no coordinate system")
+    assert said.message.startswith("a.ply has no usable coordinate system")
     alone = read_scan(scan_file("scans.zip", zip_of({"a.laz": named, "b.laz": named})))
     assert "coordinate_system_assumed" not in {found.code for found in alone.diagnostics}

@@ -214,7 +214,7 @@ def test_images_without_poses_are_named_where_a_scan_has_no_colours(tmp_path: Pa
     for number in range(2):
         _add_pinhole(file, f"{number}.png", STATIONS[0], np.zeros((8, 8, 3), np.uint8), has_pose=False)
     file.close()
-    with pytest.raises(ScanContentError, match=r"no colour .* and 2 images, but none that is read and has a pose"):
+    with pytest.raises(ScanContentError, match=r"no colour .* and 2 images, but none that is readable and has a pose"):
         read_scan(path)
 
 

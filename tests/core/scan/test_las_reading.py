@@ -71,7 +71,7 @@ def test_a_cut_file_is_damaged(cloud: PointCloud, tmp_path: Path, name: str) -> 
     whole = write_las(tmp_path / name, cloud, 3).read_bytes()
     for kept in (10, 230, 500, -20):
         (tmp_path / name).write_bytes(whole[:kept])
-        with pytest.raises(ScanDamagedError, match="cut short"):
+        with pytest.raises(ScanDamagedError, match="truncated"):
             read_scan(tmp_path / name)
 
 
@@ -132,7 +132,7 @@ def test_the_sandbox_stops_a_layer_of_a_laz_chunk_that_is_larger_than_its_memory
     (start,), (record_bytes,) = (struct.unpack_from(at, path.read_bytes(), n) for at, n in (("<I", 96), ("<H", 105)))
     patched(path, start + 8 + record_bytes + 4, "<I", 0xFFFFFFF0)
     context = ReadingContext(path, ScanOptions(), path.stat().st_size)
-    with pytest.raises(ScanError, match=r"cannot be read|more than the 1 GiB"):
+    with pytest.raises(ScanError, match=r"cannot be read|more than 1 GiB"):
         list(read_in_sandbox("las", context, SandboxLimits(memory_bytes=1 << 30)))
 
 

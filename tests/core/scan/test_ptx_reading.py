@@ -96,7 +96,7 @@ def test_absurd_counts_are_refused_before_anything_is_read(cloud: PointCloud, sc
 def test_a_matrix_that_is_no_pose_is_refused(cloud: PointCloud, scan_file: ScanFile, matrix_line: str) -> None:
     lines = two_stations(cloud).splitlines()
     lines[6] = matrix_line
-    with pytest.raises(ScanDamagedError, match="no pose"):
+    with pytest.raises(ScanDamagedError, match="not a pose"):
         read_scan(scan_file("scan.ptx", "\n".join(lines)))
 
 

@@ -118,7 +118,7 @@ def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_uni
     read = read_scan(scan_file("scan.xyz", text_scan(ROOM * factor)))
     note = next(note for note in read.diagnostics if note.code == "suspicious_extent")
     assert note.severity == "warning"
-    assert "is that the right unit?" in note.message
+    assert "check the unit" in note.message
 
 
 @pytest.mark.slow

@@ -98,10 +98,10 @@ def test_a_missing_file_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("end", "code", "said"),
     [
-        (KeyboardInterrupt(), 130, ["map_1 goes on registering", "panoloc maps delete map_1"]),
-        (httpx.ConnectError("refused"), 5, ["map_1 is registered when the service runs again"]),
+        (KeyboardInterrupt(), 130, ["map_1: its registration continues", "panoloc maps delete map_1"]),
+        (httpx.ConnectError("refused"), 5, ["map_1: its registration continues when the service runs again"]),
         # A key that may upload and not read: nothing went wrong.
-        (problem(403, "Not allowed", "expected a key with the scope 'read'"), 0, ["goes on registering"]),
+        (problem(403, "Not allowed", "expected a key with the scope 'read'"), 0, ["its registration continues"]),
     ],
     ids=["ctrl-c", "service gone", "may not read"],
 )

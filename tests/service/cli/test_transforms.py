@@ -111,7 +111,7 @@ def test_the_lens_is_that_of_the_frame_or_else_of_the_file(
         (one_frame(file_path=3), "file_path: expected the name"),
         (one_frame(transform_matrix=[[1, 0], [0, 1]]), "transform_matrix: expected 4 x 4 numbers"),
         (one_frame(transform_matrix=None), "transform_matrix: expected 4 x 4 numbers"),
-        (one_frame(transform_matrix=(2 * np.eye(4)).tolist()), "take the scale out"),
+        (one_frame(transform_matrix=(2 * np.eye(4)).tolist()), "remove the scale"),
         (one_frame(transform_matrix=np.diag([1.0, 1, -1, 1]).tolist()), "scales or mirrors"),
         (one_frame(transform_matrix=np.full((4, 4), np.nan).tolist()), "finite numbers"),
     ],

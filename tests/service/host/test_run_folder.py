@@ -80,6 +80,6 @@ def test_services_that_share_the_data_let_each_other_in_and_nobody_else(tmp_path
 
 def test_a_service_alone_keeps_out_those_that_would_share(tmp_path: Path) -> None:
     alone = RunFolder(tmp_path)
-    with pytest.raises(DataFolderInUseError, match="expected a data folder that only services with PANOLOC_SHARED use"):
+    with pytest.raises(DataFolderInUseError, match="expected a data folder used only by services with PANOLOC_SHARED"):
         RunFolder(tmp_path, is_shared=True)
     alone.close()

@@ -28,8 +28,8 @@ JPEG_WITHOUT_SIZE = b"\xff\xd8\xff\xe0\x00\x10JFIF"
         (SCAN[:-1], "a.ply", 422, "cut off"),
         (ply_of([(0, 0, 0)] * 100)[:700], "a.ply", 422, "100 points"),
         (png_of(8, 4), "a.ply", 415, "a PNG image"),
-        (b"\x1f\x8b\x08 gzip", "a.ply", 415, "unpacked"),
-        (b"hello, this is no point cloud\n", "a.ply", 415, "does not begin like one"),
+        (b"\x1f\x8b\x08 gzip", "a.ply", 415, "unpack it first"),
+        (b"hello, this is no point cloud\n", "a.ply", 415, "without that format's header"),
         (bytes(range(256)) * 40, "a.xyz", 415, "unknown binary data"),
         (b"ply\nformat ascii 1.0\nelement vertex 999999999\nend_header\n", "a.ply", 413, "PANOLOC_MAX_POINTS"),
     ],
@@ -91,7 +91,7 @@ async def test_a_photo_of_an_unknown_camera_never_reaches_a_worker(running: Runn
     reply = await running.localize(map_id, photo)
     assert reply.status_code == 422
     assert reply.json()["type"].endswith("not-a-panorama")
-    assert "64 x 48 (1.33:1) and nothing that says which camera took it" in reply.json()["detail"]
+    assert "64 x 48 (1.33:1) without camera data" in reply.json()["detail"]
     assert running.pool.jobs == []
     reply = await running.localize(map_id, photo, options='{"cameras": [{"model": "pinhole", "hfov_deg": 69}]}')
     assert reply.status_code == 200

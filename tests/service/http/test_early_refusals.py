@@ -19,7 +19,7 @@ from tests.service.http.fake_pool import FakePool
 from tests.service.http.running_service import listening, running_service
 
 pytestmark = pytest.mark.anyio
-FULL = QueueFullError("4 requests are waiting, which is as many as may; try again in 7 s", 7)
+FULL = QueueFullError("4 requests are waiting, which is the limit; try again in 7 s", 7)
 
 
 class Connection:

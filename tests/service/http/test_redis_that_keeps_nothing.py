@@ -41,7 +41,7 @@ async def test_a_caller_who_waits_gets_his_answer_with_a_warning(
     assert reply.status_code == 200
     body: dict[str, Any] = reply.json()
     assert body["status"] == "localized"
-    assert "Redis cannot keep this answer" in body["warnings"][-1]
+    assert "Redis cannot store this answer" in body["warnings"][-1]
     assert body["artifacts"] == {}
 
 

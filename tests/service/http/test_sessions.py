@@ -149,7 +149,8 @@ def test_a_quaternion_that_is_a_little_off_is_made_unit() -> None:
         (1, {"cameras": [{"model": "pinhole", "hfov_deg": 400}]}, "cameras.0", "hfov_deg: expected 1 to 170 degrees"),
         (1, {"cameras": [{"model": "pinhole", "hfov_range_deg": [80, 60]}]}, "cameras.0", "two rising numbers from 20 to 120"),
         (1, {"cameras": [{**LENS, "hfov_range_deg": [60, 80]}]}, "cameras.0", "in place of fx_px or hfov_deg"),
-        (1, {"cameras": [{"model": "opencv_fisheye", "hfov_range_deg": [60, 80]}]}, "cameras.0", "expected it of a pinhole"),
+        (1, {"cameras": [{"model": "opencv_fisheye", "hfov_range_deg": [60, 80]}]}, "cameras.0", "expected only with "
+        "model pinhole"),
         (1, {"cameras": [{**LENS, "distortion": [0.1]}]}, "cameras.0", "distortion: expected none"),
         (1, {"cameras": [{**LENS, "fov": 3}]}, "cameras.0.fov", "no field of this name"),
     ],

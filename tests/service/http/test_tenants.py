@@ -83,7 +83,7 @@ async def test_a_map_is_not_there_for_keys_of_other_tenants(house: House) -> Non
     hidden, unknown = [
         (await house.ask("school", "GET", f"/maps/{each}")).json()["detail"] for each in (map_id, "map_never")
     ]
-    assert "not shared it with this key" in hidden
+    assert "does not share it with this key" in hidden
     assert hidden.replace(map_id, "map_never") == unknown
     assert (
         await house.ask("school", "PUT", f"/maps/{map_id}/scan", files={"file": ("a.ply", SCAN)})

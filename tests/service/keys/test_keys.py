@@ -96,4 +96,4 @@ def test_the_audit_log_is_appended_to_and_costs_no_change_where_it_cannot_be_wri
     os.remove(log.path)
     log.path.mkdir()
     log.note("key key_1", "map deleted", "map_1", "req_2")
-    assert "could not be written" in caplog.text
+    assert "cannot be written" in caplog.text

@@ -35,7 +35,7 @@ def test_tokens_close_a_service_and_open_it(tmp_path: Path) -> None:
         ({"oidc_issuer": "", "oidc_keys": ""}, "expected PANOLOC_OIDC_ISSUER and PANOLOC_OIDC_KEYS as well"),
         ({"oidc_keys": "nowhere/jwks.json"}, "No such file"),
         ({"oidc_keys": __file__}, "expected a JWK set"),
-        ({"oidc_keys": "http://login.example.org/jwks"}, "expected https:// or a file"),
+        ({"oidc_keys": "http://login.example.org/jwks"}, "expected an https:// URL or a file"),
         ({"oidc_tenant_claim": ""}, "at least 1 character"),
     ],
 )

@@ -411,7 +411,7 @@ def test_variables_of_other_tools_do_no_harm_and_wrong_ones_are_reported(
     extra = {"AWS_PROFILE": "x", "AWS_PAGER": "", "AWS_BUCKET": "other", "AWS_MAX_ATTEMPTS": "3"}
     access = BucketAccess(str(tmp_path), 0, bucket_server.variables | extra)
     open_storage(f"s3://{BUCKET}", access).put("variables", b"x")
-    with pytest.raises(StorageAwayError, match="expected variables that say how az://container is reached"):
+    with pytest.raises(StorageAwayError, match="expected variables for the access to az://container"):
         open_storage("az://container", BucketAccess(str(tmp_path), 0, {}))
     assert "a-secret" not in repr(access)
     assert os.environ.get("AWS_SECRET_ACCESS_KEY") is None

@@ -50,7 +50,7 @@ def test_options_of_a_scan_are_read_as_they_were_written(scan: ScanOptions, inde
 def test_a_changed_record_is_damaged() -> None:
     whole = seal(BATCH, RECORD)
     for data in (whole.replace(b"map_b", b"map_c"), b"{}", b"[]", b"no json", whole[:-9]):
-        with pytest.raises(StoredFileDamagedError, match=r"record as the service wrote it.*restore the file"):
+        with pytest.raises(StoredFileDamagedError, match=r"an unchanged record of the service.*restore the file"):
             unseal(BATCH, data, "key")
 
 

@@ -19,7 +19,7 @@ export function unreachable(): RequestError {
     type: "unreachable",
     title: "The service does not answer",
     status: 0,
-    detail: "No answer came. The page continues as soon as the service is there again.",
+    detail: "The page continues as soon as the service answers again.",
   });
 }
 
@@ -27,9 +27,9 @@ export function unreachable(): RequestError {
 export function brokenOff(): RequestError {
   return new RequestError({
     type: "unreachable",
-    title: "The connection broke off",
+    title: "The connection was interrupted",
     status: 0,
-    detail: "The upload did not arrive. Try again once the service is there.",
+    detail: "The upload did not arrive. Try again once the service answers.",
   });
 }
 

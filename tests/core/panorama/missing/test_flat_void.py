@@ -85,4 +85,4 @@ def test_a_photo_has_no_seam_and_its_share_is_of_its_pixels() -> None:
     color = scenery(640, 480)
     color[:200, :300] = 0
     found = find(as_jpeg(color), is_sphere=False)
-    assert found.words == ("20% of the photo is a flat black void and was left out; send a mask to say it yourself",)
+    assert found.words == ("20% of the photo is a flat black void and was left out; send a mask to override this",)

@@ -41,7 +41,7 @@ def test_photos_of_any_name_are_placed_and_exported(panoloc: Panoloc, fake: Fake
     assert (outcome.code, f"{len(NAMES)} photos: {len(NAMES)} localized" in outcome.out) == (0, True)
     assert len(list((out / "navvis").glob("*-pano.*"))) == len(NAMES)
     assert len(list((out / "colmap-rig" / "images" / "front").rglob("*.jpg"))) == len(NAMES)
-    assert "are done already" in panoloc(*command).err
+    assert "are already done" in panoloc(*command).err
 
 
 def test_a_name_that_is_no_utf_8_is_placed_too(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_a_name_that_is_no_utf_8_is_placed_too(panoloc: Panoloc, fake: FakeServi
     outcome = panoloc(*command)
     assert (outcome.code, "2 photos: 2 localized" in outcome.out) == (0, True), outcome.err
     assert os.fsencode(NO_UTF8) in (out / "potree" / "unplaced.txt").read_bytes()
-    assert "2 of 2 photos are done already" in panoloc(*command).err
+    assert "2 of 2 photos are already done" in panoloc(*command).err
 
 
 def test_a_file_that_cannot_be_read_fails_alone_and_is_tried_again(
@@ -86,7 +86,7 @@ def test_photos_of_formats_that_are_not_read_are_told_of(panoloc: Panoloc, fake:
     outcome = panoloc("place", folder, "--map", "map_1", "--out", tmp_path / "out")
     assert outcome.code == 0
     assert "left out: b.heic and 1 more cannot be read" in outcome.said
-    assert "left out: notes.txt (no photo by its name)" in outcome.said
+    assert "left out: notes.txt (not a photo, by its name)" in outcome.said
 
 
 def test_a_folder_that_cannot_be_written_is_told_of(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
@@ -117,8 +117,8 @@ def test_ctrl_c_keeps_what_is_under_way_and_says_so(
     with monkeypatch.context() as changed:
         changed.setattr(place, "wait", interrupted)
         outcome = panoloc(*command)
-    assert (outcome.code, "run again to continue" in outcome.err) == (EXIT_INTERRUPTED, True)
-    assert "2 of 2 photos are done already" in panoloc(*command).err
+    assert (outcome.code, "run again to resume" in outcome.err) == (EXIT_INTERRUPTED, True)
+    assert "2 of 2 photos are already done" in panoloc(*command).err
 
 
 @pytest.mark.slow
@@ -129,7 +129,7 @@ def test_photos_that_are_gone_are_told_of_when_they_are_exported(
     assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
     (photos / "hall.jpg").unlink()
     assert panoloc("export", out, "--export", "tum").code == 0
-    assert (out / "tum" / "unplaced.txt").read_text().startswith("hall.jpg\twas placed, but is no longer in ")
+    assert (out / "tum" / "unplaced.txt").read_text().startswith("hall.jpg\tit was placed, but is no longer in ")
     photos.rename(tmp_path / "moved")
     outcome = panoloc("export", out, "--export", "tum")
     assert (outcome.code, "put them back" in outcome.said) == (EXIT_USAGE, True)

@@ -66,9 +66,10 @@ def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
     expected = [
         [
             "hall.jpg",
-            "ambiguous: fits several places about as well, its best guess with a confidence of 0.93; ask for ambiguous photos to have it",
+            "ambiguous: several places fit about equally well, its best guess with a confidence of 0.93; include "
+            "ambiguous photos to export it",
         ],
-        ["rooms/a.jpg", "not_localized: fits no place well enough, its best guess with a confidence of 0.93"],
+        ["rooms/a.jpg", "not_localized: no place fits well enough, its best guess with a confidence of 0.93"],
         ["rooms/b.png", "failed: expected 2:1, got 3000 x 2000; crop it."],
     ]
     assert rows(out / "unplaced.txt") == expected
@@ -94,7 +95,7 @@ def test_a_run_that_was_ended_goes_on_where_it_was_and_does_nothing_twice(
     fake.answers, fake.requests = {}, []
     outcome = panoloc(*command)
     assert (outcome.code, num_queries(fake)) == (0, 1)
-    assert "2 of 3 photos are done already" in outcome.err
+    assert "2 of 3 photos are already done" in outcome.err
     outcome = panoloc(*command)
     assert (outcome.code, num_queries(fake)) == (0, 1)
 
@@ -311,7 +312,7 @@ def test_a_batch_is_fetched_from_the_service(panoloc: Panoloc, fake: FakeService
 def test_exports_are_never_taken_for_photos(panoloc: Panoloc, fake: FakeService, photos: Path) -> None:
     into = panoloc("place", photos, "--map", "map_1", "--export", "navvis", "--out", photos)
     assert into.code == EXIT_USAGE
-    assert "another folder" in into.err
+    assert "outside the folder" in into.err
     assert num_queries(fake) == 0
     for name in ("placed", "again"):
         outcome = panoloc("place", photos, "--map", "map_1", "--export", "navvis", "--out", photos / name)
