@@ -1,9 +1,11 @@
 """What `panoloc serve` does before it serves: it hides its secrets from its children and warns of what is open."""
 
+import logging
 import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,15 @@ from panoloc.service.settings import Settings
 from panoloc.service.storage.claim import BucketClaim
 from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 from tests.service.storage.bucket_server import BUCKET, BucketServer
+
+
+@pytest.fixture(autouse=True)
+def logging_as_before() -> Iterator[None]:
+    """A service that starts takes over the logging of its process."""
+    root = logging.getLogger()
+    handlers, level = list(root.handlers), root.level
+    yield
+    root.handlers, root.level = handlers, level
 
 
 def test_children_inherit_no_keys() -> None:

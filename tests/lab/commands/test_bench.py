@@ -195,7 +195,8 @@ def test_a_service_that_never_becomes_ready_is_stopped_and_leaves_nothing(
     told: list[Mapping[str, str]] = []
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(url: str, log: Path, settings: Mapping[str, str]) -> BackgroundService:
+    def start(url: str, log: Path, settings: Mapping[str, str], survives: bool) -> BackgroundService:
+        assert not survives
         told.append(settings)
         started.append(subprocess.Popen(["sleep", "60"]))
         return BackgroundService(started[0], log)
