@@ -130,10 +130,11 @@ class TrackedSession(RequestModel):
     )
     position_noise_m: Annotated[float, Field(ge=0, le=MAX_POSITION_NOISE_M)] = Field(
         SessionOptions.position_noise_m,
-        description="Standard deviation of the tracking from image to image; not used yet.",
+        description="Standard deviation of the tracked position between images; it widens `accuracy`.",
     )
     orientation_noise_deg: Annotated[float, Field(ge=0, le=MAX_ORIENTATION_NOISE_DEG)] = Field(
-        SessionOptions.orientation_noise_deg, description="The same of the orientation; not used yet."
+        SessionOptions.orientation_noise_deg,
+        description="Standard deviation of the tracked orientation between images; it widens `accuracy`.",
     )
 
     def to_options(self) -> SessionOptions:
