@@ -38,6 +38,7 @@ MUTATED = (
     *("core/fast/candidate_stages.py", "core/geometry/distinct_poses.py", "core/index/*.py", "core/judge/*.py"),
     *("core/refine/*.py", "core/search/*.py"),
     *("service/cache.py", "service/maps/registry.py", "service/storage/folder.py"),
+    *("service/pool/admission.py", "service/pool/map_builds.py"),
 )
 _PLUGINS = ("anyio.pytest_plugin", "_hypothesis_pytestplugin", "pytest_timeout")
 _LIBRARIES = (
