@@ -115,7 +115,17 @@ def start_in_background(
             f"No service can be started at {url}: {fault}. Stop what listens there, or choose another port with --url, "
             "such as http://127.0.0.1:8001."
         )
-    command = [sys.executable, "-m", "panoloc.service.cli", "serve", "--host", address.hostname, "--port", str(port)]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "panoloc.service.cli",
+        "serve",
+        "--host",
+        address.hostname,
+        "--port",
+        str(port),
+    ]
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:
         process = subprocess.Popen(

@@ -142,6 +142,7 @@ async def _run(module: str, *arguments: str, time_s: float) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("RAY_", "PANOLOC_"))}
     process = await asyncio.create_subprocess_exec(
         sys.executable,
+        "-P",
         "-m",
         module,
         *arguments,

@@ -94,14 +94,14 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
         session.messages.print(f"Setting PANOLOC_REDIS_URL: {fault}", markup=False)
         return ExitCode.USAGE
     if settings.ray_address is not None and (fault := _fault_of_ray_address(settings.ray_address)):
-        session.messages.print(f"Setting PANOLOC_RAY_ADDRESS: {fault}", markup=False)
+        session.messages.print(f"Setting PANOLOC_RAY_ADDRESS or RAY_ADDRESS: {fault}", markup=False)
         return ExitCode.USAGE
     # Before Redis and the workers start.
     fault = why_not_free(settings.host, settings.port)
     if fault is not None:
         session.messages.print(
-            f"The service cannot start: {fault}. Stop the program that listens there (another panoloc?), or choose "
-            "another address with --host and --port, or PANOLOC_HOST and PANOLOC_PORT.",
+            f"The service cannot start: {fault}. Choose another address with --host and --port, or PANOLOC_HOST and "
+            "PANOLOC_PORT.",
             markup=False,
         )
         return ExitCode.ERROR
@@ -117,8 +117,7 @@ def _fault_of_redis_url(url: str) -> str | None:
     try:
         parse_url(url)
     except ValueError as error:
-        return "expected redis://host:port/0, rediss:// or unix:///socket, got a URL that the Redis client refuses: "
-        f"{error}"
+        return f"expected redis://host:port/0, rediss:// or unix:///socket, got a URL that the Redis client refuses: {error}"
     return None
 
 

@@ -43,7 +43,13 @@ class DemoRoom:
 
 async def _run(folder: Path) -> None:
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", _MAKER, str(folder), stderr=asyncio.subprocess.PIPE, stdin=asyncio.subprocess.DEVNULL
+        sys.executable,
+        "-P",
+        "-m",
+        _MAKER,
+        str(folder),
+        stderr=asyncio.subprocess.PIPE,
+        stdin=asyncio.subprocess.DEVNULL,
     )
     try:
         _, said = await process.communicate()

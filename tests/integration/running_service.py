@@ -61,8 +61,10 @@ def statuses_of_changes_at_once(replicas: "list[RunningService]", map_id: str) -
 class RunningService:
     """`panoloc serve`, on a free port where the settings name none."""
 
-    def __init__(self, data_dir: Path, variables: Mapping[str, str] | None = None, /, **settings: str) -> None:
-        """variables: of the environment, beside those of the settings."""
+    def __init__(
+        self, data_dir: Path, variables: Mapping[str, str] | None = None, folder: Path = ROOT, /, **settings: str
+    ) -> None:
+        """variables: of the environment, beside those of the settings. folder: where the command is given."""
         self._data_dir = data_dir
         self.port = port = int(settings.get("port") or free_port())
         self._log = data_dir.with_suffix(f".{port}.log")
@@ -75,8 +77,8 @@ class RunningService:
         )
         with self._log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "panoloc.service.cli", "serve"],
-                cwd=ROOT, env=environment, stdout=log, stderr=log, start_new_session=True,
+                [sys.executable, "-P", "-m", "panoloc.service.cli", "serve"],
+                cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
         self.http = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=600)
 

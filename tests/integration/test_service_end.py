@@ -79,3 +79,18 @@ def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data
     assert eventually(lambda: not any(is_running(pid) for pid in family), 90), [
         Path(f"/proc/{pid}/cmdline").read_text() for pid in family if is_running(pid)
     ]
+
+
+def test_it_works_in_a_folder_with_packages_of_the_same_names_as_its_own(tmp_path: Path) -> None:
+    for name in ("core", "service", "lab", "numpy", "panoloc"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('a package of somebody else')")
+    with tempfile.TemporaryDirectory(prefix="pl-") as data:
+        service = RunningService(Path(data) / "data", None, tmp_path)
+        try:
+            service.wait_until_ready()
+            map_id = service.register(small_room().scan, OPTIONS)
+            assert service.localize(small_room().panorama, map_id).status_code == 200
+            assert service.http.get("/demo/room.ply").status_code == 200
+        finally:
+            service.kill()

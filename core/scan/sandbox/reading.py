@@ -62,7 +62,7 @@ class _Sandbox:
         one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "panoloc.core.scan.sandbox.child", json.dumps(job)],
+            [sys.executable, "-P", "-m", "panoloc.core.scan.sandbox.child", json.dumps(job)],
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

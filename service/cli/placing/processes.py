@@ -88,7 +88,7 @@ def _run(module: str, *arguments: str, document: dict[str, Any] | None = None) -
             file = Path(folder) / "document.json"
             file.write_text(json.dumps(document), encoding="utf-8")
             arguments = (str(file), *arguments)
-        command = [sys.executable, "-m", module, *arguments]
+        command = [sys.executable, "-P", "-m", module, *arguments]
         done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, text=True, check=False)
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines()
