@@ -58,7 +58,9 @@ def proxy_of(configuration: str, folder: Path) -> Iterator[Proxy]:
     # Its workers would be of a user who may not enter the folders of tests.
     user = "user root;" if os.getuid() == 0 else ""
     command = [str(_path_of("nginx", _TOOLS["nginx"])), "-c", str(folder / "nginx.conf"), "-g", f"daemon off; {user}"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE)
+    # A pipe that nobody reads fills up with messages of replicas that are gone, and then nginx waits for ever.
+    with (folder / "nginx.log").open("wb") as log:
+        process = subprocess.Popen(command, stderr=log)
     proxy = Proxy(f"https://localhost:{port}", ssl.create_default_context(cafile=certificate))
     try:
         assert eventually(lambda: process.poll() is not None or _listens(proxy), 90)
@@ -66,7 +68,7 @@ def proxy_of(configuration: str, folder: Path) -> Iterator[Proxy]:
         yield proxy
     finally:
         process.terminate()
-        process.communicate()
+        process.wait()
 
 
 def _listens(proxy: Proxy) -> bool:

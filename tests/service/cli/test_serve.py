@@ -52,7 +52,7 @@ def test_an_address_that_no_cluster_has_is_refused_at_once(
 ) -> None:
     done = panoloc("serve", "--ray-address", address)
     assert done.code == 2
-    assert "PANOLOC_RAY_ADDRESS: expected host:port" in " ".join(done.err.split())
+    assert "PANOLOC_RAY_ADDRESS or RAY_ADDRESS: expected host:port" in " ".join(done.err.split())
     assert started_with == []
 
 
