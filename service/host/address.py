@@ -18,7 +18,7 @@ def why_not_free(host: str, port: int) -> str | None:
     faults = [_fault_of(family, address) for family, _, _, _, address in found]
     numbers = {fault.errno for fault in faults if fault is not None}
     if errno.EADDRINUSE in numbers:
-        return f"the address {place} is taken: another program listens on it (another panoloc?)"
+        return f"the address {place} is taken: another program listens on it"
     if errno.EACCES in numbers:
         return f"this user may not listen on {place}; use a port from 1024 up, or grant the privilege"
     # "localhost" has an IPv6 address on machines without IPv6, too.

@@ -151,7 +151,7 @@ NO_REQUESTS: list[tuple[Any, int, str]] = [
     ({"sensorReadings": {"cameraReadings": [{"imageBytes": "%%%"}]}}, 422, "base64"),
     ({"sensorReadings": {"cameraReadings": [{"imageBytes": "AAAA"}]}}, 415, "JPEG"),
     (question(imageOrientation={"mirrored": True, "rotation": 0}), 422, "mirrored"),
-    (question(imageOrientation={"rotation": 90}), 422, "turn"),
+    (question(imageOrientation={"rotation": 90}), 422, "rotate it first"),
     (question(params={"model": "PINHOLE", "modelParams": [1, 2, 3]}), 422, "PINHOLE"),
     (question(params={"model": "PINHOLE", "modelParams": [1, 2, 3, 4]}), 422, "size"),
     (question(params={"model": "THIN_PRISM", "modelParams": [1] * 12}, size=[8, 4]), 422, "THIN_PRISM"),

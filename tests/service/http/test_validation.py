@@ -27,7 +27,7 @@ from panoloc.service.http.validation import parse_json
         (
             MapOptions,
             '{"furlongs": "m"}',
-            "furlongs: expected no field of this name, see /docs for those that there are, got 'm'. ",
+            "furlongs: expected no field of this name, see /docs for the fields, got 'm'. ",
         ),
         (
             LocalizeOptions,

@@ -94,13 +94,13 @@ def test_a_reader_ends_with_the_process_that_it_reads_for(tmp_path: Path) -> Non
     path = tmp_path / "scan"
     path.write_bytes(b"scan")
     program = (
-        "import sys; from pathlib import Path; from panoloc.core.options import ScanOptions\n"
+        "import sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path; from panoloc.core.options import ScanOptions\n"
         "from panoloc.core.scan.sandbox.reading import read_in_sandbox\n"
         "from panoloc.core.scan.reading_context import ReadingContext\n"
         "context = ReadingContext(Path(sys.argv[1]), ScanOptions(), 4)\n"
         "for chunk in read_in_sandbox('tests.core.scan.sandbox.misbehaving_readers:endless', context): print('begun', flush=True)\n"
     )
-    parent = subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, cwd=ROOT)
+    parent = subprocess.Popen([sys.executable, "-c", program, str(path), str(ROOT)], stdout=subprocess.PIPE, cwd=ROOT)
     assert parent.stdout is not None
     with parent.stdout:
         assert parent.stdout.readline() == b"begun\n"
