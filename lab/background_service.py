@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from panoloc.service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
 from panoloc.service.host.address import why_not_free
-from panoloc.service.host.parent_death import ending_with_parent
+from panoloc.service.host.child_processes import ending_with_parent
 
 # A service is ready after seconds on an idle machine, after minutes where others start beside it.
 START_LIMIT_S = 600.0

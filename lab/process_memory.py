@@ -1,26 +1,38 @@
-"""How much memory processes really take together. Linux only: reads /proc."""
+"""How much memory processes really take together, and which they are. Linux only."""
 
 import contextlib
-from pathlib import Path
 
-from panoloc.service.host.process_tree import command_of, descendants
+import psutil
 
 
 def proportional_bytes(pid: int) -> int:
     """Return the proportional set size of one process: its own pages plus its share of the common ones.
 
-    Raises OSError when the process has ended or belongs to another user.
+    Raises psutil.Error when the process has ended or belongs to another user.
     """
-    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return int(line.split()[1]) * 1024
-    raise OSError(f"/proc/{pid}/smaps_rollup: no line with Pss")
+    return int(psutil.Process(pid).memory_full_info().pss)
 
 
 def family_bytes(pid: int) -> dict[str, int]:
     """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <command>"`."""
     found: dict[str, int] = {}
     for member in [pid, *descendants(pid)]:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(psutil.Error):
             found[f"{member} {command_of(member)}"] = proportional_bytes(member)
     return found
+
+
+def descendants(pid: int) -> list[int]:
+    """Return the ids of all processes below `pid`, parents before children; none for one that has ended."""
+    try:
+        return [each.pid for each in psutil.Process(pid).children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def command_of(pid: int) -> str:
+    """Return the command line of a process, its words between spaces; empty when the process has ended."""
+    try:
+        return " ".join(psutil.Process(pid).cmdline())
+    except psutil.Error:
+        return ""

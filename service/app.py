@@ -2,11 +2,11 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from importlib.metadata import version
 
 from fastapi import FastAPI
 
 from panoloc.service.cache import Cache
-from panoloc.service.host.service_version import service_version
 from panoloc.service.host_names import host_names
 from panoloc.service.http.error_handlers import install_error_handlers
 from panoloc.service.http.guards.early_refusals import CallerRateCheck, QueueCheck
@@ -54,7 +54,7 @@ def create_app(
             await services.stop()
 
     app = FastAPI(
-        title="panoloc", version=service_version(), description=_DESCRIPTION, lifespan=lifespan, openapi_url=None
+        title="panoloc", version=version("panoloc"), description=_DESCRIPTION, lifespan=lifespan, openapi_url=None
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,10 +13,10 @@ from typing import Any, BinaryIO
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.options import ExportFormat
 from panoloc.core.scan.format_detection import detect_format
-from panoloc.service.batches.overview import photo_of, placement_document
 from panoloc.service.batches.record import BatchRecord, image_key
-from panoloc.service.batches.tour import TourDocument, maps_of
+from panoloc.service.batches.tour import Photo, maps_of, overview_document, tour_document, why_left_out
 from panoloc.service.errors import ExportFailedError, StoredFileMissingError
+from panoloc.service.host.child_processes import run_module
 from panoloc.service.jobs import Result, new_id
 from panoloc.service.maps.record import MapRecord, key_of, place_on_earth
 from panoloc.service.storage import Storage
@@ -74,9 +73,8 @@ async def draw_plan(
     Raises StorageError and ExportFailedError.
     """
     with ExitStack() as stack:
-        photos = [photo_of(name, results.get(number), map_id) for number, name in enumerate(record.names)]
-        points = await asyncio.to_thread(_points, storage, place, stack)
-        document = placement_document(map_id, points, photos)
+        photos = [Photo(name, None, results.get(number)) for number, name in enumerate(record.names)]
+        document = overview_document(map_id, await asyncio.to_thread(_points, storage, place, stack), photos)
         with await _written(storage, "panoloc.core.exports.overview", document, (), ".png", time_s) as picture:
             return await asyncio.to_thread(picture.read)
 
@@ -85,19 +83,21 @@ def _tour_document(
     storage: Storage, wanted: ExportRequest, place: MapRecord | None, stack: ExitStack
 ) -> dict[str, Any]:
     """Return the tour; stack: keeps the files of photos and points where they are."""
-    tour = TourDocument(wanted.map_id, wanted.include_ambiguous)
+    photos = []
     for number, name in enumerate(wanted.record.names):
-        result = wanted.results.get(number)
-        reason = tour.why_not(result)
-        if result is None or reason is not None:
-            tour.leave_out(name, reason or "waiting")
-            continue
-        image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
-        tour.add(name, image, result["answer"])
-    created_unix_s = datetime.fromisoformat(wanted.record.created_at).timestamp()
-    survey = _survey(storage, place, stack) if wanted.format == "e57" else None
-    at = {} if place is None else place_on_earth(place)
-    return tour.document(created_unix_s, at, _points(storage, place, stack), survey)
+        result, image = wanted.results.get(number), None
+        if why_left_out(result, wanted.map_id, wanted.include_ambiguous) is None:
+            image = stack.enter_context(storage.local_copy(image_key(wanted.record.id, number), checked=False))
+        photos.append(Photo(name, image, result))
+    return tour_document(
+        wanted.map_id,
+        wanted.include_ambiguous,
+        photos,
+        datetime.fromisoformat(wanted.record.created_at).timestamp(),
+        {} if place is None else place_on_earth(place),
+        _points(storage, place, stack),
+        _survey(storage, place, stack) if wanted.format == "e57" else None,
+    )
 
 
 def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
@@ -128,39 +128,20 @@ async def _written(
     """Return what a module of `panoloc.core.exports` writes of a document, as an open file without a name."""
     folder = await asyncio.to_thread(storage.spool_folder)
     source, target = folder / new_id("document"), folder / f"{new_id('export')}{suffix}"
-    try:
-        await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
-        await _run(module, str(source), *options, str(target), time_s=time_s)
-        return target.open("rb")
-    finally:
-        for path in (source, target):
-            path.unlink(missing_ok=True)
-
-
-async def _run(module: str, *arguments: str, time_s: float) -> None:
     # It opens photos and scans of strangers, and needs no token of Ray for that.
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("RAY_", "PANOLOC_"))}
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",
-        "-m",
-        module,
-        *arguments,
-        stderr=asyncio.subprocess.PIPE,
-        stdin=asyncio.subprocess.DEVNULL,
-        env=environment,
-    )
     try:
-        async with asyncio.timeout(time_s):
-            _, messages = await process.communicate()
+        await asyncio.to_thread(source.write_text, json.dumps(document), encoding="utf-8")
+        code, message = await run_module(
+            module, str(source), *options, str(target), environment=environment, time_s=time_s
+        )
+        if code == REFUSED:
+            raise ExportRefusedError(message)
+        if code != 0:
+            raise ExportFailedError(f"the export process ended with exit code {code}: {message}")
+        return target.open("rb")
     except TimeoutError as error:
         raise ExportFailedError(f"expected an export within {time_s:g} s, got none; export fewer photos") from error
     finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    last = (messages.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
-    if process.returncode == REFUSED:
-        raise ExportRefusedError(last)
-    if process.returncode != 0:
-        raise ExportFailedError(f"the export process ended with exit code {process.returncode}: {last}")
+        for path in (source, target):
+            path.unlink(missing_ok=True)

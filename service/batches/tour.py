@@ -1,89 +1,121 @@
-"""Results of images as the tour that `panoloc.core.exports.tour_file` reads; of batches, and of folders of the command
-line."""
+"""Results of images as the documents that `panoloc.core.exports` reads; of batches, and of folders of the command line."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from panoloc.service.jobs import ON_EARTH, Result
 
-
-@dataclass
-class TourDocument:
-    """Photos of one map, added one by one. include_ambiguous: also those that fit several places."""
-
-    map_id: str
-    include_ambiguous: bool
-    photos: list[dict[str, Any]] = field(default_factory=list)
-    left_out: list[dict[str, str]] = field(default_factory=list)
-
-    def why_not(self, result: Result | None) -> str | None:
-        """Return why a photo is left out, None when it is not. result: None while there is none."""
-        if result is None:
-            return "waiting"
-        if result["status"] == "failed":
-            return f"failed: {result['error'].get('detail') or result['error'].get('title')}"
-        if not _has_pose(result):
-            return f"not_localized: no place fits well enough{_best_guess(result['answer'])}"
-        if result["status"] == "ambiguous" and not self.include_ambiguous:
-            guess = _best_guess(result["answer"])
-            return f"ambiguous: several places fit about equally well{guess}; include ambiguous photos to export it"
-        placed_in = result["answer"]["map_id"]
-        return None if placed_in == self.map_id else f"placed in another map, {placed_in}"
-
-    def add(self, name: str, image: Path, answer: Mapping[str, Any]) -> None:
-        """Add a photo that is not left out."""
-        pose, accuracy = answer["pose"]["map_from_camera"], answer["accuracy"] or {}
-        images = answer.get("images") or [{"camera": {"model": "equirectangular"}}]
-        self.photos.append(
-            {
-                "name": name,
-                "image": str(image),
-                "frame": answer["pose"]["frame"],
-                "position_m": [pose["position_m"][axis] for axis in "xyz"],
-                "quaternion_xyzw": [pose["quaternion"][axis] for axis in "xyzw"],
-                "camera_model": images[0]["camera"]["model"],
-                "confidence": answer["confidence"],
-                "position_radius_m": accuracy.get("position_m"),
-                "orientation_radius_deg": accuracy.get("orientation_deg"),
-            }
-        )
-
-    def leave_out(self, name: str, reason: str) -> None:
-        """Name a photo that is not written, and why."""
-        self.left_out.append({"name": name, "reason": " ".join(reason.split())})
-
-    def document(
-        self,
-        created_unix_s: float,
-        place: Mapping[str, Any],
-        scan: Path | None,
-        survey: Path | None = None,
-    ) -> dict[str, Any]:
-        """Return the tour. place: document of a map, of which the place on Earth is used.
-
-        scan: a PLY with the points of the map. survey: the scan itself, an E57.
-        """
-        return {
-            "name": self.map_id,
-            "created_unix_s": created_unix_s,
-            **{name: place.get(name) for name in ON_EARTH},
-            "scan": None if scan is None else str(scan),
-            "survey": None if survey is None else str(survey),
-            "photos": self.photos,
-            "left_out": self.left_out,
-        }
+_MAX_OTHERS = 4  # places of one ambiguous photo, besides the likeliest
 
 
-def maps_of(results: Iterable[Result]) -> list[str]:
+@dataclass(frozen=True)
+class Photo:
+    """A photo. image: its file, None where nothing shows it. result: None while there is none."""
+
+    name: str
+    image: Path | None
+    result: Result | None
+
+
+def why_left_out(result: Result | None, map_id: str | None, include_ambiguous: bool) -> str | None:
+    """Return why a photo is not exported, None when it is.
+
+    map_id: whose photos are exported; None: of all maps. include_ambiguous: also photos that fit several places.
+    """
+    if result is None:
+        return "waiting"
+    if result["status"] == "failed":
+        return f"failed: {result['error'].get('detail') or result['error'].get('title')}"
+    answer = result["answer"]
+    guess = f", its best guess with a confidence of {answer['confidence']:.2f}" if answer["confidence"] else ""
+    if answer["pose"] is None:
+        return f"not_localized: no place fits well enough{guess}"
+    if result["status"] == "ambiguous" and not include_ambiguous:
+        return f"ambiguous: several places fit about equally well{guess}; include ambiguous photos to export it"
+    is_elsewhere = map_id is not None and answer["map_id"] != map_id
+    return f"placed in another map, {answer['map_id']}" if is_elsewhere else None
+
+
+def maps_of(results: Iterable[Result | None]) -> list[str]:
     """Return the maps in which photos were placed, each once, sorted."""
-    return sorted({result["answer"]["map_id"] for result in results if _has_pose(result)})
+    answers = (result.get("answer") for result in results if result is not None)
+    return sorted({answer["map_id"] for answer in answers if answer is not None and answer["pose"] is not None})
 
 
-def _best_guess(answer: Mapping[str, Any]) -> str:
-    return f", its best guess with a confidence of {answer['confidence']:.2f}" if answer["confidence"] else ""
+def tour_document(
+    map_id: str,
+    include_ambiguous: bool,
+    photos: Iterable[Photo],
+    created_unix_s: float,
+    place: Mapping[str, Any],
+    scan: Path | None,
+    survey: Path | None,
+    gone: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Return the tour of one map for `panoloc.core.exports`.
+
+    place: document of the map, of which the place on Earth is used. scan: a PLY with the points of the map. survey:
+    the scan itself, an E57. gone: further names that are left out, each with the reason.
+    """
+    placed, left_out = [], dict[str, str]()
+    for photo in photos:
+        reason = why_left_out(photo.result, map_id, include_ambiguous)
+        if photo.result is None or reason is not None:
+            left_out[photo.name] = reason or "waiting"
+        else:
+            placed.append(_placed(photo, photo.result["answer"]))
+    reasons = [(name, " ".join(reason.split())) for name, reason in (left_out | dict(gone or {})).items()]
+    return {
+        "name": map_id,
+        "created_unix_s": created_unix_s,
+        **{name: place.get(name) for name in ON_EARTH},
+        "scan": None if scan is None else str(scan),
+        "survey": None if survey is None else str(survey),
+        "photos": placed,
+        "left_out": [{"name": name, "reason": reason} for name, reason in reasons],
+    }
 
 
-def _has_pose(result: Result) -> bool:
-    return result.get("answer") is not None and result["answer"]["pose"] is not None
+def overview_document(map_id: str | None, scan: Path | None, photos: Iterable[Photo]) -> dict[str, Any]:
+    """Return the document of `panoloc.core.exports.overview`. map_id: the map that is drawn. scan: a PLY with its
+    points."""
+    shown = [_shown(photo, map_id) for photo in photos]
+    return {"map": map_id or "no map", "scan": None if scan is None else str(scan), "photos": shown}
+
+
+def _placed(photo: Photo, answer: Mapping[str, Any]) -> dict[str, Any]:
+    accuracy = answer["accuracy"] or {}
+    return {
+        "name": photo.name,
+        "image": str(photo.image),
+        **_pose(answer["pose"]),
+        "camera_model": answer["images"][0]["camera"]["model"],
+        "confidence": answer["confidence"],
+        "position_radius_m": accuracy.get("position_m"),
+        "orientation_radius_deg": accuracy.get("orientation_deg"),
+    }
+
+
+def _shown(photo: Photo, map_id: str | None) -> dict[str, Any]:
+    answer = (photo.result or {}).get("answer") or {}
+    found: list[Mapping[str, Any]] = [answer] if answer.get("pose") is not None else []
+    if found and answer["status"] == "ambiguous":
+        found += answer["alternatives"][:_MAX_OTHERS]
+    return {
+        "name": photo.name,
+        "image": None if photo.image is None else str(photo.image),
+        "status": "waiting" if photo.result is None else photo.result["status"],
+        "confidence": answer.get("confidence"),
+        "poses": [_pose(each["pose"]) for each in found if each.get("map_id") == map_id],
+    }
+
+
+def _pose(pose: Mapping[str, Any]) -> dict[str, Any]:
+    motion = pose["map_from_camera"]
+    return {
+        "frame": pose["frame"],
+        "position_m": [motion["position_m"][axis] for axis in "xyz"],
+        "quaternion_xyzw": [motion["quaternion"][axis] for axis in "xyzw"],
+    }

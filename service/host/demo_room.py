@@ -3,10 +3,9 @@
 import asyncio
 import contextlib
 import shutil
-import sys
-from pathlib import Path
 
 from panoloc.service.errors import StoredFileMissingError, WorkerError
+from panoloc.service.host.child_processes import run_module
 from panoloc.service.jobs import new_id
 from panoloc.service.storage import Storage
 
@@ -23,47 +22,21 @@ class DemoRoom:
         self._making = asyncio.Lock()
 
     async def file(self, name: str) -> bytes:
-        """Return one of DEMO_FILES; the first time that takes as long as the room takes to be made. Raises StorageError and WorkerError."""
+        """Return one of DEMO_FILES, which the first call makes in some seconds. Raises StorageError and WorkerError."""
         async with self._making:
             with contextlib.suppress(StoredFileMissingError):
-                return await asyncio.to_thread(self._storage.read, _key(name))
+                return await asyncio.to_thread(self._storage.read, f"demo/{name}")
             await self._make()
-        return await asyncio.to_thread(self._storage.read, _key(name))
+        return await asyncio.to_thread(self._storage.read, f"demo/{name}")
 
     async def _make(self) -> None:
         folder = await asyncio.to_thread(self._storage.spool_folder) / new_id("demo")
         folder.mkdir()
         try:
-            await _run(folder)
+            code, message = await run_module(_MAKER, str(folder))
+            if code != 0:
+                raise WorkerError("DemoRoom", f"the process of the demo room ended with exit code {code}: {message}")
             for each in DEMO_FILES:
-                await asyncio.to_thread(self._storage.put, _key(each), (folder / each).read_bytes())
+                await asyncio.to_thread(self._storage.put, f"demo/{each}", (folder / each).read_bytes())
         finally:
             await asyncio.to_thread(shutil.rmtree, folder, True)
-
-
-async def _run(folder: Path) -> None:
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",
-        "-m",
-        _MAKER,
-        str(folder),
-        stderr=asyncio.subprocess.PIPE,
-        stdin=asyncio.subprocess.DEVNULL,
-    )
-    try:
-        _, said = await process.communicate()
-    except BaseException:
-        with contextlib.suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()
-        raise
-    if process.returncode != 0:
-        last = (said.decode(errors="replace").strip().splitlines() or ["it printed nothing"])[-1]
-        raise WorkerError(
-            "DemoRoom", f"the process that generates the demo room ended with exit code {process.returncode}: {last}"
-        )
-
-
-def _key(name: str) -> str:
-    return f"demo/{name}"

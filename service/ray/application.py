@@ -9,6 +9,7 @@ import math
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from importlib.metadata import version
 from typing import Any
 
 import ray
@@ -17,7 +18,6 @@ from ray.serve.handle import DeploymentHandle
 from ray.serve.schema import LoggingConfig
 
 from panoloc.service.host.process_resources import SPINNING, return_freed_memory
-from panoloc.service.host.service_version import service_version
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
 from panoloc.service.pool.messages import Hello, Kind
 from panoloc.service.pool.one_build import run_build
@@ -103,7 +103,7 @@ class Builder:
 def description(plan: WorkerPlan) -> dict[str, str]:
     """Return what workers and API replicas must have in common, without passwords."""
     return {
-        "version": service_version(),
+        "version": version("panoloc"),
         "PANOLOC_REDIS_URL": plan.settings.redis_url.rpartition("@")[2],
         "PANOLOC_DATA_DIR or PANOLOC_STORAGE": plan.settings.storage_url,
     }

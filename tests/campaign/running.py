@@ -9,8 +9,7 @@ from pathlib import Path
 
 import redis
 
-from panoloc.lab.process_memory import family_bytes
-from panoloc.service.host.process_tree import command_of
+from panoloc.lab.process_memory import command_of, family_bytes
 from tests.campaign.clients import Answers, Clients
 from tests.campaign.outcome import Outcome, quantile
 from tests.integration.running_service import RunningService, eventually

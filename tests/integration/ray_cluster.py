@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from panoloc.service.host.process_tree import descendants
+from panoloc.lab.process_memory import descendants
 from tests.integration.running_service import ROOT, eventually, free_port
 
 _RUNS = b"will now block forever"

@@ -13,7 +13,7 @@ from typing import Any
 
 import httpx
 
-from panoloc.service.host.process_tree import command_of, descendants
+from panoloc.lab.process_memory import command_of, descendants
 
 ROOT = Path(__file__).parents[2]
 _WAITING = "panoloc_queue_depth "

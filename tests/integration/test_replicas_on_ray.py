@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from panoloc.service.host.process_tree import command_of
+from panoloc.lab.process_memory import command_of
 from panoloc.service.maps.record import read_record
 from panoloc.service.storage import open_storage
 from tests.campaign.clients import Clients

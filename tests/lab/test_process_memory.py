@@ -2,9 +2,10 @@ import os
 import subprocess
 import sys
 
+import psutil
 import pytest
 
-from panoloc.lab.process_memory import family_bytes, proportional_bytes
+from panoloc.lab.process_memory import descendants, family_bytes, proportional_bytes
 
 
 def test_a_process_that_touches_more_memory_counts_more() -> None:
@@ -24,5 +25,16 @@ def test_a_process_that_touches_more_memory_counts_more() -> None:
 def test_a_process_that_is_gone_has_no_memory() -> None:
     with subprocess.Popen(["/bin/true"]) as child:
         child.wait()
-    with pytest.raises(OSError, match=str(child.pid)):
+    with pytest.raises(psutil.NoSuchProcess, match=str(child.pid)):
         proportional_bytes(child.pid)
+
+
+def test_grandchildren_are_found_after_their_parents() -> None:
+    script = "sleep 30 & echo $!; wait"
+    with subprocess.Popen(["/bin/sh", "-c", script], stdout=subprocess.PIPE, text=True) as shell:
+        assert shell.stdout is not None
+        grandchild = int(shell.stdout.readline())
+        found = descendants(os.getpid())
+        shell.kill()
+        os.kill(grandchild, 9)
+    assert found.index(shell.pid) < found.index(grandchild)

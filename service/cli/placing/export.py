@@ -3,34 +3,28 @@
 The photos come from a folder of `panoloc place`, a batch, or the answers of `panoloc localize`.
 """
 
+import json
 import tempfile
 import zipfile
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, get_args
 
 import typer
 from rich.markup import escape
 
+from panoloc.core.distinct_names import distinct_names
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
+from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing.place_folder import PlaceFolder
-from panoloc.service.cli.placing.processes import ProcessFailedError, write_export
-from panoloc.service.cli.placing.saved_answers import SavedAnswers
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.client import ApiProblemError, ClientError, JsonObject, PanolocClient
+from panoloc.service.jobs import Result
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 _REFUSED = 422
-
-
-@dataclass(frozen=True)
-class Written:
-    """What exports wrote. paths: of folders and files. refusals: why others were not written."""
-
-    paths: list[Path] = field(default_factory=list)
-    refusals: list[str] = field(default_factory=list)
 
 
 def export(
@@ -76,27 +70,26 @@ def export(
     if not wanted:
         raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
     folder = Path(source)
-    with session.client(url) as client:
+    with session.client(url) as client, tempfile.TemporaryDirectory(prefix="panoloc-") as maps_folder:
         if PlaceFolder.is_at(folder):
-            placed = PlaceFolder.open(folder)
+            placed = PlaceFolder.open(folder).placed()
             stale = _refresh_maps(client, placed)
-            written = write_exports(placed, wanted, include_ambiguous, out or folder, scan)
+            written = placed.write_exports(wanted, include_ambiguous, out or folder, scan)
             if written.refusals and stale:
                 written.refusals.append(stale)
         elif folder.exists():
-            with tempfile.TemporaryDirectory(prefix="panoloc-") as maps:
-                answers = SavedAnswers.fetch(folder, client, Path(maps))
-                target = out or (folder if folder.is_dir() else folder.parent)
-                written = write_exports(answers, wanted, include_ambiguous, target, scan)
+            placed = _read_answers(folder, Path(maps_folder))
+            placed.fetch_maps(client)
+            target = out or (folder if folder.is_dir() else folder.parent)
+            written = placed.write_exports(wanted, include_ambiguous, target, scan)
         elif source.startswith("batch_"):
             query = {"map_id": map_id} if map_id else {}
             query |= {"include": "ambiguous"} if include_ambiguous else {}
             written = _fetch_exports(client, source, wanted, query, out or folder)
         else:
-            raise typer.BadParameter(
+            raise _wrong_source(
                 "expected a folder of `panoloc place` or `panoloc localize`, an answer, or the id of a batch, "
-                f"got {source!r}",
-                param_hint="SOURCE",
+                f"got {source!r}"
             )
     for path in written.paths:
         if json:
@@ -142,32 +135,41 @@ def check_on_earth(formats: list[ExportFormat], maps: Iterable[JsonObject]) -> N
         )
 
 
-def write_exports(
-    placed: PlaceFolder | SavedAnswers,
-    formats: list[ExportFormat],
-    include_ambiguous: bool,
-    out: Path,
-    survey: Path | None = None,
-) -> Written:
-    """Write each format into a folder below `out`; with several maps, below a folder per map.
+def _read_answers(source: Path, maps_folder: Path) -> PlacedPhotos:
+    """Return the images of an answer, or of all in a folder, as `panoloc localize --out` saves them.
 
-    A format that cannot hold the photos does not stop the others. survey: the scan itself, an E57 in the frame of the
-    map. Raises typer.BadParameter.
+    Raises typer.BadParameter.
     """
-    written, maps = Written(), placed.maps()
-    for map_id in maps:
-        tour = placed.tour(map_id, include_ambiguous, survey)
-        for name in formats:
-            target = out / name if len(maps) == 1 else out / map_id / name
-            try:
-                write_export(tour, name, target)
-                written.paths.append(target)
-            except ProcessFailedError as error:
-                written.refusals.append(str(error))
-    return written
+    files = sorted(source.glob("*.json")) if source.is_dir() else [source]
+    found = [(file, answer) for file in files if (answer := _read_answer(file)) is not None]
+    images = [each for file, answer in found for each in _images_of(file, answer)]
+    if not images:
+        raise _wrong_source(
+            "expected the --out of `panoloc place` or `panoloc localize`, or an answer in the latter, "
+            f"but {source} is none of these"
+        )
+    names = distinct_names(image.name for image, _ in images)
+    photos = [Photo(name, *each) for name, each in zip(names, images, strict=True)]
+    return PlacedPhotos(photos, max(file.stat().st_mtime for file, _ in found), maps_folder)
 
 
-def _refresh_maps(client: PanolocClient, placed: PlaceFolder) -> str | None:
+def _read_answer(file: Path) -> JsonObject | None:
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) and "files" in found and "status" in found else None
+
+
+def _images_of(at: Path, answer: JsonObject) -> Iterator[tuple[Path, Result]]:
+    """Yield the images of an answer, each as if it were a query of its own. Raises typer.BadParameter if one is gone."""
+    for file, image in zip(map(Path, answer["files"]), answer["images"], strict=True):
+        if not file.is_file():
+            raise _wrong_source(f"expected the photo {file} of {at}, but it is no longer there; put it back")
+        yield file, {"status": answer["status"], "answer": {**answer, "pose": image["pose"], "images": [image]}}
+
+
+def _refresh_maps(client: PanolocClient, placed: PlacedPhotos) -> str | None:
     """Update the stored maps, for example with a new georeference; return why that was not possible, else None."""
     if not client.is_live():
         return (
@@ -175,8 +177,7 @@ def _refresh_maps(client: PanolocClient, placed: PlaceFolder) -> str | None:
             "the service to get newer data"
         )
     try:
-        for map_id in placed.maps():
-            placed.put_map(client.get_map(map_id))
+        placed.fetch_maps(client, with_points=False)
     except ClientError as error:
         return f"the export uses the maps' data from the time of placing, because {error}"
     return None
@@ -199,3 +200,7 @@ def _fetch_exports(
                 archive.extractall(out / name)
         written.paths.append(out / name)
     return written
+
+
+def _wrong_source(message: str) -> typer.BadParameter:
+    return typer.BadParameter(message, param_hint="SOURCE")

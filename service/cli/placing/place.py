@@ -1,12 +1,12 @@
 """`panoloc place`: localizes all photos of a folder and writes them in the formats of other systems."""
 
+import json
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -15,10 +15,11 @@ from rich.markup import escape
 
 from panoloc.core.errors import CoreError
 from panoloc.service.batches.archive import IMAGE_ENDINGS
+from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from panoloc.service.cli.placing.export import check_on_earth, formats_of, show_refusals, write_exports
-from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused
-from panoloc.service.cli.placing.processes import draw_overviews, folder_of_photos
+from panoloc.service.cli.placing.export import check_on_earth, formats_of, show_refusals
+from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused, is_final
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module
 from panoloc.service.cli.progress import counts_text, show_counts
 from panoloc.service.cli.query_options import (
     HfovOption,
@@ -31,12 +32,13 @@ from panoloc.service.cli.query_options import (
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient
-from panoloc.service.jobs import MAX_SAMPLE_POINTS, QueryOptions, Result
+from panoloc.service.jobs import QueryOptions, Result
 
 # Statuses about the key or the map: every other photo would fail in the same way.
 _OF_ALL_PHOTOS = (401, 403, 404, 409)
 _OVERLOADED = (429, 503)
 _RETRY_S, _GIVE_UP_S = 1.0, 600.0
+_E57_HEAD = b"ASTM-E57"
 
 
 def place(
@@ -77,17 +79,41 @@ def place(
     options: JsonObject = {"method": method}
     options |= {"hints": {"upright": True}} if upright else {}
     options |= {"cameras": [camera]} if camera else {}
-    question = Question(str(folder_of_photos(photos, out).resolve()), list(map_id or ()), tag, options)
+    question = Question(str(_folder_of_photos(photos, out).resolve()), list(map_id or ()), tag, options)
     with session.client(url) as client:
         maps = client.list_maps(tag) if tag else (client.get_map(each) for each in question.map_ids)
         check_on_earth(formats, maps)
-        with PlaceFolder.held(out, question) as placed:
-            codes = _Placing(session, client, placed).run(parallel)
-            pictures, failures = draw_overviews(placed)
-            written = write_exports(placed, formats, include_ambiguous, out)
-    for path in (*pictures, *written.paths):
+        with PlaceFolder.held(out, question) as folder:
+            placed, codes = _Placing(session, client, folder).run(parallel)
+            pictures = placed.draw_overviews(out)
+            written = placed.write_exports(formats, include_ambiguous, out)
+    for path in (*pictures.paths, *written.paths):
         session.messages.print(f"wrote {escape(str(path))}")
-    return show_refusals(session, (*failures, *written.refusals)) or worst_of(codes)
+    return show_refusals(session, (*pictures.refusals, *written.refusals)) or worst_of(codes)
+
+
+def _folder_of_photos(given: Path, out: Path) -> Path:
+    """Return a folder itself, or `OUT/images` with the images of an E57 file. Raises typer.BadParameter and OSError."""
+    if given.is_dir():
+        return given
+    with given.open("rb") as stream:
+        if stream.read(len(_E57_HEAD)) != _E57_HEAD:
+            raise _wrong_folder(f"expected a folder of photos or an E57 file, got {given}, which is neither")
+    folder = out / "images"
+    try:
+        found = json.loads(run_module("panoloc.core.scan.e57", str(given), str(folder)))
+    except ProcessFailedError as error:
+        raise _wrong_folder(str(error)) from error
+    if not found["num_images"]:
+        raise _wrong_folder(
+            f"expected an E57 file with panoramas or pinhole images, got {given} with none "
+            f"({found['num_others']} others); export the images with the scanner's software, and pass their folder"
+        )
+    return folder
+
+
+def _wrong_folder(message: str) -> typer.BadParameter:
+    return typer.BadParameter(message, param_hint="FOLDER")
 
 
 @dataclass
@@ -96,70 +122,63 @@ class _Placing:
 
     session: Session
     client: PanolocClient
-    placed: PlaceFolder
+    folder: PlaceFolder
     stopped: threading.Event = field(default_factory=threading.Event)
     _has_answers: bool = False
     _has_said_waiting: bool = False
 
-    def run(self, parallel: int) -> list[ExitCode]:
+    def run(self, parallel: int) -> tuple[PlacedPhotos, list[ExitCode]]:
         """Get a result for every photo and show them. Raises errors that are not about one photo; results so far stay."""
-        names = self._photos()
-        done = [name for name in names if self.placed.is_final(name)]
-        results = {name: result for name in done if (result := self.placed.result(name)) is not None}
-        self._has_answers = bool(results)
-        if results:
-            self.session.messages.print(f"{len(results)} of {_counted(len(names))} are already done")
-        statuses = Counter(result["status"] for result in results.values())
-        with show_counts(self.session.messages, "placing", len(names)) as show:
+        photos = [self.folder.photo(name) for name in self._names()]
+        waiting = [photo for photo in photos if not is_final(photo.result)]
+        statuses = Counter(photo.result["status"] for photo in photos if photo.result and is_final(photo.result))
+        self._has_answers = bool(statuses)
+        if statuses:
+            self.session.messages.print(f"{statuses.total()} of {_counted(len(photos))} are already done")
+        with show_counts(self.session.messages, "placing", len(photos)) as show:
             show(statuses)
-            for name, result in self._localize_all([name for name in names if name not in results], parallel):
+            for name, result in self._localize_all(waiting, parallel):
                 statuses[result["status"]] += 1
                 show(statuses)
                 if self.session.json_output:
                     shown = result.get("answer") or {"status": "failed", "error": result["error"]}
                     self.session.print_json({"photo": name, **shown})
-        for map_id in self.placed.maps():
-            points = self.client.fetch(f"/maps/{map_id}/points?format=ply&max_points={MAX_SAMPLE_POINTS}")
-            self.placed.put_map(self.client.get_map(map_id), points)
-        self._show_summary(statuses, len(names), self.placed.write_unplaced())
-        return [exit_code_of(status) for status in statuses]
+        placed = self.folder.placed()
+        placed.fetch_maps(self.client)
+        self._show_summary(statuses, len(photos), self.folder.write_unplaced(placed.photos))
+        return placed, [exit_code_of(status) for status in statuses]
 
-    def _photos(self) -> list[str]:
+    def _names(self) -> list[str]:
         """Return the names of the photos; show which files are left out."""
-        files = self.placed.files()
+        files = self.folder.files()
         unread = _several(files.unread, " cannot be read; save photos as JPEG, PNG or WebP")
         if not files.photos:
-            endings, folder = ", ".join(sorted(IMAGE_ENDINGS)), self.placed.question.photos
-            raise typer.BadParameter(
-                f"expected photos ({endings}), got none in {folder}{': ' if unread else ''}{unread}",
-                param_hint="FOLDER",
-            )
+            endings, folder = ", ".join(sorted(IMAGE_ENDINGS)), self.folder.question.photos
+            raise _wrong_folder(f"expected photos ({endings}), got none in {folder}{': ' if unread else ''}{unread}")
         for left_out in filter(None, (unread, _several(files.others, " (not a photo, by its name)"))):
             self.session.messages.print(f"left out: {left_out}", markup=False)
         return files.photos
 
-    def _localize_all(self, names: list[str], parallel: int) -> Iterator[tuple[str, Result]]:
+    def _localize_all(self, photos: Sequence[Photo], parallel: int) -> Iterator[tuple[str, Result]]:
         """Yield each photo with its result as it comes; no more than `parallel` are sent at the same time."""
-        waiting, running = iter(names), dict[Future[Result], str]()
         with ThreadPoolExecutor(parallel) as pool:
+            running = {pool.submit(self._localize, photo): photo.name for photo in photos}
             try:
-                running |= {pool.submit(self._localize, name): name for name in islice(waiting, parallel)}
-                while running:
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        yield running.pop(future), future.result()
-                        running |= {pool.submit(self._localize, name): name for name in islice(waiting, 1)}
+                for future in as_completed(running):
+                    yield running[future], future.result()
             except KeyboardInterrupt:
                 self.session.messages.print("stops after the photos in progress; run again to resume")
                 raise
             finally:
                 self.stopped.set()
+                pool.shutdown(wait=False, cancel_futures=True)
 
-    def _localize(self, name: str) -> Result:
+    def _localize(self, photo: Photo) -> Result:
         """Return the result of one photo after storing it. While the service is overloaded, it is asked again."""
         give_up = time.monotonic() + _GIVE_UP_S
         while True:
             try:
-                result = self._asked(name)
+                result = self._asked(photo)
                 break
             except ApiProblemError as problem:
                 # Options refused before any photo was answered are wrong for all photos.
@@ -175,19 +194,20 @@ class _Placing:
                 if time.monotonic() > give_up or self.stopped.wait(problem.retry_after_s or _RETRY_S):
                     raise
         self._has_answers = True
-        self.placed.put_result(name, result)
+        self.folder.put_result(photo, result)
         return result
 
-    def _asked(self, name: str) -> Result:
+    def _asked(self, photo: Photo) -> Result:
         """Return what the service answers to one photo, or the failure to read its file."""
-        photo, question = self.placed.photo(name), self.placed.question
+        assert photo.image is not None
+        question = self.folder.question
         try:
-            photo.open("rb").close()
+            photo.image.open("rb").close()
         except OSError as error:
             detail = f"expected a file that can be read, got: {error.strerror}"
             return {"status": "failed", "error": {"title": "The file cannot be read", "detail": detail}}
-        options = photo_options(photo, self.placed.camera(name), question.options)
-        answer = self.client.localize([photo], question.map_ids, question.tag, None, options)
+        options = photo_options(photo.image, self.folder.camera(photo.name), question.options)
+        answer = self.client.localize([photo.image], question.map_ids, question.tag, None, options)
         return {"status": answer["status"], "answer": answer}
 
     def _show_summary(self, statuses: Counter[str], num_photos: int, unplaced: Path) -> None:

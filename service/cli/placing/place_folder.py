@@ -10,18 +10,19 @@ plan.png, contact-sheet.jpg   where the photos are in the scan, and the result o
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import typer
 
 from panoloc.core.options import CAMERAS_FILE
 from panoloc.core.shown_name import shown_name
-from panoloc.service.batches.tour import TourDocument, maps_of
-from panoloc.service.cli.placing.photo_files import PhotoFiles, photo_files
+from panoloc.service.batches.archive import IMAGE_ENDINGS
+from panoloc.service.batches.tour import Photo, why_left_out
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, replace_file
 from panoloc.service.client import JsonObject
 from panoloc.service.jobs import Result
 
@@ -29,6 +30,9 @@ _QUESTION = "place.json"
 _LOCK = ".lock"
 _OF_THE_PHOTO = (413, 415, 422)
 _OPTIONS_REFUSED = "/problems/invalid-options"
+_UNREAD_ENDINGS = frozenset(
+    {".heic", ".heif", ".avif", ".tif", ".tiff", ".dng", ".insp", ".jxl", ".jp2", ".bmp", ".gif"}
+)
 
 
 @dataclass(frozen=True)
@@ -41,13 +45,23 @@ class Question:
     options: JsonObject
 
 
+@dataclass(frozen=True)
+class FolderFiles:
+    """Names of files below their folder, sorted, without hidden ones. unread: photos in formats that are not read."""
+
+    photos: list[str]
+    unread: list[str]
+    others: list[str]
+
+
 class PlaceFolder:
     """Reads and writes the folder. Files are replaced atomically: a kill leaves the old one or the new one."""
 
     def __init__(self, folder: Path, question: Question) -> None:
         self.folder = folder
         self.question = question
-        self._cameras: JsonObject | None = None
+        self._photos = Path(question.photos)
+        self._cameras = _read(self._photos / CAMERAS_FILE) or {}
 
     @classmethod
     @contextmanager
@@ -96,100 +110,72 @@ class PlaceFolder:
             raise _wrong_source(f"expected the photos in {question.photos}, but there is no such folder; put them back")
         return cls(folder, question)
 
-    def files(self) -> PhotoFiles:
+    def files(self) -> FolderFiles:
         """Return the files in the folder of the photos, without those in this folder or another of its kind."""
-        return photo_files(Path(self.question.photos), self.folder, _QUESTION)
+        found = FolderFiles([], [], [])
+        for name in sorted(path.relative_to(self._photos).as_posix() for path in self._walk()):
+            ending = PurePosixPath(name).suffix.lower()
+            kind = (
+                found.photos if ending in IMAGE_ENDINGS else found.unread if ending in _UNREAD_ENDINGS else found.others
+            )
+            if name != CAMERAS_FILE:
+                kind.append(name)
+        return found
 
-    def names(self) -> list[str]:
-        """Return the photos below their folder, sorted."""
-        return self.files().photos
-
-    def gone(self) -> list[str]:
-        """Return the photos that have a result but are no longer in their folder."""
-        kept = (_read(file) for file in (self.folder / "results").rglob("*.json"))
-        names = {str(each["name"]) for each in kept if each is not None}
-        return sorted(name for name in names if not self.photo(name).exists())
-
-    def photo(self, name: str) -> Path:
-        """Return the file of a photo."""
-        return Path(self.question.photos) / name
+    def photo(self, name: str) -> Photo:
+        """Return a photo; without a result if it has none, or if its file has changed since."""
+        file, found = self._photos / name, _read(self._result_file(name))
+        is_current = found is not None and found["file"] == _fingerprint(file)
+        return Photo(name, file, found["result"] if found is not None and is_current else None)
 
     def camera(self, name: str) -> JsonObject | None:
         """Return the camera that `cameras.json` in the folder of the photos gives a photo, an entry of `cameras`."""
-        if self._cameras is None:
-            self._cameras = _read(Path(self.question.photos) / CAMERAS_FILE) or {}
         found = self._cameras.get(name)
         return found if isinstance(found, dict) else None
 
-    def result(self, name: str) -> Result | None:
-        """Return the result of a photo; None if there is none, or if the file has changed since."""
-        found = _read(self._result_file(name))
-        return found["result"] if found is not None and found["file"] == _fingerprint(self.photo(name)) else None
-
-    def put_result(self, name: str, result: Result) -> None:
+    def put_result(self, photo: Photo, result: Result) -> None:
         """Store the result of a photo."""
-        _write(self._result_file(name), {"name": name, "file": _fingerprint(self.photo(name)), "result": result})
+        assert photo.image is not None
+        document = {"name": photo.name, "file": _fingerprint(photo.image), "result": result}
+        _write(self._result_file(photo.name), document)
 
-    def is_final(self, name: str) -> bool:
-        """Tell whether a photo has a result that another run would not change: an answer, or a fault of the photo itself."""
-        result = self.result(name)
-        if result is None or result["status"] != "failed":
-            return result is not None
-        error = result["error"]
-        return error.get("status") in _OF_THE_PHOTO and not are_options_refused(error)
+    def placed(self) -> PlacedPhotos:
+        """Return all photos with their results, as exports and pictures need them."""
+        photos = [self.photo(name) for name in self.files().photos]
+        kept = (_read(file) for file in (self.folder / "results").rglob("*.json"))
+        gone = sorted(each["name"] for each in kept if each and not (self._photos / each["name"]).exists())
+        reason = f"it was placed, but is no longer in {self._photos}"
+        made_unix_s = (self.folder / _QUESTION).stat().st_mtime
+        return PlacedPhotos(photos, made_unix_s, self.folder / "maps", dict.fromkeys(gone, reason))
 
-    def put_map(self, place: JsonObject, points: bytes | None = None) -> None:
-        """Store what exports need of a map. points: None leaves the stored ones."""
-        _write(self.folder / "maps" / f"{place['id']}.json", place)
-        if points is not None:
-            _replace(self.folder / "maps" / f"{place['id']}.ply", points)
-
-    def points(self, map_id: str) -> Path | None:
-        """Return the file with the points of a map, None if they are not stored."""
-        points = self.folder / "maps" / f"{map_id}.ply"
-        return points if points.exists() else None
-
-    def maps(self) -> list[str]:
-        """Return the maps in which photos were placed."""
-        return maps_of(result for name in self.names() if (result := self.result(name)) is not None)
-
-    def tour(self, map_id: str, include_ambiguous: bool, survey: Path | None = None) -> dict[str, Any]:
-        """Return the photos of a map as `panoloc.core.exports` reads them. survey: the scan itself, an E57.
-
-        Raises typer.BadParameter if the map is not stored.
-        """
-        place = _read(self.folder / "maps" / f"{map_id}.json")
-        if place is None:
-            raise _wrong_source(f"expected {map_id} in {self.folder / 'maps'}; let `panoloc place` finish")
-        tour = TourDocument(map_id, include_ambiguous)
-        for name in self.names():
-            result = self.result(name)
-            reason = tour.why_not(result)
-            if result is None or reason is not None:
-                tour.leave_out(name, reason or "waiting")
-            else:
-                tour.add(name, self.photo(name), result["answer"])
-        for name in self.gone():
-            tour.leave_out(name, f"it was placed, but is no longer in {self.question.photos}")
-        created_unix_s = (self.folder / _QUESTION).stat().st_mtime
-        return tour.document(created_unix_s, place, self.folder / "maps" / f"{map_id}.ply", survey)
-
-    def write_unplaced(self) -> Path:
+    def write_unplaced(self, photos: Sequence[Photo]) -> Path:
         """Write the list of photos without a reliable pose, with the reasons."""
-        lines = []
-        for name in self.names():
-            result = self.result(name)
-            map_id = ((result or {}).get("answer") or {}).get("map_id") or ""
-            reason = TourDocument(map_id, include_ambiguous=False).why_not(result)
-            if reason is not None:
-                lines.append(f"{shown_name(name)}\t{' '.join(reason.split())}\n")
+        reasons = ((photo.name, why_left_out(photo.result, None, include_ambiguous=False)) for photo in photos)
+        lines = (f"{shown_name(name)}\t{' '.join(reason.split())}\n" for name, reason in reasons if reason is not None)
         target = self.folder / "unplaced.txt"
         # File names that are not UTF-8 are written as they are.
-        _replace(target, os.fsencode("".join(lines)))
+        replace_file(target, os.fsencode("".join(lines)))
         return target
+
+    def _walk(self) -> Iterator[Path]:
+        left_out = self.folder.resolve()
+        for folder, folders, files in os.walk(self._photos):
+            here = Path(folder)
+            if here != self._photos and _QUESTION in files:
+                folders[:] = []
+                continue
+            folders[:] = [name for name in folders if not name.startswith(".") and (here / name).resolve() != left_out]
+            yield from (here / name for name in files if not name.startswith("."))
 
     def _result_file(self, name: str) -> Path:
         return self.folder / "results" / f"{name}.json"
+
+
+def is_final(result: Result | None) -> bool:
+    """Tell whether another run would not change a result: an answer, or a fault of the photo itself."""
+    if result is None or result["status"] != "failed":
+        return result is not None
+    return result["error"].get("status") in _OF_THE_PHOTO and not are_options_refused(result["error"])
 
 
 def are_options_refused(problem: JsonObject) -> bool:
@@ -224,11 +210,4 @@ def _read(file: Path) -> dict[str, Any] | None:
 
 def _write(file: Path, document: JsonObject) -> None:
     # A backslash escapes file names that are not UTF-8.
-    _replace(file, (json.dumps(document, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))
-
-
-def _replace(file: Path, data: bytes) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_name(f".{file.name}.tmp")
-    temporary.write_bytes(data)
-    temporary.replace(file)
+    replace_file(file, (json.dumps(document, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))

@@ -2,13 +2,13 @@
 
 import asyncio
 import time
+from importlib.metadata import version
 
 from fastapi import APIRouter, Depends, Request
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.responses import JSONResponse, Response
 
 from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
-from panoloc.service.host.service_version import service_version
 from panoloc.service.http.access import caller_of, require
 from panoloc.service.http.error_handlers import plain_problem_response
 from panoloc.service.http.schemas import Health, Liveness, Readiness
@@ -113,7 +113,7 @@ async def _details(services: Services, tenant: str | None) -> dict[str, object]:
     return {
         "status": "not_ready" if waiting_for else "ready",
         "waiting_for": waiting_for,
-        "version": service_version(),
+        "version": version("panoloc"),
         "uptime_s": round(time.monotonic() - services.began, 1),
         "redis": "up" if redis_is_up else "down",
         "storage": "writable" if lack is None else "not_writable",

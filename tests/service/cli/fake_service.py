@@ -63,6 +63,13 @@ def answer_with(status: str) -> dict[str, Any]:
         "map_id": "map_1",
         "map_revision": 1,
         "pose": None if status == "not_localized" else pose,
+        "images": [
+            {
+                "pose": None if status == "not_localized" else pose,
+                "agreement": 0.7,
+                "camera": {"model": "equirectangular", "hfov_deg": 360.0},
+            }
+        ],
         "confidence": 0.93,
         "accuracy": {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68},
         "alternatives": [],

@@ -487,15 +487,16 @@ async def test_no_more_than_two_exports_are_written_at_the_same_time(
     await done(running, batch_id)
     under_way, most = 0, 0
 
-    async def counted(module: str, tour: str, name: str, target: str, time_s: float) -> None:
+    async def counted(module: str, tour: str, name: str, target: str, **_: object) -> tuple[int, str]:
         nonlocal under_way, most
         under_way += 1
         most = max(most, under_way)
         await asyncio.sleep(0.05)
         Path(target).write_bytes(b"zip")
         under_way -= 1
+        return 0, ""
 
-    monkeypatch.setattr("panoloc.service.batches.export._run", counted)
+    monkeypatch.setattr("panoloc.service.batches.export.run_module", counted)
     path = f"/batches/{batch_id}/export?format=tum"
     replies = await asyncio.gather(*(running.client.get(path) for _ in range(5)))
     assert [reply.content for reply in replies] == [b"zip"] * 5

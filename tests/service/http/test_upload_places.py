@@ -10,8 +10,10 @@ import pytest
 
 from panoloc.service.batches import export
 from panoloc.service.errors import ExportFailedError
+from panoloc.service.host.child_processes import run_module
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.limits import capacity
+from panoloc.service.storage import FolderStorage
 from tests.service.http.running_service import RunningService, running_service
 
 pytestmark = pytest.mark.anyio
@@ -69,8 +71,8 @@ async def pid_of(begun: Path) -> int:
 
 
 @pytest.mark.slow
-async def test_an_export_that_takes_too_long_is_killed(endless: Path) -> None:
-    task = asyncio.create_task(export._run("endless", time_s=3.0))
+async def test_an_export_that_takes_too_long_is_killed(endless: Path, tmp_path: Path) -> None:
+    task = asyncio.create_task(export._written(FolderStorage(tmp_path), "endless", {}, (), ".zip", 3.0))
     pid = await pid_of(endless)
     with pytest.raises(ExportFailedError, match="expected an export within 3 s"):
         await task
@@ -79,7 +81,7 @@ async def test_an_export_that_takes_too_long_is_killed(endless: Path) -> None:
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 async def test_an_export_that_nobody_waits_for_is_killed(endless: Path) -> None:
-    task = asyncio.create_task(export._run("endless", time_s=600.0))
+    task = asyncio.create_task(run_module("endless"))
     pid = await pid_of(endless)
     task.cancel()
     with pytest.raises(asyncio.CancelledError):

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
+from panoloc.lab.process_memory import descendants
 from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
-from panoloc.service.host.process_tree import descendants
 from panoloc.service.jobs import LocalizeOutcome
 from panoloc.service.pool.local_workers import local_pool
 from panoloc.service.ray.bridge_pool import bridge_pool

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from panoloc.lab.process_memory import command_of, descendants
 from panoloc.service.errors import NoWorkerError
-from panoloc.service.host.process_tree import command_of, descendants
 from panoloc.service.pool import local_workers, worker_process
 from panoloc.service.pool.local_workers import local_pool
 from panoloc.service.settings import Settings

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
 from tests.service.cli.commands import fake, panoloc
 
 __all__ = ["fake", "panoloc"]
@@ -15,7 +16,7 @@ __all__ = ["fake", "panoloc"]
 def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let runs draw no pictures, which takes a process each, except where a test is about them."""
     if "pictures" not in request.fixturenames:
-        monkeypatch.setattr("panoloc.service.cli.placing.place.draw_overviews", lambda placed: ([], []))
+        monkeypatch.setattr(PlacedPhotos, "draw_overviews", lambda placed, out: Written())
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import json
 import os
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
@@ -110,12 +111,14 @@ def test_photos_of_several_cameras_have_theirs_and_an_option_goes_before(
 def test_ctrl_c_keeps_what_is_under_way_and_says_so(
     panoloc: Panoloc, fake: FakeService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*futures: object, **how: object) -> None:
+    def interrupted(futures: dict[Future[object], str]) -> None:
+        while not all(future.running() or future.done() for future in futures):
+            pass
         raise KeyboardInterrupt
 
     command = ("place", folder_of(tmp_path, "a.jpg", "b.jpg"), "--map", "map_1", "--out", tmp_path / "out")
     with monkeypatch.context() as changed:
-        changed.setattr(place, "wait", interrupted)
+        changed.setattr(place, "as_completed", interrupted)
         outcome = panoloc(*command)
     assert (outcome.code, "run again to resume" in outcome.err) == (EXIT_INTERRUPTED, True)
     assert "2 of 2 photos are already done" in panoloc(*command).err
