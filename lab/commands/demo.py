@@ -10,11 +10,11 @@ from rich.markup import escape
 
 from panoloc.lab.background_service import BackgroundService, start_in_background, wait_until_ready
 from panoloc.lab.commands.core_errors import core_errors_shown
-from panoloc.service.cli.answer_files import AnswerFolder
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from panoloc.service.cli.localize import save_answer
 from panoloc.service.cli.progress import show_waiting
 from panoloc.service.cli.register import upload_and_wait
-from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.cli.tables import map_summary
 from panoloc.service.client import JsonObject, PanolocClient
 from panoloc.service.jobs import ARTIFACTS
@@ -68,20 +68,19 @@ def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
             place = upload_and_wait(session, client, scene.scan, options, wait=True)
             if not session.json_output:
                 session.results.print(map_summary(place))
-            answers = AnswerFolder(folder / "answers")
+            answers = folder / "answers"
+            make_out_folder(answers)
             codes = [(query, _localize(session, client, place["id"], answers, query)) for query in scene.queries]
     _say_what_remains(session, url, service, place["id"])
     return worst_of([code for query, code in codes if not query.may_stay_open])
 
 
-def _localize(
-    session: Session, client: PanolocClient, map_id: str, folder: AnswerFolder, query: "DemoQuery"
-) -> ExitCode:
+def _localize(session: Session, client: PanolocClient, map_id: str, folder: Path, query: "DemoQuery") -> ExitCode:
     """Localize one image, save its pictures, and show the pose beside the known one."""
     with show_waiting(session.messages, f"localizing {query.image.name}"):
         options: JsonObject = {"artifacts": list(ARTIFACTS), "timeout_s": LOCALIZE_TIMEOUT_S, **query.options}
         answer = client.localize(query.image, [map_id], options=options)
-    saved = folder.save(query.image, [query.image], answer, client)
+    saved = save_answer(folder, query.image.stem, [query.image], answer, client)
     position_m, orientation_deg = query.error_of(answer)
     if session.json_output:
         error = {"position_m": position_m, "orientation_deg": orientation_deg}

@@ -1,5 +1,6 @@
 """`panoloc localize`: find where panoramas, photos and sessions were taken."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,10 +9,10 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from panoloc.core.distinct_names import distinct_names
 from panoloc.core.options import MAX_IMAGES, MAX_TOP_K, Frame
 from panoloc.core.panorama.image_header import KNOWN_FORMATS
-from panoloc.service.cli.answer_files import AnswerFolder
-from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
+from panoloc.service.cli.exit_codes import exit_code_of, worst_of
 from panoloc.service.cli.progress import show_waiting
 from panoloc.service.cli.query_options import (
     HfovOption,
@@ -23,7 +24,7 @@ from panoloc.service.cli.query_options import (
     check_map_choice,
     hints_object,
 )
-from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.cli.transforms import FILE_NAME, TransformsError, read_transforms, spread_evenly
 from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient
 from panoloc.service.jobs import ARTIFACTS, QueryOptions
@@ -114,11 +115,24 @@ def localize(
     options |= {"timeout_s": timeout} if timeout else {}
     queries = [_Query(path, [path]) for path in panoramas or ()]
     queries += [_session_query(session, tracked, frame, up_known)] if tracked else []
+    if out is not None:
+        make_out_folder(out)
+    codes = []
     with session.client(url) as client:
-        command = _Localize(
-            session, client, tuple(map_id or ()), tag, mask, options, AnswerFolder(out) if out else None
-        )
-        return worst_of([command.run(query, several=len(queries) > 1) for query in queries])
+        # Two folders may hold the same file name.
+        for stem, query in zip(distinct_names(query.name.stem for query in queries), queries, strict=True):
+            try:
+                with show_waiting(session.messages, f"localizing {escape(query.name.name)}"):
+                    answer = client.localize(query.images, map_id or (), tag, mask, options | query.options)
+            except ApiProblemError as problem:
+                if len(queries) == 1:
+                    raise
+                codes.append(session.show_failure(problem, [str(query.name)], key="panorama"))
+                continue
+            saved = [] if out is None else save_answer(out, stem, query.images, answer, client)
+            _show(session, client, query, answer, saved)
+            codes.append(exit_code_of(answer["status"]))
+    return worst_of(codes)
 
 
 @dataclass(frozen=True)
@@ -147,40 +161,30 @@ def _session_query(session: Session, tracked: Path, frame: Frame, up_known: bool
     return _Query(folder.resolve(), [each.path for each in chosen], options)
 
 
-@dataclass(frozen=True)
-class _Localize:
-    """What all queries of one command share."""
+def save_answer(
+    folder: Path, stem: str, images: Sequence[Path], answer: JsonObject, client: PanolocClient
+) -> list[Path]:
+    """Write `STEM.json` and up to three pictures into a folder, and return these files.
 
-    session: Session
-    client: PanolocClient
-    map_ids: Sequence[str]
-    tag: str | None
-    mask: Path | None
-    options: JsonObject
-    folder: AnswerFolder | None
+    images: what was sent; the answer lists them as `files`, for exports.
+    """
+    written = [folder / f"{stem}.json"]
+    document = {"files": [str(image.resolve()) for image in images], **answer}
+    text = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+    written[0].write_bytes(text.encode(errors="backslashreplace"))  # file names that are not UTF-8
+    for kind, path in answer["artifacts"].items():
+        written.append(folder / f"{stem}.{kind.replace('_', '-')}.png")
+        written[-1].write_bytes(client.fetch(path))
+    return written
 
-    def run(self, query: _Query, *, several: bool) -> ExitCode:
-        """Localize and show one query; if there are `several`, a refused one does not stop the others."""
-        try:
-            with show_waiting(self.session.messages, f"localizing {escape(query.name.name)}"):
-                answer = self.client.localize(
-                    query.images, self.map_ids, self.tag, self.mask, self.options | query.options
-                )
-        except ApiProblemError as problem:
-            if not several:
-                raise
-            return self.session.show_failure(problem, [str(query.name)], key="panorama")
-        saved = self.folder.save(query.name, query.images, answer, self.client) if self.folder else []
-        self._show(query, answer, saved)
-        return exit_code_of(answer["status"])
 
-    def _show(self, query: _Query, answer: JsonObject, saved: list[Path]) -> None:
-        files = [str(path) for path in query.images]
-        if self.session.json_output:
-            about = {"session": str(query.name), "files": files} if query.options else {"panorama": files[0]}
-            self.session.print_json({**about, **answer})
-            return
-        self.session.results.print(f"[bold]{escape(str(query.name))}[/]")
-        self.session.show_answer(answer, self.client, [path.name for path in query.images])
-        if saved:
-            self.session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")
+def _show(session: Session, client: PanolocClient, query: _Query, answer: JsonObject, saved: Sequence[Path]) -> None:
+    files = [str(path) for path in query.images]
+    if session.json_output:
+        about = {"session": str(query.name), "files": files} if query.options else {"panorama": files[0]}
+        session.print_json({**about, **answer})
+        return
+    session.results.print(f"[bold]{escape(str(query.name))}[/]")
+    session.show_answer(answer, client, [path.name for path in query.images])
+    if saved:
+        session.messages.print(f"saved {', '.join(escape(str(path)) for path in saved)}")

@@ -44,7 +44,7 @@ def list_maps(
 
 
 def _failure(place: JsonObject) -> str:
-    reason = (place.get("error") or {}).get("detail", "see its error with --json")
+    reason = place["error"]["detail"]
     older = older_revision(place)
     if older is None:
         return f"{place['id']} failed: {reason}"

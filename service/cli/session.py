@@ -3,8 +3,10 @@
 import json
 import os
 import re
+import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any
 
 import httpx
@@ -78,7 +80,7 @@ class Session:
         for table in (answer_summary(answer), images_table(answer, names), alternatives_table(answer)):
             if table is not None:
                 self.results.print(table)
-        for path in filter(None, (answer.get("artifacts") or {}).values()):
+        for path in answer["artifacts"].values():
             self.results.print(client.link(path), soft_wrap=True, markup=False)
 
     def show_failure(self, error: ClientError, about: Sequence[str] = (), key: str = "id") -> ExitCode:
@@ -122,6 +124,16 @@ class Session:
         """Print one JSON document on one line of standard output."""
         self.results.file.write(json.dumps(document, ensure_ascii=False) + "\n")
         self.results.file.flush()
+
+
+def make_out_folder(folder: Path) -> None:
+    """Make the folder of an option `--out`, before anything is sent. Raises OSError where it cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        message = f"--out {folder}: expected a folder that can be written, got: {error.strerror}; choose another one"
+        raise OSError(message) from error
 
 
 def _console(*, stderr: bool) -> Console:

@@ -27,102 +27,71 @@ def map_table(places: Iterable[JsonObject]) -> Table:
     numbers = (Column(name, justify="right") for name in ("points", "starts", "index"))
     table = Table(*headings, *numbers, box=None, pad_edge=False, header_style="bold")
     for place in places:
-        stats = place.get("stats") or {}
-        table.add_row(
-            place["id"],
-            escape(place.get("name") or ""),
-            _status_of_map(place),
-            escape(", ".join(place.get("tags") or [])),
-            _count(stats.get("num_points")),
-            _count(stats.get("num_starts")),
-            _size(stats.get("index_bytes")),
-        )
+        row = [place["id"], escape(place["name"]), _status_of_map(place), escape(", ".join(place["tags"]))]
+        if stats := place["stats"]:
+            row += [f"{stats['num_points']:,}", f"{stats['num_starts']:,}", filesize.decimal(stats["index_bytes"])]
+        table.add_row(*row)
     return _folding(table)
 
 
 def map_summary(place: JsonObject) -> Table:
     """Return one map as a table: its id first, then what was found in the scan."""
-    stats = place.get("stats") or {}
-    rows: list[tuple[str, str | Text]] = [("map", Text(place["id"], "bold")), ("name", place.get("name") or "")]
+    rows: list[tuple[str, str | Text]] = [("map", Text(place["id"], "bold")), ("name", place["name"])]
     rows.append(("status", _status_of_map(place)))
-    if stats.get("num_points") is not None:
-        rows.append(
-            ("points", f"{_count(stats['num_points'])} in the scan, {_count(stats.get('num_points_used'))} used")
-        )
-    if stats.get("num_starts") is not None:
-        rows.append(("starts", _count(stats["num_starts"])))
-    if stats.get("index_bytes") is not None:
-        rows.append(("index", _size(stats["index_bytes"])))
-    rows += [(entry.get("severity", "note"), str(entry.get("message", ""))) for entry in place.get("diagnostics") or []]
+    if stats := place["stats"]:
+        rows.append(("points", f"{stats['num_points']:,} in the scan, {stats['num_points_used']:,} used"))
+        rows.append(("starts", f"{stats['num_starts']:,}"))
+        rows.append(("index", filesize.decimal(stats["index_bytes"])))
+    rows += [(entry["severity"], entry["message"]) for entry in place["diagnostics"]]
     return _two_columns(rows)
 
 
 def answer_summary(answer: JsonObject) -> Table:
     """Return one localization as a table."""
     rows: list[tuple[str, str | Text]] = [("status", styled_status(answer["status"]))]
-    pose = answer.get("pose")
+    pose, accuracy, changed = answer["pose"], answer["accuracy"], answer["change"]["panorama_changed_fraction"]
     if pose:
-        rows.append(("position", _position(pose)))
-        rows.append(("orientation", _angles(pose)))
-        if pose.get("heading_deg") is not None:
-            rows.append(("looks to", _photo_angles(pose)))
-        rows.append(("frame", str(pose.get("frame"))))
-    rows.append(("map", str(answer.get("map_id") or "none")))
-    if answer.get("confidence") is not None:
-        rows.append(("confidence", f"{answer['confidence']:.2f}"))
-    accuracy = answer.get("accuracy") or {}
-    if pose and accuracy.get("position_m") is not None and accuracy.get("orientation_deg") is not None:
-        rows.append(("accuracy", _accuracy(accuracy)))
-    motion = answer.get("map_from_session")
-    if motion and len(answer.get("images") or ()) > 1:
-        rows.append(("map from session", _motion(motion)))
-    change = answer.get("change") or {}
-    if pose and change.get("panorama_changed_fraction") is not None:
-        rows.append(("changed", f"{change['panorama_changed_fraction']:.0%} of {_what_is_shown(answer)}"))
-    rows.append(("seconds", _seconds(answer.get("timings_s") or {})))
-    rows += [("warning", str(warning)) for warning in answer.get("warnings") or []]
+        rows += [("position", _position(pose["map_from_camera"])), ("orientation", _angles(pose))]
+        rows += [("looks to", _photo_angles(pose)), ("frame", pose["frame"])]
+    rows += [("map", answer["map_id"] or "none"), ("confidence", f"{answer['confidence']:.2f}")]
+    if pose and accuracy and None not in accuracy.values():
+        radii = f"{accuracy['position_m']:.3f} m, {accuracy['orientation_deg']:.2f} deg"
+        rows.append(("accuracy", f"{radii} ({accuracy['level']:.0%} radius)"))
+    motion = answer["map_from_session"]
+    if motion and len(answer["images"]) > 1:
+        quaternion = "   ".join(f"{axis} {motion['quaternion'][axis]:.5f}" for axis in "xyzw")
+        rows.append(("map from session", f"{_position(motion)}   quaternion {quaternion}"))
+    if pose and changed is not None:
+        rows.append(("changed", f"{changed:.0%} of {_what_is_shown(answer['images'])}"))
+    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in answer["timings_s"].items() if name != "total")
+    rows.append(("seconds", f"{answer['timings_s']['total']:.2f} ({stages})"))
+    rows += [("warning", warning) for warning in answer["warnings"]]
     return _two_columns(rows)
 
 
 def images_table(answer: JsonObject, names: Sequence[str]) -> Table | None:
     """Return the images of a session with their poses, one per row; None for a single image. names: of their files."""
-    images = answer.get("images") or []
+    images = answer["images"]
     if len(images) < 2:
         return None
     table = Table("image", "position", "orientation", "agreement", box=None, pad_edge=False, header_style="dim")
-    for number, image in enumerate(images):
-        pose, agreement = image.get("pose"), image.get("agreement")
-        table.add_row(
-            escape(names[number]) if number < len(names) else str(number + 1),
-            _position(pose) if pose else "",
-            _angles(pose) if pose else "",
-            "" if agreement is None else f"{agreement:.2f}",
-        )
+    for name, image in zip(names, images, strict=True):
+        pose, agreement = image["pose"], image["agreement"]
+        shown = (_position(pose["map_from_camera"]), _angles(pose)) if pose else ("", "")
+        table.add_row(escape(name), *shown, "" if agreement is None else f"{agreement:.2f}")
     return _folding(table)
 
 
 def alternatives_table(answer: JsonObject) -> Table | None:
     """Return the other poses of one localization, best first, one per row; None when it has none."""
-    alternatives = answer.get("alternatives") or []
-    if not alternatives:
+    if not answer["alternatives"]:
         return None
-    headings = (
-        Column("alternative", justify="right"),
-        "position",
-        "orientation",
-        "confidence",
-        Column("map", no_wrap=True),
-    )
+    number, map_id = Column("alternative", justify="right"), Column("map", no_wrap=True)
+    headings = (number, "position", "orientation", "confidence", map_id)
     table = Table(*headings, box=None, pad_edge=False, header_style="dim")
-    for number, each in enumerate(alternatives, 1):
-        confidence = each.get("confidence")
-        table.add_row(
-            str(number),
-            _position(each["pose"]),
-            _angles(each["pose"]),
-            "" if confidence is None else f"{confidence:.2f}",
-            str(each.get("map_id") or ""),
-        )
+    for rank, each in enumerate(answer["alternatives"], 1):
+        pose, confidence = each["pose"], f"{each['confidence']:.2f}"
+        table.add_row(str(rank), _position(pose["map_from_camera"]), _angles(pose), confidence, each["map_id"])
     return _folding(table)
 
 
@@ -133,16 +102,14 @@ def styled_status(status: str) -> Text:
 
 def older_revision(place: JsonObject) -> int | None:
     """Return the older revision that answers queries while the newest is not ready or has failed, None where none does."""
-    serving: int | None = place.get("serving_revision")
-    return None if serving == place.get("revision") else serving
+    serving: int | None = place["serving_revision"]
+    return None if serving == place["revision"] else serving
 
 
 def _status_of_map(place: JsonObject) -> Text:
     status, older = place["status"], older_revision(place)
-    if status in ("reading", "indexing") and place.get("progress") is not None:
-        newest = Text(f"{status} {place['progress']:.0%}")
-    else:
-        newest = styled_status(status)
+    is_under_way = status in ("reading", "indexing")
+    newest = Text(f"{status} {place['progress']:.0%}") if is_under_way else styled_status(status)
     if older is None:
         return newest
     return Text.assemble(f"revision {place['revision']} ", newest, f"; {older} still answers")
@@ -162,22 +129,9 @@ def _folding(table: Table) -> Table:
     return table
 
 
-def _position(pose: JsonObject) -> str:
-    centre = pose["map_from_camera"]["position_m"]
+def _position(motion: JsonObject) -> str:
+    centre = motion["position_m"]
     return f"x {centre['x']:.3f}   y {centre['y']:.3f}   z {centre['z']:.3f} m"
-
-
-def _motion(motion: JsonObject) -> str:
-    quaternion = "   ".join(f"{axis} {motion['quaternion'][axis]:.5f}" for axis in "xyzw")
-    return f"{_position({'map_from_camera': motion})}   quaternion {quaternion}"
-
-
-def _what_is_shown(answer: JsonObject) -> str:
-    images = answer.get("images") or []
-    if len(images) > 1:
-        return "what the images show"
-    part = any(((image.get("camera") or {}).get("hfov_deg") or 360) < _WHOLE_TURN_DEG for image in images)
-    return "what the photo shows" if part else "the panorama"
 
 
 def _angles(pose: JsonObject) -> str:
@@ -190,22 +144,7 @@ def _photo_angles(pose: JsonObject) -> str:
     return f"heading {pose['heading_deg']:.2f} from {north}   {tilted}"
 
 
-def _accuracy(accuracy: JsonObject) -> str:
-    level = accuracy.get("level")
-    chance = f" ({level:.0%} radius)" if level is not None else ""
-    return f"{accuracy['position_m']:.3f} m, {accuracy['orientation_deg']:.2f} deg{chance}"
-
-
-def _seconds(timings: JsonObject) -> str:
-    known = {name: seconds for name, seconds in timings.items() if seconds is not None}
-    total = known.pop("total", None)
-    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in known.items())
-    return f"{total:.2f} ({stages})" if total is not None else stages
-
-
-def _count(number: int | None) -> str:
-    return "" if number is None else f"{number:,}"
-
-
-def _size(num_bytes: int | None) -> str:
-    return "" if num_bytes is None else filesize.decimal(num_bytes)
+def _what_is_shown(images: Sequence[JsonObject]) -> str:
+    if len(images) > 1:
+        return "what the images show"
+    return "what the photo shows" if images[0]["camera"]["hfov_deg"] < _WHOLE_TURN_DEG else "the panorama"

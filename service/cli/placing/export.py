@@ -19,7 +19,7 @@ from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing.place_folder import PlaceFolder
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
-from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
+from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption, make_out_folder
 from panoloc.service.client import ApiProblemError, ClientError, JsonObject, PanolocClient
 from panoloc.service.jobs import Result
 
@@ -70,6 +70,8 @@ def export(
     if not wanted:
         raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
     folder = Path(source)
+    if out is not None:
+        make_out_folder(out)
     with session.client(url) as client, tempfile.TemporaryDirectory(prefix="panoloc-") as maps_folder:
         if PlaceFolder.is_at(folder):
             placed = PlaceFolder.open(folder).placed()

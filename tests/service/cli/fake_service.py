@@ -16,6 +16,7 @@ READY_MAP: dict[str, Any] = {
     "name": "office",
     "tags": ["third floor"],
     "revision": 1,
+    "serving_revision": 1,
     "status": "ready",
     "stage": None,
     "progress": 1.0,
@@ -70,6 +71,7 @@ def answer_with(status: str) -> dict[str, Any]:
                 "camera": {"model": "equirectangular", "hfov_deg": 360.0},
             }
         ],
+        "map_from_session": None if status == "not_localized" else pose["map_from_camera"],
         "confidence": 0.93,
         "accuracy": {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68},
         "alternatives": [],
@@ -121,7 +123,7 @@ class FakeService:
         return {
             ("GET", "/health/live"): lambda _: httpx.Response(200, json={"status": "live"}),
             ("GET", "/health/ready"): lambda _: httpx.Response(200, json={"status": "ready"}),
-            ("POST", "/maps"): lambda _: httpx.Response(202, json={**READY_MAP, "status": "queued", "stats": None}),
+            ("POST", "/maps"): lambda _: httpx.Response(202, json={**READY_MAP, "status": "queued", "stats": None, "diagnostics": []}),
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
             ("PATCH", "/maps"): lambda request: httpx.Response(200, json={**READY_MAP, **json.loads(request.content)}),

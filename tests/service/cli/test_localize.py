@@ -52,19 +52,23 @@ def test_links_to_pictures_are_full_addresses_and_stay_whole_in_a_pipe(panoloc: 
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in lines
 
 
-@pytest.mark.parametrize("empty", ["null", "null inside", "missing"])
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"map_id": None},
+        {"accuracy": None},
+        {"accuracy": {"position_m": None, "orientation_deg": None, "level": 0.68}},
+        {"change": {"panorama_changed_fraction": None, "map_changed_fraction": None}},
+        {"artifacts": {}},
+    ],
+)
 def test_an_answer_without_an_optional_part_is_still_shown(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, empty: str
+    panoloc: Panoloc, fake: FakeService, panorama: Path, part: dict[str, object]
 ) -> None:
-    for field in ("confidence", "accuracy", "change", "timings_s", "map_id", "warnings", "artifacts", "alternatives"):
-        fake.answer = answer_with("localized")
-        value = fake.answer.pop(field)
-        if empty != "missing":
-            is_object = empty == "null inside" and isinstance(value, dict)
-            fake.answer[field] = dict.fromkeys(value) if is_object else None
-        done = panoloc("localize", panorama, "--map", "map_1")
-        assert done.code == 0, field
-        assert "x 1.250" in done.out
+    fake.answer = answer_with("localized") | part
+    done = panoloc("localize", panorama, "--map", "map_1")
+    assert done.code == 0, done.err
+    assert "x 1.250" in done.out
 
 
 def test_several_maps_and_all_options_reach_the_service(
@@ -203,6 +207,17 @@ def test_options_that_mean_nothing_together_are_wrong_usage(
     done = panoloc("localize", panorama, "--map", "map_1", *arguments)
     assert (done.code, fake.requests) == (2, [])
     assert said in done.said
+
+
+def test_a_folder_that_cannot_be_written_is_named_before_anything_is_sent(
+    panoloc: Panoloc, fake: FakeService, panorama: Path
+) -> None:
+    out = panorama / "answers"
+    done = panoloc("localize", panorama, "--map", "map_1", "--out", out)
+    assert (done.code, fake.requests) == (1, [])
+    assert f"--out {out}: expected a folder that can be written, got: Not a directory" in done.said
+    assert panoloc("export", "batch_1", "--export", "tum", "--out", out).code == 1
+    assert fake.requests == []
 
 
 def test_a_folder_receives_the_answer_and_its_pictures(

@@ -159,7 +159,8 @@ def test_a_map_with_a_new_revision_on_its_way_says_which_one_answers(
 def test_a_map_of_one_revision_says_nothing_of_revisions(
     panoloc: Panoloc, fake: FakeService, status: str, serving: int | None
 ) -> None:
-    fake.places = [{**READY_MAP, "serving_revision": serving, "status": status}]
+    error = {"detail": "scan: expected 100 vertices, got 40"} if status == "failed" else None
+    fake.places = [{**READY_MAP, "serving_revision": serving, "status": status, "error": error}]
     out = panoloc("maps").out
     assert status in out
     assert "revision" not in out

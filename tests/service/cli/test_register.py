@@ -56,7 +56,7 @@ def test_names_are_shown_as_they_are(panoloc: Panoloc, fake: FakeService, scan: 
 
 def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
     reason = "scan: expected 100 vertices, got 40; export it again"
-    fake.polls = [{**READY_MAP, "status": "failed", "error": {"detail": reason}}]
+    fake.polls = [{**READY_MAP, "status": "failed", "serving_revision": None, "error": {"detail": reason}}]
     done = panoloc("register", scan)
     assert done.code == 1
     assert reason in done.err
@@ -65,7 +65,7 @@ def test_a_failed_map_is_an_error_that_says_why(panoloc: Panoloc, fake: FakeServ
 
 
 def test_who_waits_for_a_new_revision_hears_that_the_old_one_still_answers(fake: FakeService) -> None:
-    fake.polls = [{**READY_MAP, "status": "failed", "revision": 2, "serving_revision": 1}]
+    fake.polls = [{**READY_MAP, "status": "failed", "revision": 2, "error": {"detail": "scan: expected 100 vertices"}}]
     with (
         PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(fake.handle)) as client,
         pytest.raises(MapFailedError, match="map_1 failed, revision 1 still answers: ") as failed,
