@@ -112,7 +112,7 @@ def start_in_background(
     fault = why_not_free(address.hostname, port)
     if fault is not None:
         raise StartError(
-            f"No service can be started at {url}: {fault}. Stop what listens there, or choose another port with --url, "
+            f"No service can be started at {url}: {fault}. Choose another port with --url, "
             "such as http://127.0.0.1:8001."
         )
     command = [

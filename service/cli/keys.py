@@ -80,6 +80,13 @@ def make(
 def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, json: JsonOption = False) -> int:
     """List all keys, revoked ones too, without their secrets."""
     session: Session = ctx.obj
+    if not data_dir.exists():
+        # The default folder depends on where the command runs, so show which one was read.
+        raise typer.BadParameter(
+            f"expected the data folder of a service, got {data_dir.resolve()}, which does not exist; set --data-dir or "
+            "PANOLOC_DATA_DIR",
+            param_hint="--data-dir",
+        )
     keys = KeyFile(data_dir).read()
     table = Table("id", "name", "tenant", "scopes", "made", "revoked")
     for key in keys:
@@ -89,7 +96,6 @@ def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, jso
             names = ("id", "name", "tenant", "scopes", "created_at", "revoked_at")
             session.print_json(dict(zip(names, row, strict=True)))
     if not keys:
-        # The default folder depends on where the command runs, so show which one was read.
         session.messages.print(f"No keys in {data_dir.resolve()}.", markup=False)
     elif not json:
         session.results.print(table)

@@ -100,8 +100,8 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     fault = why_not_free(settings.host, settings.port)
     if fault is not None:
         session.messages.print(
-            f"The service cannot start: {fault}. Stop the program that listens there (another panoloc?), or choose "
-            "another address with --host and --port, or PANOLOC_HOST and PANOLOC_PORT.",
+            f"The service cannot start: {fault}. --host and --port, or PANOLOC_HOST and PANOLOC_PORT, set another "
+            "address.",
             markup=False,
         )
         return ExitCode.ERROR

@@ -18,12 +18,12 @@ def why_not_free(host: str, port: int) -> str | None:
     faults = [_fault_of(family, address) for family, _, _, _, address in found]
     numbers = {fault.errno for fault in faults if fault is not None}
     if errno.EADDRINUSE in numbers:
-        return f"the address {place} is taken: another program listens on it"
+        return f"the address {place} is taken: another program listens on it (another panoloc?); stop that program"
     if errno.EACCES in numbers:
         return f"this user may not listen on {place}; use a port from 1024 up, or grant the privilege"
     # "localhost" has an IPv6 address on machines without IPv6, too.
     if None not in faults:
-        return f"no program can listen on {place} ({faults[0]})"
+        return f"expected an address of this machine, got {place}, where no program can listen ({faults[0]})"
     return None
 
 

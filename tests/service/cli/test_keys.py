@@ -34,12 +34,15 @@ def test_where_no_key_was_ever_made_the_folder_is_named_and_nothing_is_left_ther
     panoloc: Panoloc, tmp_path: Path
 ) -> None:
     folder = tmp_path / "elsewhere"
-    for asked, code in (("list", 0), ("revoke", 1)):
-        ids = ("key_typo",) if asked == "revoke" else ()
-        done = panoloc("keys", asked, *ids, "--data-dir", folder)
-        assert (done.code, done.out) == (code, "")
-        assert f"keys in {folder}" in done.err
+    listed, revoked = (panoloc("keys", *what, "--data-dir", folder) for what in (["list"], ["revoke", "key_typo"]))
+    assert (listed.code, listed.out) == (2, "")
+    assert "which does not exist; set --data-dir or PANOLOC_DATA_DIR" in listed.said
+    assert (revoked.code, revoked.out) == (1, "")
+    assert f"keys in {folder}" in revoked.err
     assert not folder.exists()
+    folder.mkdir()
+    empty = panoloc("keys", "list", "--data-dir", folder)
+    assert (empty.code, empty.err) == (0, f"No keys in {folder}.\n")
 
 
 def test_an_id_that_is_none_leaves_no_other_key_open(panoloc: Panoloc, tmp_path: Path) -> None:
