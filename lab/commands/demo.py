@@ -38,8 +38,7 @@ def demo(
 
     Uses the service at --url; where none runs on this machine, one is started and left running.
     """
-    session: Session = ctx.obj
-    session.json_output = json
+    session = Session.of(ctx, json)
     with core_errors_shown(session) as failed:
         return _run(session, folder, seed, url)
     return ExitCode.ERROR if failed else ExitCode.OK

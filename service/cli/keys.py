@@ -47,17 +47,14 @@ def make(
     json: JsonOption = False,
 ) -> int:
     """Make a key and show it once: only its digest is stored. From then on the service requires a key from callers."""
-    session: Session = ctx.obj
+    session = Session.of(ctx, json)
     # A key is a file in the data folder; what a service stores there is in folders.
     is_used = data_dir.is_dir() and any(each.is_dir() for each in data_dir.iterdir())
     made, text = KeyFile(data_dir).make(name, [each.value for each in scope], tenant)
     AuditLog(data_dir).note(_user(), "key made", made.id)
-    if json:
-        session.print_json(
-            {"id": made.id, "name": name, "tenant": made.tenant, "scopes": list(made.scopes), "key": text}
-        )
-    else:
-        session.results.print(text, markup=False, highlight=False)
+    document = {"id": made.id, "name": name, "tenant": made.tenant, "scopes": list(made.scopes), "key": text}
+    session.show(document, text)
+    if not json:
         session.messages.print(f"{made.id}: save this key now, it is not shown again.", markup=False)
         session.messages.print(f"stored in {data_dir.resolve()}", markup=False)
     if not is_used:
@@ -69,8 +66,7 @@ def make(
     elif ScopeName.admin not in scope and next(data_dir.glob("maps/map_*"), None):
         session.messages.print(
             "The key has access only to the maps of its tenant. Maps made without a key have no tenant: an admin key "
-            "sees them, "
-            "and `panoloc maps share ID --with TENANT` shares them.",
+            "sees them, and `panoloc maps share ID --with TENANT` shares them.",
             markup=False,
         )
     return ExitCode.OK
@@ -79,7 +75,7 @@ def make(
 @app.command("list")
 def list_keys(ctx: typer.Context, data_dir: DataDirOption = _DEFAULT_FOLDER, json: JsonOption = False) -> int:
     """List all keys, revoked ones too, without their secrets."""
-    session: Session = ctx.obj
+    session = Session.of(ctx, json)
     if not data_dir.exists():
         # The default folder depends on where the command runs, so show which one was read.
         raise typer.BadParameter(

@@ -99,8 +99,7 @@ def localize(
     if not panoramas and not tracked:
         raise typer.BadParameter("expected at least one image, or --session PATH, got neither", param_hint="IMAGE")
     check_map_choice(map_id, tag)
-    session: Session = ctx.obj
-    session.json_output = json
+    session = Session.of(ctx, json)
     described = camera_object(hfov, camera)
     if bool(panoramas) == bool(tracked) or (tracked and described) or (up_known and not tracked):
         raise typer.BadParameter(

@@ -8,7 +8,7 @@ import typer
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
 from panoloc.service.cli.tables import map_table, older_revision
-from panoloc.service.client import ApiProblemError, ClientError, JsonObject, UnreachableError
+from panoloc.service.client import ClientError, JsonObject, PanolocClient, UnreachableError
 
 app = typer.Typer(help="List, share or delete maps.")
 
@@ -25,8 +25,7 @@ def list_maps(
     """List, share or delete maps."""
     if ctx.invoked_subcommand is not None:
         return
-    session: Session = ctx.obj
-    session.json_output = json
+    session = Session.of(ctx, json)
     with session.client(url) as client:
         places = list(client.list_maps(tag))
     if json:
@@ -44,8 +43,7 @@ def list_maps(
 
 
 def _failure(place: JsonObject) -> str:
-    reason = place["error"]["detail"]
-    older = older_revision(place)
+    reason, older = place["error"]["detail"], older_revision(place)
     if older is None:
         return f"{place['id']} failed: {reason}"
     return f"{place['id']}: revision {older} still answers, revision {place['revision']} failed: {reason}"
@@ -54,18 +52,13 @@ def _failure(place: JsonObject) -> str:
 @app.command()
 def delete(ctx: typer.Context, map_ids: MapIds, url: UrlOption = DEFAULT_URL, json: JsonOption = False) -> int:
     """Delete maps with their scans and indexes. This cannot be undone."""
-    session: Session = ctx.obj
-    session.json_output = json
-    with session.client(url) as client:
+    session = Session.of(ctx, json)
 
-        def delete_one(map_id: str) -> None:
-            client.delete_map(map_id)
-            if json:
-                session.print_json({"id": map_id, "deleted": True})
-            else:
-                session.results.print(f"deleted {map_id}", markup=False)
+    def delete_one(client: PanolocClient, map_id: str) -> None:
+        client.delete_map(map_id)
+        session.show({"id": map_id, "deleted": True}, f"deleted {map_id}")
 
-        return _for_each(session, map_ids, delete_one)
+    return _for_each(session, url, map_ids, delete_one)
 
 
 @app.command()
@@ -83,37 +76,32 @@ def share(
 
     These tenants can view the maps and localize in them. Only the owner can change a map.
     """
-    session: Session = ctx.obj
-    session.json_output = json
-    with session.client(url) as client:
+    session = Session.of(ctx, json)
 
-        def share_one(map_id: str) -> None:
-            changed = client.change_map(map_id, {"shared_with": tenants or []})
-            if json:
-                session.print_json(changed)
-            else:
-                tenants_now = ", ".join(changed["shared_with"]) or "nobody"
-                session.results.print(f"{map_id} is shared with {tenants_now}", markup=False)
+    def share_one(client: PanolocClient, map_id: str) -> None:
+        changed = client.change_map(map_id, {"shared_with": tenants or []})
+        session.show(changed, f"{map_id} is shared with {', '.join(changed['shared_with']) or 'nobody'}")
 
-        return _for_each(session, map_ids, share_one)
+    return _for_each(session, url, map_ids, share_one)
 
 
-def _for_each(session: Session, map_ids: Sequence[str], change: Callable[[str], None]) -> ExitCode:
-    """Call `change` once for each distinct id, show failures at the end and return the exit code of the first.
+def _for_each(
+    session: Session, url: str, map_ids: Sequence[str], change: Callable[[PanolocClient, str], None]
+) -> ExitCode:
+    """Change each distinct map, show failures at the end and return the exit code of the first.
 
     An unreachable service or an unknown key fails for all maps alike: the rest is then reported without a try.
     """
     distinct = list(dict.fromkeys(map_ids))
     failures: list[tuple[ClientError, list[str]]] = []
-    for number, map_id in enumerate(distinct):
-        try:
-            change(map_id)
-        except ClientError as error:
-            is_of_all = isinstance(error, UnreachableError) or (
-                isinstance(error, ApiProblemError) and error.status == 401
-            )
-            failures.append((error, distinct[number:] if is_of_all else [map_id]))
-            if is_of_all:
-                break
+    with session.client(url) as client:
+        for number, map_id in enumerate(distinct):
+            try:
+                change(client, map_id)
+            except ClientError as error:
+                is_of_all = isinstance(error, UnreachableError) or getattr(error, "status", None) == 401
+                failures.append((error, distinct[number:] if is_of_all else [map_id]))
+                if is_of_all:
+                    break
     codes = [session.show_failure(error, ids) for error, ids in failures]
     return codes[0] if codes else ExitCode.OK

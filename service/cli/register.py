@@ -48,8 +48,7 @@ def register(
     json: JsonOption = False,
 ) -> None:
     """Register a scan: upload it and build its map. Prints the map's id."""
-    session: Session = ctx.obj
-    session.json_output = json
+    session = Session.of(ctx, json)
     options: JsonObject = {
         "name": name or scan.stem[:LONGEST_NAME],
         "tags": tag or [],
@@ -62,10 +61,7 @@ def register(
     options = {key: value for key, value in options.items() if value is not None}
     with session.client(url) as client:
         place = upload_and_wait(session, client, scan, options, wait=wait)
-    if json:
-        session.print_json(place)
-    else:
-        session.results.print(map_summary(place))
+    session.show(place, map_summary(place))
 
 
 def upload_and_wait(

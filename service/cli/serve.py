@@ -4,9 +4,8 @@ import difflib
 import importlib.util
 import os
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
 import typer
 
@@ -18,22 +17,6 @@ from panoloc.service.host.address import why_not_free
 _OF_OTHER_COMMANDS = {
     f"PANOLOC_{name}" for name in ("URL", "API_KEY", "EVAL_THREADS", "VENV", "TEST_VENV", "PUBLISHED_PORT")
 }
-
-
-class LogLevel(StrEnum):
-    """How much the service tells."""
-
-    debug = "debug"
-    info = "info"
-    warning = "warning"
-    error = "error"
-
-
-class LogFormat(StrEnum):
-    """For people, or one JSON object per line."""
-
-    console = "console"
-    json = "json"
 
 
 def serve(
@@ -52,49 +35,30 @@ def serve(
         int | None,
         typer.Option("--workers", min=1, help="Number of workers; default: one per GPU, else one per CPU socket."),
     ] = None,
-    log_level: Annotated[LogLevel | None, typer.Option(help="Log level.")] = None,
-    log_format: Annotated[LogFormat | None, typer.Option(help="Readable lines, or JSON.")] = None,
+    log_level: Annotated[Literal["debug", "info", "warning", "error"] | None, typer.Option(help="Log level.")] = None,
+    log_format: Annotated[Literal["console", "json"] | None, typer.Option(help="Readable lines, or JSON.")] = None,
 ) -> int:
     """Start the service in the foreground. Ctrl-C or SIGTERM stops it once running work is done.
 
     Options override PANOLOC_ environment variables; docs/operations.md lists all settings.
     """
-    given = {
-        "host": host,
-        "port": port,
-        "data_dir": data_dir,
-        "storage": storage,
-        "redis_url": redis_url,
-        "ray_address": ray_address,
-        "num_workers": num_workers,
-        "log_level": log_level,
-        "log_format": log_format,
-    }
-    return run_with({name: value for name, value in given.items() if value is not None}, ctx.obj)
-
-
-def run_with(overrides: dict[str, Any], session: Session) -> int:
-    """Read the settings, then run until stopped.
-
-    A wrong setting is a usage error that names it; an address that cannot be listened on is told before anything starts.
-    """
     from pydantic import ValidationError
 
     from panoloc.service.settings import Settings
 
+    session: Session = ctx.obj
     for sentence in unknown_settings(os.environ):
         session.messages.print(f"[yellow]Warning:[/] {sentence}")
     try:
-        settings = Settings(**overrides)
+        # The names of the options are those of the settings.
+        settings = Settings(**{name: value for name, value in ctx.params.items() if value is not None})
     except ValidationError as error:
         for problem in error.errors():
             session.messages.print(_explain(problem["loc"], problem["msg"], problem["input"]), markup=False)
         return ExitCode.USAGE
-    if settings.redis_url is not None and (fault := _fault_of_redis_url(settings.redis_url)):
-        session.messages.print(f"Setting PANOLOC_REDIS_URL: {fault}", markup=False)
-        return ExitCode.USAGE
-    if settings.ray_address is not None and (fault := _fault_of_ray_address(settings.ray_address)):
-        session.messages.print(f"Setting PANOLOC_RAY_ADDRESS or RAY_ADDRESS: {fault}", markup=False)
+    fault = _fault_of_redis_url(settings.redis_url) or _fault_of_ray_address(settings.ray_address)
+    if fault is not None:
+        session.messages.print(f"Setting {fault}", markup=False)
         return ExitCode.USAGE
     # Before Redis and the workers start.
     fault = why_not_free(settings.host, settings.port)
@@ -110,28 +74,30 @@ def run_with(overrides: dict[str, Any], session: Session) -> int:
     return int(run_service(settings) or 0)
 
 
-def _fault_of_redis_url(url: str) -> str | None:
+def _fault_of_redis_url(url: str | None) -> str | None:
     """Return what is wrong with a URL, without the password in it."""
     from redis.asyncio.connection import parse_url
 
     try:
-        parse_url(url)
+        parse_url(url or "redis://")
     except ValueError as error:
-        return f"expected redis://host:port/0, rediss:// or unix:///socket, got a URL that the Redis client refuses: {error}"
+        wanted = "expected redis://host:port/0, rediss:// or unix:///socket"
+        return f"PANOLOC_REDIS_URL: {wanted}, got a URL that the Redis client refuses: {error}"
     return None
 
 
-def _fault_of_ray_address(address: str) -> str | None:
+def _fault_of_ray_address(address: str | None) -> str | None:
     """Return what is wrong with an address that no cluster can have; one that does not answer is tried again."""
-    if importlib.util.find_spec("ray") is None:
+    name = "PANOLOC_RAY_ADDRESS or RAY_ADDRESS"
+    if address is not None and importlib.util.find_spec("ray") is None:
         return (
-            'expected an installation of Ray, got none: pip install "panoloc[ray]"; '
+            f'{name}: expected an installation of Ray, got none: pip install "panoloc[ray]"; '
             "or unset it to run the workers on this machine"
         )
-    host, _, port = address.rpartition(":")
-    if address == "auto" or (host and port.isdecimal() and 0 < int(port) < 2**16):
+    host, _, port = (address or "auto").rpartition(":")
+    if address in (None, "auto") or (host and port.isdecimal() and 0 < int(port) < 2**16):
         return None
-    return f"expected host:port of the cluster's head, such as ray.example:6379, or auto, got {address!r}"
+    return f"{name}: expected host:port of the cluster's head, such as ray.example:6379, or auto, got {address!r}"
 
 
 def unknown_settings(environment: Mapping[str, str]) -> list[str]:
@@ -148,9 +114,8 @@ def unknown_settings(environment: Mapping[str, str]) -> list[str]:
 
 
 def _explain(location: tuple[int | str, ...], message: str, given: object) -> str:
-    if (
-        not location
-    ):  # several settings that do not go together: what was given are all of them, keys and passwords among them
+    # Without a place: settings that do not go together. What was given are all, keys and passwords among them.
+    if not location:
         return f"Settings: {message.removeprefix('Value error, ')}"
     variable = "PANOLOC_" + ".".join(map(str, location)).removeprefix("panoloc_").upper()
     # Keys must not end up in the log of whatever started the service, nor passwords in a URL.

@@ -75,6 +75,20 @@ class Session:
         """Return a client of the service at `url`, with the key from PANOLOC_API_KEY when it is set."""
         return PanolocClient(url, api_key=os.environ.get("PANOLOC_API_KEY"), transport=self.transport)
 
+    @classmethod
+    def of(cls, ctx: typer.Context, json_output: bool) -> "Session":
+        """Return the session of a command. json_output: whether `--json` is given."""
+        session: Session = ctx.obj
+        session.json_output = json_output
+        return session
+
+    def show(self, document: JsonObject, text: RenderableType) -> None:
+        """Print one result: the document in JSON mode, else the text or table."""
+        if self.json_output:
+            self.print_json(document)
+        else:
+            self.results.print(text, markup=False)
+
     def show_answer(self, answer: JsonObject, client: PanolocClient, names: Sequence[str] = ()) -> None:
         """Print one localization as tables, then the links to its pictures, unbroken. names: of its images."""
         for table in (answer_summary(answer), images_table(answer, names), alternatives_table(answer)):

@@ -64,8 +64,7 @@ def export(
     json: JsonOption = False,
 ) -> int:
     """Write placed photos in the formats of other systems, with a list of photos without a pose."""
-    session: Session = ctx.obj
-    session.json_output = json
+    session = Session.of(ctx, json)
     wanted = formats_of(formats)
     if not wanted:
         raise typer.BadParameter("expected at least one format, got none", param_hint="--export")
@@ -94,10 +93,7 @@ def export(
                 f"got {source!r}"
             )
     for path in written.paths:
-        if json:
-            session.print_json({"folder": str(path)})
-        else:
-            session.results.print(f"wrote {path}", markup=False)
+        session.show({"folder": str(path)}, f"wrote {path}")
     return show_refusals(session, written.refusals)
 
 

@@ -72,8 +72,7 @@ def place(
 ) -> int:
     """Localize all photos of a folder. Run the command again to resume an interrupted run."""
     check_map_choice(map_id, tag)
-    session: Session = ctx.obj
-    session.json_output = json
+    session = Session.of(ctx, json)
     formats = formats_of(export)
     camera = camera_object(hfov, None)
     options: JsonObject = {"method": method}
