@@ -5,11 +5,21 @@ In storage: `batches/{id}/batch.json`, written once, last of all that an upload 
 `panoloc.service.storage.sealed_json`.
 """
 
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from panoloc.core.camera.camera import CameraDescription
+from panoloc.service.errors import StoredFileDamagedError, StoredFileMissingError
 from panoloc.service.jobs import QueryOptions, Result
+from panoloc.service.storage import Storage
+from panoloc.service.storage.sealed_json import seal, unseal
+
+# A bucket answers each after a while, and many in the same while.
+_AT_A_TIME = 8
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -41,21 +51,65 @@ def folder_of(batch_id: str) -> str:
     return f"batches/{batch_id}"
 
 
-def record_key(batch_id: str) -> str:
-    """Return the key of the record."""
-    return f"batches/{batch_id}/batch.json"
-
-
 def image_key(batch_id: str, number: int) -> str:
     """Return the key of an image; number: from 0."""
-    return f"batches/{batch_id}/images/{number:05}"
+    return f"{folder_of(batch_id)}/images/{number:05}"
 
 
-def results_prefix(batch_id: str) -> str:
-    """Return the prefix of all results."""
-    return f"batches/{batch_id}/results"
+def _record_key(batch_id: str) -> str:
+    return f"{folder_of(batch_id)}/batch.json"
 
 
-def result_key(batch_id: str, number: int) -> str:
-    """Return the key of the result of an image."""
-    return f"{results_prefix(batch_id)}/{number:05}.json"
+def _result_key(batch_id: str, number: int) -> str:
+    return f"{folder_of(batch_id)}/results/{number:05}.json"
+
+
+class StoredBatches:
+    """Blocking. Every method raises as `Storage` does."""
+
+    def __init__(self, storage: Storage) -> None:
+        self._storage = storage
+
+    def adopt(self, record: BatchRecord, images: Sequence[tuple[Path, str]], check: Callable[[], None]) -> None:
+        """Take over images, each with its SHA-256, and then the record, which makes a batch of them.
+
+        check: raises where the record must not be written any more.
+        """
+        keys = [image_key(record.id, number) for number in range(len(images))]
+        with ThreadPoolExecutor(_AT_A_TIME) as threads:
+            for _ in threads.map(self._storage.adopt, keys, *zip(*images, strict=True)):
+                pass
+        check()
+        self._storage.replace(_record_key(record.id), seal(BATCH, record))
+
+    def read(self, batch_id: str) -> BatchRecord | None:
+        """Return a record, None where an upload never became a batch."""
+        if not self.is_stored(batch_id):
+            return None
+        return unseal(BATCH, self._storage.read(_record_key(batch_id)), _record_key(batch_id))
+
+    def is_stored(self, batch_id: str) -> bool:
+        """Tell whether there is a batch, and not only an upload that was to become one."""
+        return "batch.json" in self._storage.names(folder_of(batch_id))
+
+    def numbers_done(self, batch_id: str) -> set[int]:
+        """Return the numbers of the images with a result."""
+        return {int(name.removesuffix(".json")) for name in self._storage.names(f"{folder_of(batch_id)}/results")}
+
+    def read_results(self, batch_id: str, numbers: Iterable[int]) -> dict[int, Result | None]:
+        """Return results; None for one that is damaged or gone."""
+        wanted = list(numbers)
+
+        def read(number: int) -> Result | None:
+            key = _result_key(batch_id, number)
+            try:
+                return unseal(RESULT, self._storage.read(key), key)
+            except (StoredFileDamagedError, StoredFileMissingError):
+                return None
+
+        with ThreadPoolExecutor(_AT_A_TIME) as threads:
+            return dict(zip(wanted, threads.map(read, wanted), strict=True))
+
+    def put_result(self, batch_id: str, number: int, result: Result) -> None:
+        """Store the result of an image."""
+        self._storage.replace(_result_key(batch_id, number), seal(RESULT, result))

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import structlog
 
-from panoloc.service.batches.record import BatchRecord, folder_of, image_key
-from panoloc.service.batches.stored_batches import StoredBatches
+from panoloc.service.batches.record import BatchRecord, StoredBatches, folder_of, image_key
 from panoloc.service.errors import BatchLimitError, BatchNotFoundError, StorageError
 from panoloc.service.jobs import Result
 from panoloc.service.sharing.change_signal import Publish, publish_nothing
 from panoloc.service.sharing.keyed_lock import uninterrupted
-from panoloc.service.sharing.locks import HeldLock, Locks, OwnLocks
+from panoloc.service.sharing.locks import HeldLock, Locks
 from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)
@@ -45,11 +44,11 @@ class _Batch:
 class BatchStore:
     """Used from one event loop."""
 
-    def __init__(self, storage: Storage, max_batches: int, locks: Locks | None = None) -> None:
-        """locks: of the processes that share the storage; None: there is no other."""
+    def __init__(self, storage: Storage, max_batches: int, locks: Locks) -> None:
+        """locks: of the processes that share the storage."""
         self._storage = storage
         self._files = StoredBatches(storage)
-        self._locks = locks or OwnLocks()
+        self._locks = locks
         self._max_batches = max_batches
         self._batches: dict[str, _Batch] = {}
         # Deleted by us, now or before: no id comes again.
@@ -74,9 +73,7 @@ class BatchStore:
                 await self._remove_unfinished(batch_id)
 
     async def refresh(self) -> None:
-        """Look what other processes have made, done and deleted; does nothing where there are none."""
-        if not self._locks.is_shared:
-            return
+        """Look what other processes have made, done and deleted."""
         known_before = set(self._batches)
         stored = await asyncio.to_thread(self._storage.stamps, "batches", "batch.json")
         for batch_id in known_before - stored.keys():
@@ -90,7 +87,7 @@ class BatchStore:
         """Look what other processes have made of one batch."""
         if batch_id not in self._batches:
             await self.find(batch_id)
-        elif not self._locks.is_shared or await asyncio.to_thread(self._files.is_stored, batch_id):
+        elif await asyncio.to_thread(self._files.is_stored, batch_id):
             await self.done(batch_id)
         else:
             self._batches.pop(batch_id, None)
@@ -170,8 +167,7 @@ class BatchStore:
             listed = await asyncio.to_thread(self._files.numbers_done, batch_id)
             if (batch := self._batches.get(batch_id)) is not None:
                 batch.done |= listed - batch.damaged
-        batch = self._batches.get(batch_id)
-        return set() if batch is None else set(batch.done)
+        return set(self._batches[batch_id].done) if batch_id in self._batches else set()
 
     async def counts(self, batch_id: str) -> Counter[str]:
         """Return how many images ended with each status."""

@@ -10,30 +10,22 @@ from panoloc.service.errors import CacheDownError
 _log = logging.getLogger(__name__)
 
 _INTERVAL_S = 10.0
+_AWAY = "Redis does not answer or stores nothing; requests get 503, or their answers are not stored"
 
 
 async def watch_redis(cache: Cache, url: str, interval_s: float = _INTERVAL_S) -> None:
     """Look every `interval_s` whether the Redis at `url` answers, until cancelled; log changes, and its absence at the start."""
-    was_up = True
+    parts, was_up = urlsplit(url), True
+    # Without the password that a URL may hold.
+    place = {"redis": f"{parts.hostname}:{parts.port or 6379}" if parts.hostname else parts.path}
     while True:
         try:
             await cache.check_writable()
-            is_up = True
+            if not was_up:
+                _log.info("Redis answers again", extra=place)
+            was_up = True
         except CacheDownError as error:
-            is_up = False
             if was_up:
-                said = {"redis": _place(url), "error": str(error)}
-                _log.warning(
-                    "Redis does not answer or stores nothing; requests get 503, or their answers are not stored",
-                    extra=said,
-                )
-        if is_up and not was_up:
-            _log.info("Redis answers again", extra={"redis": _place(url)})
-        was_up = is_up
+                _log.warning(_AWAY, extra=place | {"error": str(error)})
+            was_up = False
         await asyncio.sleep(interval_s)
-
-
-def _place(url: str) -> str:
-    """Return where a URL points, without the password that it may hold."""
-    parts = urlsplit(url)
-    return f"{parts.hostname}:{parts.port or 6379}" if parts.hostname else parts.path

@@ -15,32 +15,28 @@ class DataFolderInUseError(RuntimeError):
     """Another service runs on the same data folder."""
 
 
-class DataFolderUnusableError(OSError):
-    """Nothing can be written to the data folder."""
-
-
 class RunFolder:
     """`<data_dir>/run`, or a temporary folder when that path is too long for sockets.
 
-    Holds a lock on the data for as long as it is open: an exclusive one, or one that allows others which share the data. The kernel
-    drops it when the process ends in any way.
+    Holds a lock on the data for as long as it is open: an exclusive one, or one that allows others which share the
+    data. The kernel drops it when the process ends in any way.
     """
 
     def __init__(self, data_dir: Path, is_shared: bool = False) -> None:
-        """Raise DataFolderInUseError when another service holds the folder, DataFolderUnusableError when it cannot be made, OSError when
-        it cannot be written.
+        """Raise DataFolderInUseError when another service holds the folder, OSError when it cannot be made or written.
 
-        is_shared: other services with the same setting may use the data; they have a Redis elsewhere and put nothing into the folder.
+        is_shared: other services with the same setting may use the data; they have a Redis elsewhere and put nothing
+        into the folder.
         """
         data_dir = data_dir.resolve()
+        own = data_dir / "run"
         try:
-            (data_dir / "run").mkdir(parents=True, exist_ok=True)
+            own.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise DataFolderUnusableError(
+            raise OSError(
                 f"expected a data folder that can be created and written, got {data_dir} ({error.strerror}); correct "
                 "PANOLOC_DATA_DIR"
             ) from error
-        own = data_dir / "run"
         own.chmod(0o700)
         self._lock = lock_folder(data_dir, is_shared)
         self._is_temporary = len(os.fsencode(own)) > _LONGEST_RUN_PATH
@@ -56,40 +52,26 @@ class RunFolder:
 
 
 def lock_folder(folder: Path, is_shared: bool) -> IO[str]:
-    """Return what keeps others out of a folder of files until it is closed, or those who do not share it. Raises DataFolderInUseError."""
+    """Return what keeps others out of a folder of files until it is closed, or those who do not share it.
+
+    Raises DataFolderInUseError.
+    """
     (folder / "run").mkdir(parents=True, exist_ok=True)
-    path = folder / "run" / "lock"
-    return _shared_lock(path) if is_shared else _sole_lock(path)
-
-
-def _sole_lock(path: Path) -> IO[str]:
-    lock = path.open("a+", encoding="ascii")
+    lock = (folder / "run" / "lock").open("a+", encoding="ascii")
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock, (fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError as error:
         lock.seek(0)
         holder = lock.read().strip() or "unknown"
         lock.close()
         raise DataFolderInUseError(
-            f"{path.parent.parent}: expected an unused data folder, but the service with process id {holder} is "
-            "using it; stop that one, set another PANOLOC_DATA_DIR, or set PANOLOC_SHARED for both services"
+            f"{folder}: expected an unused data folder, but the service with process id {holder} is using it; stop that "
+            "one, set another PANOLOC_DATA_DIR, or set PANOLOC_SHARED for both services"
         ) from error
-    lock.truncate(0)
-    lock.write(f"{os.getpid()}\n")
-    lock.flush()
-    return lock
-
-
-def _shared_lock(path: Path) -> IO[str]:
-    lock = path.open("a+", encoding="ascii")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        lock.close()
-        raise DataFolderInUseError(
-            f"{path.parent.parent}: expected a data folder used only by services with PANOLOC_SHARED, but a service "
-            "without it is using it; stop that one, or set another PANOLOC_DATA_DIR"
-        ) from error
+    if not is_shared:
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
     return lock
 
 

@@ -123,7 +123,9 @@ class FakeService:
         return {
             ("GET", "/health/live"): lambda _: httpx.Response(200, json={"status": "live"}),
             ("GET", "/health/ready"): lambda _: httpx.Response(200, json={"status": "ready"}),
-            ("POST", "/maps"): lambda _: httpx.Response(202, json={**READY_MAP, "status": "queued", "stats": None, "diagnostics": []}),
+            ("POST", "/maps"): lambda _: httpx.Response(
+                202, json={**READY_MAP, "status": "queued", "stats": None, "diagnostics": []}
+            ),
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
             ("PATCH", "/maps"): lambda request: httpx.Response(200, json={**READY_MAP, **json.loads(request.content)}),
