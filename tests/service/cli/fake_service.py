@@ -1,5 +1,6 @@
 """A fake service behind httpx.MockTransport: it keeps what was sent and answers as the HTTP contract says."""
 
+import copy
 import io
 import json
 import zipfile
@@ -11,21 +12,10 @@ from typing import Any
 
 import httpx
 
-READY_MAP: dict[str, Any] = {
-    "id": "map_1",
-    "name": "office",
-    "tags": ["third floor"],
-    "revision": 1,
-    "serving_revision": 1,
-    "status": "ready",
-    "stage": None,
-    "progress": 1.0,
-    "error": None,
-    "stats": {"num_points": 1_234_567, "num_points_used": 250_000, "num_starts": 412, "index_bytes": 1_830_000},
-    "diagnostics": [{"code": "large_coordinates", "severity": "warning", "message": "An offset was subtracted."}],
-}
+from panoloc.service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
+from panoloc.service.http.schemas.maps import MAP_EXAMPLE, QUEUED_MAP_EXAMPLE
 
-
+READY_MAP: dict[str, Any] = {**MAP_EXAMPLE, "id": "map_1", "name": "office"}
 POINTS = b"""ply
 format ascii 1.0
 element vertex 2
@@ -42,43 +32,21 @@ end_header
 
 
 def answer_with(status: str) -> dict[str, Any]:
-    """Return an answer of `POST /localize` with the given status."""
-    pose = {
-        "frame": "ros",
-        "map_from_camera": {
-            "position_m": {"x": 1.25, "y": 0.5, "z": 1.5},
-            "quaternion": {"x": 0, "y": 0, "z": 0, "w": 1},
-            "matrix": [[1, 0, 0, 1.25], [0, 1, 0, 0.5], [0, 0, 1, 1.5], [0, 0, 0, 1]],
-        },
-        "yaw_deg": 12.5,
-        "pitch_deg": 0.4,
-        "roll_deg": -0.2,
-        "heading_deg": 77.5,
-        "elevation_deg": -0.4,
-        "camera_roll_deg": -0.2,
-        "north": "map",
-    }
+    """Return an answer of `POST /localize` with the given status, to a panorama."""
+    pose: dict[str, Any] = copy.deepcopy(LOCALIZATION_EXAMPLE["pose"])
+    motion = pose["map_from_camera"]
+    motion["position_m"] = {"x": 1.25, "y": 0.5, "z": 1.5}
+    motion["matrix"] = [[1.0, 0.0, 0.0, 1.25], [0.0, 1.0, 0.0, 0.5], [0.0, 0.0, 1.0, 1.5], [0.0, 0.0, 0.0, 1.0]]
+    found = None if status == "not_localized" else pose
     return {
+        **LOCALIZATION_EXAMPLE,
         "id": "loc_1",
         "status": status,
         "map_id": "map_1",
-        "map_revision": 1,
-        "pose": None if status == "not_localized" else pose,
-        "images": [
-            {
-                "pose": None if status == "not_localized" else pose,
-                "agreement": 0.7,
-                "camera": {"model": "equirectangular", "hfov_deg": 360.0},
-            }
-        ],
-        "map_from_session": None if status == "not_localized" else pose["map_from_camera"],
-        "confidence": 0.93,
-        "accuracy": {"position_m": 0.02, "orientation_deg": 0.3, "level": 0.68},
-        "alternatives": [],
-        "change": {"panorama_changed_fraction": 0.18, "map_changed_fraction": 0.11},
+        "pose": found,
+        "map_from_session": found and motion,
+        "images": [{"pose": found, "agreement": 0.7, "camera": {"model": "equirectangular", "hfov_deg": 360.0}}],
         "artifacts": {"score_map_2d": "/localizations/loc_1/score-map-2d.png"},
-        "timings_s": {"queue": 0.002, "search": 0.06, "total": 0.51},
-        "warnings": [],
     }
 
 
@@ -86,8 +54,8 @@ def answer_with(status: str) -> dict[str, Any]:
 class FakeService:
     """Answers requests from a table; `fail_with` makes it answer everything with a problem.
 
-    busy: so many queries are refused with 429. answers: to images with these words in them. at_maps: answer instead for maps of these ids.
-    requests: (method, path) in order. parts: the multipart fields of the last upload, by name, in order.
+    busy: so many queries are refused with 429. answers: to images with these words in them. at_maps: answer instead
+    for maps of these ids. requests: (method, path) in order. parts: the multipart fields of the last upload, by name.
     """
 
     status: str = "localized"
@@ -124,7 +92,7 @@ class FakeService:
             ("GET", "/health/live"): lambda _: httpx.Response(200, json={"status": "live"}),
             ("GET", "/health/ready"): lambda _: httpx.Response(200, json={"status": "ready"}),
             ("POST", "/maps"): lambda _: httpx.Response(
-                202, json={**READY_MAP, "status": "queued", "stats": None, "diagnostics": []}
+                202, json={**QUEUED_MAP_EXAMPLE, "id": "map_1"}
             ),
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),

@@ -25,7 +25,7 @@ def test_the_exit_code_says_whether_a_pose_was_found(
 
 def test_the_table_shows_pose_confidence_and_accuracy(panoloc: Panoloc, panorama: Path) -> None:
     out = panoloc("localize", panorama, "--map", "map_1").out
-    for shown in ("x 1.250   y 0.500   z 1.500 m", "yaw 12.50", "0.93", "0.020 m, 0.30 deg (68% radius)", "18%"):
+    for shown in ("x 1.250   y 0.500   z 1.500 m", "yaw 0.00", "0.93", "0.020 m, 0.30 deg (68% radius)", "18%"):
         assert shown in out
 
 

@@ -39,8 +39,8 @@ def test_waiting_follows_the_registration_until_it_is_ready(panoloc: Panoloc, fa
     done = panoloc("register", scan)
     assert fake.requests == [("POST", "/maps")] + [("GET", "/maps/map_1")] * 3
     assert "map_1" in done.out
-    assert "1,234,567" in done.out
-    assert "An offset was subtracted." in done.out
+    assert "1,000,000" in done.out
+    assert "1,000,000 points were thinned to 250,000." in done.out
 
 
 def test_without_waiting_nothing_is_polled(panoloc: Panoloc, fake: FakeService, scan: Path) -> None:
