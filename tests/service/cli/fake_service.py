@@ -91,9 +91,7 @@ class FakeService:
         return {
             ("GET", "/health/live"): lambda _: httpx.Response(200, json={"status": "live"}),
             ("GET", "/health/ready"): lambda _: httpx.Response(200, json={"status": "ready"}),
-            ("POST", "/maps"): lambda _: httpx.Response(
-                202, json={**QUEUED_MAP_EXAMPLE, "id": "map_1"}
-            ),
+            ("POST", "/maps"): lambda _: httpx.Response(202, json={**QUEUED_MAP_EXAMPLE, "id": "map_1"}),
             ("GET", "/maps"): self._get_maps,
             ("DELETE", "/maps"): lambda _: httpx.Response(204),
             ("PATCH", "/maps"): lambda request: httpx.Response(200, json={**READY_MAP, **json.loads(request.content)}),

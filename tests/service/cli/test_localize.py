@@ -103,17 +103,6 @@ def test_several_maps_and_all_options_reach_the_service(
     }
 
 
-@pytest.mark.parametrize(
-    ("arguments", "timeout_s"),
-    [([], None), (["--method", "paper"], None), (["--method", "paper", "--timeout", "12"], 12)],
-)
-def test_the_service_says_how_long_a_query_may_take_unless_the_user_does(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, arguments: list[str], timeout_s: float | None
-) -> None:
-    assert panoloc("localize", panorama, "--map", "map_1", *arguments).code == 0
-    assert json.loads(fake.parts["options"][0]).get("timeout_s") == timeout_s
-
-
 @pytest.mark.parametrize(("top_k", "code"), [(MAX_TOP_K, 0), (MAX_TOP_K + 1, 2)])
 def test_the_command_asks_for_no_more_poses_than_the_service_gives(
     panoloc: Panoloc, fake: FakeService, panorama: Path, top_k: int, code: int
@@ -124,9 +113,17 @@ def test_the_command_asks_for_no_more_poses_than_the_service_gives(
     assert LocalizeOptions.model_json_schema()["properties"]["top_k"]["maximum"] == MAX_TOP_K
 
 
-@pytest.mark.parametrize(("arguments", "read_s"), [([], None), (["--timeout", 12], 42)])
-def test_an_answer_is_waited_for_as_long_as_the_service_may_take(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, arguments: list[object], read_s: float | None
+@pytest.mark.parametrize(
+    ("arguments", "timeout_s", "read_s"),
+    [([], None, None), (["--method", "paper"], None, None), (["--method", "paper", "--timeout", 12], 12, 42)],
+)
+def test_the_service_says_how_long_a_query_may_take_unless_the_user_does_and_is_waited_for(
+    panoloc: Panoloc,
+    fake: FakeService,
+    panorama: Path,
+    arguments: list[object],
+    timeout_s: float | None,
+    read_s: float | None,
 ) -> None:
     waited: list[float | None] = []
     answer = fake.handle
@@ -137,6 +134,7 @@ def test_an_answer_is_waited_for_as_long_as_the_service_may_take(
 
     fake.handle = noting  # type: ignore[method-assign]
     assert panoloc("localize", panorama, "--map", "map_1", *arguments).code == 0
+    assert json.loads(fake.parts["options"][0]).get("timeout_s") == timeout_s
     assert waited == [read_s]
 
 
@@ -254,23 +252,21 @@ def test_one_refused_panorama_does_not_stop_the_others(
     assert "expected 2:1, got 3000 x 2000" in done.err
 
 
-def test_how_much_changed_is_said_only_beside_a_pose(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
-    assert "18%" in panoloc("localize", panorama, "--map", "map_1").out
-    fake.status = "not_localized"
-    assert "18%" not in panoloc("localize", panorama, "--map", "map_1").out
-
-
 @pytest.mark.parametrize(
-    ("model", "hfov_deg", "of"),
-    [("pinhole", 69.0, "what the photo shows"), ("equirectangular", 360.0, "the panorama")],
+    ("status", "hfov_deg", "shown"),
+    [
+        ("localized", 69.0, ["18% of what the photo shows"]),
+        ("localized", 360.0, ["18% of the panorama"]),
+        ("not_localized", 360.0, []),
+    ],
 )
-def test_what_changed_is_a_share_of_what_the_image_shows(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, model: str, hfov_deg: float, of: str
+def test_what_changed_is_a_share_of_what_the_image_shows_and_said_only_beside_a_pose(
+    panoloc: Panoloc, fake: FakeService, panorama: Path, status: str, hfov_deg: float, shown: list[str]
 ) -> None:
-    fake.answer = answer_with("localized")
-    camera = {"model": model, "hfov_deg": hfov_deg}
-    fake.answer["images"] = [{"pose": fake.answer["pose"], "agreement": 0.7, "camera": camera}]
-    assert f"18% of {of}" in panoloc("localize", panorama, "--map", "map_1").out
+    fake.answer = answer_with(status)
+    fake.answer["images"][0]["camera"]["hfov_deg"] = hfov_deg
+    out = panoloc("localize", panorama, "--map", "map_1").out
+    assert [line.partition("changed")[2].strip() for line in out.splitlines() if "18%" in line] == shown
 
 
 def test_a_program_sends_several_images_with_a_mask_for_each(fake: FakeService, tmp_path: Path) -> None:

@@ -130,37 +130,34 @@ def test_maps_are_shared_with_those_that_are_named_and_no_others(panoloc: Panolo
     assert shown["shared_with"] == ["school"]
 
 
-def test_the_reason_of_a_failed_map_stands_below_the_table(panoloc: Panoloc, fake: FakeService) -> None:
-    failed = {**READY_MAP, "status": "failed", "error": {"detail": "scan: expected 100 vertices, got 40"}}
-    fake.places = [failed]
-    assert "map_1 failed: scan: expected 100 vertices, got 40" in panoloc("maps").out
-
-
-def test_a_map_whose_new_revision_failed_is_not_shown_as_dead(panoloc: Panoloc, fake: FakeService) -> None:
-    error = {"detail": "scan: expected 100 vertices, got 40"}
-    fake.places = [{**READY_MAP, "revision": 2, "serving_revision": 1, "status": "failed", "error": error}]
-    _, row, below = panoloc("maps").out.splitlines()
-    assert "revision 2 failed; 1 still answers" in row
-    assert below == "map_1: revision 1 still answers, revision 2 failed: scan: expected 100 vertices, got 40"
+ERROR = {"detail": "scan: expected 100 vertices, got 40"}
 
 
 @pytest.mark.parametrize(
-    ("status", "progress", "shown"), [("indexing", 0.4, "indexing 40%"), ("queued", 0.0, "queued")]
+    ("place", "shown"),
+    [
+        ({"status": "ready"}, ["ready"]),
+        ({"status": "queued", "serving_revision": None}, ["queued"]),
+        (
+            {"status": "failed", "serving_revision": None, "error": ERROR},
+            ["failed", f"map_1 failed: {ERROR['detail']}"],
+        ),
+        (
+            {"revision": 2, "status": "failed", "error": ERROR},
+            [
+                "revision 2 failed; 1 still answers",
+                f"map_1: revision 1 still answers, revision 2 failed: {ERROR['detail']}",
+            ],
+        ),
+        ({"revision": 3, "status": "indexing", "progress": 0.4}, ["revision 3 indexing 40%; 1 still answers"]),
+        ({"revision": 3, "status": "queued", "progress": 0.0}, ["revision 3 queued; 1 still answers"]),
+    ],
 )
-def test_a_map_with_a_new_revision_on_its_way_says_which_one_answers(
-    panoloc: Panoloc, fake: FakeService, status: str, progress: float, shown: str
+def test_the_state_of_the_newest_revision_is_shown_and_which_older_one_still_answers(
+    panoloc: Panoloc, fake: FakeService, place: dict[str, object], shown: list[str]
 ) -> None:
-    under_way = {**READY_MAP, "revision": 3, "serving_revision": 1, "status": status, "progress": progress}
-    fake.places = [under_way]
-    assert f"revision 3 {shown}; 1 still answers" in panoloc("maps").out
-
-
-@pytest.mark.parametrize(("status", "serving"), [("ready", 1), ("queued", None), ("failed", None)])
-def test_a_map_of_one_revision_says_nothing_of_revisions(
-    panoloc: Panoloc, fake: FakeService, status: str, serving: int | None
-) -> None:
-    error = {"detail": "scan: expected 100 vertices, got 40"} if status == "failed" else None
-    fake.places = [{**READY_MAP, "serving_revision": serving, "status": status, "error": error}]
-    out = panoloc("maps").out
-    assert status in out
-    assert "revision" not in out
+    fake.places = [READY_MAP | place]
+    _, row, *below = panoloc("maps").out.splitlines()
+    assert shown[0] in row
+    assert below == shown[1:]
+    assert ("revision" in row) == ("revision" in shown[0])

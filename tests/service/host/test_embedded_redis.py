@@ -6,30 +6,14 @@ import subprocess
 import sys
 import tempfile
 import textwrap
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import redis
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
-
-
-def eventually(holds: Callable[[], bool], within_s: float = 5.0) -> bool:
-    deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline:
-        if holds():
-            return True
-        time.sleep(0.02)
-    return holds()
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+from tests.integration.running_service import ROOT, eventually, is_running
 
 
 @pytest.fixture
@@ -73,7 +57,7 @@ def test_it_comes_back_after_its_process_was_killed(server: EmbeddedRedis) -> No
     killed = server.pid
     assert killed is not None
     os.kill(killed, signal.SIGKILL)
-    assert eventually(lambda: server.pid != killed and answers(server))
+    assert eventually(lambda: server.pid != killed and answers(server), 5)
 
 
 def test_after_stop_nothing_is_left(server: EmbeddedRedis, short_folder: Path) -> None:
@@ -95,12 +79,11 @@ def test_it_ends_with_a_parent_that_was_killed(short_folder: Path) -> None:
         print(server.pid, flush=True)
         time.sleep(60)
     """)
-    root = Path(__file__).parents[3]
     with subprocess.Popen(
-        [sys.executable, "-c", program, str(short_folder)], stdout=subprocess.PIPE, text=True, cwd=root
+        [sys.executable, "-c", program, str(short_folder)], stdout=subprocess.PIPE, text=True, cwd=ROOT
     ) as parent:
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())
         assert is_running(pid)
         parent.kill()
-        assert eventually(lambda: not is_running(pid))
+        assert eventually(lambda: not is_running(pid), 5)

@@ -44,17 +44,14 @@ def eight_processors(monkeypatch: pytest.MonkeyPatch) -> None:
         ("1600000 100000", 8),  # no more than the mask allows
         ("max 100000", 8),
         ("", 8),
+        (None, 8),  # no container
     ],
 )
-def test_a_container_quota_bounds_the_processors(tmp_path: Path, limit: str, expected: int) -> None:
+def test_a_container_quota_bounds_the_processors(tmp_path: Path, limit: str | None, expected: int) -> None:
     file = tmp_path / "cpu.max"
-    file.write_text(limit)
+    if limit is not None:
+        file.write_text(limit)
     assert num_usable_cpus(file) == expected
-
-
-@pytest.mark.usefixtures("eight_processors")
-def test_without_a_container_all_allowed_processors_count(tmp_path: Path) -> None:
-    assert num_usable_cpus(tmp_path / "absent") == 8
 
 
 @pytest.mark.parametrize(("count", "expected"), [(6, 6), (None, 1)])
