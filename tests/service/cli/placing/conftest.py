@@ -1,13 +1,12 @@
 """Runs commands against the fake service, on a folder of photos."""
 
-import io
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, Written
-from tests.service.cli.commands import fake, panoloc
+from tests.service.cli.commands import Outcome, Panoloc, fake, panoloc
 
 __all__ = ["fake", "panoloc"]
 
@@ -20,23 +19,35 @@ def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.Monkey
 
 
 @pytest.fixture
-def pictures() -> tuple[str, str]:
-    """Return the names of the pictures, and let runs draw them."""
-    return "plan.png", "contact-sheet.jpg"
-
-
-NAMES = ("hall.jpg", "rooms/a.jpg", "rooms/b.png")
+def pictures() -> None:
+    """Let runs draw pictures."""
 
 
 @pytest.fixture
 def photos(tmp_path: Path) -> Path:
     """Return a folder of three photos, each with its name in it, and of what is none."""
     folder = tmp_path / "photos"
-    for name in NAMES:
-        out = io.BytesIO()
-        Image.new("RGB", (64, 32), "teal").save(out, "PNG" if name.endswith("png") else "JPEG")
+    for name in ("hall.jpg", "rooms/a.jpg", "rooms/b.png"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(out.getvalue() + f" this is {name}".encode())
+        Image.new("RGB", (64, 32), "teal").save(folder / name)
+        with (folder / name).open("ab") as file:
+            file.write(f" this is {name}".encode())
     (folder / "notes.txt").write_text("no photo")
     (folder / ".hidden.jpg").write_text("no photo")
     return folder
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """Return the folder that `place` works in."""
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def place(panoloc: Panoloc, tmp_path: Path, out: Path) -> Panoloc:
+    """Return a function that places what is in the folder `photos` in map_1; later options win."""
+
+    def call(*options: str | Path) -> Outcome:
+        return panoloc("place", tmp_path / "photos", "--map", "map_1", "--out", out, *options)
+
+    return call

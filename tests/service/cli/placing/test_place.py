@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -16,7 +17,13 @@ from tests.core.exports.tours import written
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import READY_MAP, FakeService, answer_with, problem
 
-EXIT_ERROR, EXIT_USAGE, EXIT_NOT_LOCALIZED, EXIT_AMBIGUOUS = 1, 2, 3, 4
+EXIT_ERROR, EXIT_USAGE, EXIT_NOT_LOCALIZED = 1, 2, 3
+IN_SEATTLE = {
+    **READY_MAP,
+    "georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5, "heading_deg": 0.0},
+}
+
+pytestmark = pytest.mark.usefixtures("photos")
 
 
 def num_queries(fake: FakeService) -> int:
@@ -28,41 +35,35 @@ def rows(file: Path) -> list[list[str]]:
 
 
 def test_every_photo_is_placed_and_written_in_the_formats_asked_for(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    place: Panoloc, fake: FakeService, out: Path
 ) -> None:
-    outcome = panoloc(
-        "place", photos, "--map", "map_1", "--export", "potree,colmap", "--out", tmp_path / "out", "--upright"
-    )
+    outcome = place("--export", "potree,colmap", "--upright")
     assert outcome.code == 0, outcome.err
     assert "3 photos: 3 localized" in outcome.out
     assert json.loads(fake.parts["options"][0])["hints"] == {"upright": True}
-    table = rows(tmp_path / "out" / "potree" / "coordinates.txt")[1:]
+    table = rows(out / "potree" / "coordinates.txt")[1:]
     assert [row[0] for row in table] == ["hall.jpg", "rooms/a.jpg", "rooms/b.png"]
     assert table[0][2:] == ["1.25", "0.5", "1.5", "90", "0", "0"]  # of the quaternion, not of the angles beside it
-    assert (tmp_path / "out" / "unplaced.txt").read_text() == ""
-    model = tmp_path / "out" / "colmap"
-    assert "1 EQUIRECTANGULAR 64 32 64 32" in (model / "cameras.txt").read_text()
-    assert len((model / "points3D.txt").read_text().splitlines()) == 3
+    assert (out / "unplaced.txt").read_text() == ""
+    assert "1 EQUIRECTANGULAR 64 32 64 32" in (out / "colmap" / "cameras.txt").read_text()
+    assert len((out / "colmap" / "points3D.txt").read_text().splitlines()) == 3
 
 
 def test_a_log_is_told_now_and_then_how_far_it_is(
-    panoloc: Panoloc, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    place: Panoloc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "of 3" not in panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "quick").err
+    assert "of 3" not in place().err
     monkeypatch.setattr(progress, "LINE_S", 0.0)
-    told = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "slow").err
-    assert "placing: 2 of 3: 2 localized" in told.splitlines()
+    assert "placing: 2 of 3: 2 localized" in place("--out", tmp_path / "slow").err.splitlines()
 
 
 @pytest.mark.slow
 def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    place: Panoloc, panoloc: Panoloc, fake: FakeService, out: Path, tmp_path: Path
 ) -> None:
     fake.refuse_file = "is rooms/b.png"
     fake.answers = {"is hall.jpg": answer_with("ambiguous"), "is rooms/a.jpg": answer_with("not_localized")}
-    out = tmp_path / "out"
-    outcome = panoloc("place", photos, "--map", "map_1", "--export", "potree", "--out", out)
-    assert outcome.code == EXIT_ERROR
+    assert place("--export", "potree").code == EXIT_ERROR
     expected = [
         [
             "hall.jpg",
@@ -81,69 +82,54 @@ def test_what_has_no_pose_is_listed_with_its_reason_and_in_no_export(
 
 
 def test_a_run_that_was_ended_goes_on_where_it_was_and_does_nothing_twice(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    place: Panoloc, fake: FakeService, out: Path
 ) -> None:
-    out = tmp_path / "out"
-    command = ("place", photos, "--map", "map_1", "--out", out, "--parallel", "1")
     fake.answers = {"is rooms/b.png": {}}  # no answer of panoloc: the run ends here
     with pytest.raises(KeyError):
-        panoloc(*command)
+        place("--parallel", "1")
     assert num_queries(fake) == 3
     assert sorted(path.name for path in (out / "results").rglob("*.json")) == ["a.jpg.json", "hall.jpg.json"]
     # As a kill leaves it, while a result is written.
     (out / "results" / "rooms" / ".b.png.json.tmp").write_text('{"na')
     fake.answers, fake.requests = {}, []
-    outcome = panoloc(*command)
+    outcome = place()
     assert (outcome.code, num_queries(fake)) == (0, 1)
     assert "2 of 3 photos are already done" in outcome.err
-    outcome = panoloc(*command)
-    assert (outcome.code, num_queries(fake)) == (0, 1)
+    assert (place().code, num_queries(fake)) == (0, 1)
 
 
-def test_a_photo_that_has_changed_is_placed_again(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
-) -> None:
-    command = ("place", photos, "--map", "map_1", "--out", tmp_path / "out")
-    assert panoloc(*command).code == 0
+def test_a_photo_that_has_changed_is_placed_again(place: Panoloc, fake: FakeService, photos: Path) -> None:
+    assert place().code == 0
     with (photos / "hall.jpg").open("ab") as file:
         file.write(b" and more")
-    assert panoloc(*command).code == 0
-    assert num_queries(fake) == 4
+    assert (place().code, num_queries(fake)) == (0, 4)
 
 
-def test_a_busy_service_is_waited_for(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_busy_service_is_waited_for(place: Panoloc, fake: FakeService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("panoloc.service.cli.placing.place._RETRY_S", 0.01)
     fake.busy = 2
-    outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out")
-    assert outcome.code == 0
-    assert num_queries(fake) == 5
+    outcome = place()
+    assert (outcome.code, num_queries(fake)) == (0, 5)
     assert outcome.err.count("waiting for the service") == 1
 
 
-def test_what_says_nothing_of_the_photo_ends_the_run(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    "refusal",
+    [
+        problem(404, "There is no such map", "expected the id of a map, got map_9"),
+        problem(422, "Options are out of their range", "hfov_deg: expected less than map_9", kind="invalid-options"),
+    ],
+    ids=["of the map", "of the options"],
+)
+def test_what_says_nothing_of_the_photo_ends_the_run_and_another_may_correct_it(
+    place: Panoloc, fake: FakeService, out: Path, refusal: httpx.Response
 ) -> None:
-    fake.fail_with = problem(404, "There is no such map", "expected the id of a map, got map_9")
-    outcome = panoloc("place", photos, "--map", "map_9", "--out", tmp_path / "out")
-    assert outcome.code == EXIT_ERROR
-    assert "map_9" in outcome.err
-    assert not list((tmp_path / "out").rglob("results/*"))
-
-
-@pytest.mark.slow
-def test_options_that_are_refused_end_the_run_and_another_try_may_correct_them(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    fake.fail_with = problem(422, "Options are out of their range", "expected less than 180", kind="invalid-options")
-    outcome = panoloc("place", photos, "--map", "map_1", "--out", out, "--hfov", "170")
-    assert outcome.code == EXIT_ERROR
-    assert "less than 180" in outcome.err
+    fake.fail_with = refusal
+    outcome = place("--hfov", "170")
+    assert (outcome.code, "map_9" in outcome.err) == (EXIT_ERROR, True)
     assert not list(out.rglob("results/*"))
     fake.fail_with = None
-    assert panoloc("place", photos, "--map", "map_1", "--out", out, "--hfov", "90").code == 0
+    assert place("--hfov", "90").code == 0
 
 
 def test_a_field_of_view_is_that_of_the_photos_and_not_of_the_panoramas_among_them(tmp_path: Path) -> None:
@@ -161,49 +147,42 @@ def test_a_field_of_view_is_that_of_the_photos_and_not_of_the_panoramas_among_th
 
 @pytest.mark.parametrize(("status", "title"), [(504, "No answer before the deadline"), (500, "The service failed")])
 def test_a_failure_that_is_not_of_the_photo_is_tried_again_by_the_next_run(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, status: int, title: str
+    place: Panoloc, fake: FakeService, out: Path, status: int, title: str
 ) -> None:
-    command = ("place", photos, "--map", "map_1", "--out", tmp_path / "out", "--parallel", "1")
     fake.refuse_file = "is rooms/b.png"
     fake.refusal = problem(status, title, "try again")
-    assert panoloc(*command).code == EXIT_ERROR
-    assert num_queries(fake) == 3
-    assert "rooms/b.png" in (tmp_path / "out" / "unplaced.txt").read_text()
+    assert (place().code, num_queries(fake)) == (EXIT_ERROR, 3)
+    assert "rooms/b.png" in (out / "unplaced.txt").read_text()
     fake.refusal = problem(422, "The image is damaged", "send it whole")
-    assert panoloc(*command).code == EXIT_ERROR
-    assert num_queries(fake) == 4
+    assert (place().code, num_queries(fake)) == (EXIT_ERROR, 4)
     fake.refuse_file = None
-    outcome = panoloc(*command)
-    assert (outcome.code, num_queries(fake)) == (EXIT_ERROR, 4)
+    assert (place().code, num_queries(fake)) == (EXIT_ERROR, 4)
 
 
 def test_two_runs_do_not_share_a_folder_and_one_that_was_killed_holds_none(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    place: Panoloc, fake: FakeService, photos: Path, out: Path
 ) -> None:
-    out = tmp_path / "out"
     with PlaceFolder.held(out, Question(str(photos), ["map_1"], None, {"method": "fast"})):
-        outcome = panoloc("place", photos, "--map", "map_1", "--out", out)
+        outcome = place()
         assert (outcome.code, num_queries(fake)) == (EXIT_USAGE, 0)
         assert "another `panoloc place`" in outcome.said
     assert (out / ".lock").exists()
-    assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
+    assert place().code == 0
 
 
 @pytest.mark.slow
 def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    place: Panoloc, panoloc: Panoloc, fake: FakeService, out: Path
 ) -> None:
-    out = tmp_path / "out"
-    outcome = panoloc("place", photos, "--map", "map_1", "--out", out, "--export", "tum")
+    outcome = place("--export", "tum")
     assert outcome.code == 0, outcome.err
     assert (out / "tum" / "poses.tum").exists()
     fake.down = True
     outcome = panoloc("export", out, "--export", "geojson")
-    assert outcome.code == EXIT_ERROR
-    assert "no service answers" in outcome.err
+    assert (outcome.code, "no service answers" in outcome.err) == (EXIT_ERROR, True)
+    assert not (out / "geojson").exists()
     fake.down = False
-    place = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5, "heading_deg": 0.0}
-    fake.polls = [{**READY_MAP, "georeference": place}]
+    fake.polls = [IN_SEATTLE]
     assert panoloc("export", out, "--export", "geojson").code == 0
     assert len(json.loads((out / "geojson" / "photos.geojson").read_text())["features"]) == 3
     fake.down = True
@@ -211,89 +190,76 @@ def test_an_export_minds_a_georeference_that_came_after_the_photos_were_placed(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("pictures")
 def test_pictures_show_where_the_photos_stand_and_what_became_of_each(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path, pictures: tuple[str, str]
+    place: Panoloc, panoloc: Panoloc, fake: FakeService, photos: Path, out: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
     fake.answers = {"is hall.jpg": {**answer_with("localized"), "map_id": "map_2"}}
-    fake.polls = [{"id": "map_1"}, {"id": "map_2"}]
     assert panoloc("place", photos, "--tag", "house", "--out", out).code == 0
     assert sorted(path.name for path in out.glob("*.*g")) == ["contact-sheet.jpg", "plan-map_1.png", "plan-map_2.png"]
     # None of them is taken for a photo, and nothing is drawn in a map where no photo was found.
     fake.answers, fake.answer = {}, answer_with("not_localized")
     again = tmp_path / "again"
-    assert panoloc("place", photos, "--map", "map_1", "--out", again).code == EXIT_NOT_LOCALIZED
+    assert place("--out", again).code == EXIT_NOT_LOCALIZED
     assert [path.name for path in again.glob("*.*g")] == ["contact-sheet.jpg"]
 
 
 @pytest.mark.slow
 def test_the_panoramas_of_a_survey_are_placed_as_a_folder_of_them_is(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    panoloc: Panoloc, fake: FakeService, photos: Path, out: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("pye57")
     placed = PlacedPhoto("hall.jpg", Pose(np.eye(3), np.zeros(3)), 64, 32, image=photos / "hall.jpg")
     survey = written("e57", Tour("map_1", (placed,)), tmp_path / "survey") / "tour.e57"
-    command = ("place", survey, "--map", "map_1", "--out", tmp_path / "out", "--export", "tum")
-    assert "1 photo: 1 localized" in panoloc(*command).out
-    assert (tmp_path / "out" / "images" / "hall.jpg").read_bytes() == (photos / "hall.jpg").read_bytes()
-    assert panoloc(*command).code == 0
+    into = ("--map", "map_1", "--out", out, "--export", "tum")
+    assert "1 photo: 1 localized" in panoloc("place", survey, *into).out
+    assert (out / "images" / "hall.jpg").read_bytes() == (photos / "hall.jpg").read_bytes()
+    assert panoloc("place", survey, *into).code == 0
     assert num_queries(fake) == 1
-    outcome = panoloc("place", photos / "notes.txt", "--map", "map_1", "--out", tmp_path / "more")
-    assert (outcome.code, "neither" in outcome.err) == (EXIT_USAGE, True)
     (tmp_path / "broken.e57").write_bytes(survey.read_bytes()[:-1000])
-    outcome = panoloc("place", tmp_path / "broken.e57", "--map", "map_1", "--out", tmp_path / "more")
-    assert (outcome.code, "damaged" in outcome.err) == (EXIT_USAGE, True), outcome.err
+    for source, said in ((photos / "notes.txt", "neither"), (tmp_path / "broken.e57", "damaged")):
+        outcome = panoloc("place", source, "--map", "map_1", "--out", tmp_path / "more")
+        assert (outcome.code, said in outcome.err) == (EXIT_USAGE, True), outcome.err
 
 
 def test_photos_in_several_maps_are_written_map_by_map(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    panoloc: Panoloc, fake: FakeService, photos: Path, out: Path
 ) -> None:
     fake.answers = {"is hall.jpg": {**answer_with("localized"), "map_id": "map_2"}}
-    out = tmp_path / "out"
-    fake.polls = [{"id": "map_1"}, {"id": "map_2"}]
     assert panoloc("place", photos, "--tag", "house", "--out", out, "--export", "potree").code == 0
     assert [row[0] for row in rows(out / "map_2" / "potree" / "coordinates.txt")[1:]] == ["hall.jpg"]
     assert rows(out / "map_1" / "potree" / "unplaced.txt") == [["hall.jpg", "placed in another map, map_2"]]
 
 
-def test_json_has_a_line_per_photo_and_one_of_all(panoloc: Panoloc, photos: Path, tmp_path: Path) -> None:
-    outcome = panoloc("place", photos, "--map", "map_1", "--out", tmp_path / "out", "--json")
-    *each, last = outcome.documents
+def test_json_has_a_line_per_photo_and_one_of_all(place: Panoloc) -> None:
+    *each, last = place("--json").documents
     assert sorted(document["photo"] for document in each) == ["hall.jpg", "rooms/a.jpg", "rooms/b.png"]
     assert {document["status"] for document in each} == {"localized"}
     assert (last["num_photos"], last["counts"]) == (3, {"localized": 3})
 
 
 def test_a_format_of_places_on_earth_is_refused_before_the_first_photo_where_the_map_has_none(
-    panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path
+    panoloc: Panoloc, fake: FakeService, photos: Path, out: Path
 ) -> None:
-    command = ("place", photos, "--out", tmp_path / "out", "--export", "potree,geojson")
-    for choice in (("--map", "map_1"), ("--tag", "third floor")):
+    command = ("place", photos, "--out", out, "--export", "potree,geojson")
+    for choice in (("--map", "map_1"), ("--tag", "building 7")):
         outcome = panoloc(*command, *choice)
         assert outcome.code == EXIT_USAGE
         assert "geojson: expected a map with a georeference" in outcome.said
     assert num_queries(fake) == 0
-    place = {"latitude_deg": 47.7, "longitude_deg": -122.3, "height_m": 11.5, "heading_deg": 0.0}
-    fake.polls = [{**READY_MAP, "georeference": place}] * 2
+    fake.polls = [IN_SEATTLE] * 2
     assert panoloc(*command, "--map", "map_1").code == 0
-    assert (tmp_path / "out" / "geojson").exists()
+    assert (out / "geojson").exists()
 
 
-def test_wrong_usage_is_told(panoloc: Panoloc, fake: FakeService, photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
+def test_wrong_usage_is_told(place: Panoloc, panoloc: Panoloc, fake: FakeService, photos: Path, out: Path) -> None:
     assert panoloc("place", photos, "--out", out).code == EXIT_USAGE
-    assert panoloc("place", photos, "--map", "map_1", "--out", out, "--export", "kml").code == EXIT_USAGE
-    assert panoloc("place", photos, "--map", "map_1", "--out", out).code == 0
-    outcome = panoloc("place", photos, "--map", "map_2", "--out", out)
-    assert outcome.code == EXIT_USAGE
-    assert "another --out" in outcome.err
-    assert panoloc("export", photos, "--export", "potree").code == EXIT_USAGE
-    assert panoloc("export", "nowhere", "--export", "potree").code == EXIT_USAGE
-    assert panoloc("export", out, "--export", ",").code == EXIT_USAGE
-    outcome = panoloc("export", out, "--export", "geojson")
-    assert outcome.code == EXIT_ERROR
-    assert "georeference" in outcome.err
-    assert not (out / "geojson").exists()
+    assert place("--export", "kml").code == EXIT_USAGE
+    assert place().code == 0
+    outcome = place("--upright")
+    assert (outcome.code, "another --out" in outcome.err) == (EXIT_USAGE, True)
+    for source, formats in ((photos, "potree"), ("nowhere", "potree"), (out, ",")):
+        assert panoloc("export", source, "--export", formats).code == EXIT_USAGE
     assert num_queries(fake) == 3
 
 
@@ -309,12 +275,9 @@ def test_a_batch_is_fetched_from_the_service(panoloc: Panoloc, fake: FakeService
     assert panoloc("export", "batch_1", "--export", "potree", "--out", tmp_path).code == EXIT_ERROR
 
 
-def test_exports_are_never_taken_for_photos(panoloc: Panoloc, fake: FakeService, photos: Path) -> None:
-    into = panoloc("place", photos, "--map", "map_1", "--export", "navvis", "--out", photos)
-    assert into.code == EXIT_USAGE
-    assert "outside the folder" in into.err
-    assert num_queries(fake) == 0
+def test_exports_are_never_taken_for_photos(place: Panoloc, fake: FakeService, photos: Path) -> None:
+    into = place("--out", photos)
+    assert (into.code, "outside the folder" in into.err, num_queries(fake)) == (EXIT_USAGE, True, 0)
     for name in ("placed", "again"):
-        outcome = panoloc("place", photos, "--map", "map_1", "--export", "navvis", "--out", photos / name)
-        assert "3 photos: 3 localized" in outcome.out
+        assert "3 photos: 3 localized" in place("--export", "navvis", "--out", photos / name).out
     assert num_queries(fake) == 6
