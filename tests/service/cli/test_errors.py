@@ -1,7 +1,5 @@
 """What a person sees when something is wrong: never a traceback, always what to do."""
 
-from pathlib import Path
-
 import httpx
 import pytest
 
@@ -11,26 +9,31 @@ from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, problem
 
 
-def test_a_problem_shows_what_came_what_to_do_and_the_request_id(
-    panoloc: Panoloc, fake: FakeService, panorama: Path
+@pytest.mark.parametrize(
+    ("reply", "shown"),
+    [
+        (problem(409, "Map not ready", "ask again later."), ["Map not ready", "HTTP 409", "ask again later.", "req_7"]),
+        (problem(401, "An API key is needed", "expected an API key, got none"), ["Set PANOLOC_API_KEY"]),
+        (problem(429, "Queue full", "64 requests wait already.", **{"retry-after": "3"}), ["Try again in 3 s."]),
+        # Markup is shown as it is.
+        (problem(422, "Invalid options", "region: expected [min] and [/max], got [1]"), ["[min] and [/max], got [1]"]),
+        # Not of panoloc.
+        (httpx.Response(502, text="<html>bad gateway</html>"), ["Expected an answer of panoloc", "HTTP 502"]),
+        (
+            httpx.Response(200, text="<html>hello</html>"),
+            ["Expected a JSON object", "check that panoloc answers there"],
+        ),
+        (httpx.Response(404, json={"error": "x"}), ["Expected an answer of panoloc", "HTTP 404"]),
+    ],
+)
+def test_a_refusal_shows_what_came_and_what_to_do(
+    panoloc: Panoloc, fake: FakeService, reply: httpx.Response, shown: list[str]
 ) -> None:
-    fake.fail_with = problem(409, "Map not ready", "Map map_1 is still indexing; ask again when it is ready.")
-    done = panoloc("localize", panorama, "--map", "map_1")
-    assert done.code == ExitCode.ERROR
-    assert done.out == ""
-    for shown in ("Map not ready", "HTTP 409", "still indexing; ask again", "req_7"):
-        assert shown in done.err
+    fake.fail_with = reply
+    done = panoloc("maps")
+    assert (done.code, done.out) == (ExitCode.ERROR, "")
+    assert [words for words in shown if words not in done.err] == []
     assert "Traceback" not in done.err
-
-
-def test_a_key_that_is_missing_or_unknown_says_where_to_put_one(panoloc: Panoloc, fake: FakeService) -> None:
-    fake.fail_with = problem(401, "An API key is needed", "expected an API key, got none")
-    assert "Set PANOLOC_API_KEY" in panoloc("maps").err
-
-
-def test_a_full_queue_says_when_to_try_again(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
-    fake.fail_with = problem(429, "Queue full", "64 requests wait already.", **{"retry-after": "3"})
-    assert "Try again in 3 s." in panoloc("localize", panorama, "--map", "map_1").err
 
 
 def test_a_problem_in_json_mode_is_a_document_too(panoloc: Panoloc, fake: FakeService) -> None:
@@ -51,46 +54,29 @@ def test_no_service_says_how_to_start_one(panoloc: Panoloc, fake: FakeService) -
 
 
 @pytest.mark.parametrize(
-    "reply",
+    ("name", "value"),
     [
-        httpx.Response(502, text="<html>bad gateway</html>"),
-        httpx.Response(200, text="<html>hello</html>"),
-        httpx.Response(404, json={"error": "x"}),
+        *(
+            ("PANOLOC_URL", url)
+            for url in (
+                "localhost",
+                "localhost:8000",
+                "ftp://127.0.0.1",
+                "http://",
+                "http://127.0.0.1:no",
+                "http://[::1",
+            )
+        ),
+        *(("PANOLOC_API_KEY", key) for key in ("sup3rsecret\r", "sup3rsecret ", "sup3r\nsecret", "schlüssel-secret")),
     ],
 )
-def test_an_answer_of_something_else_is_told_from_one_of_the_service(
-    panoloc: Panoloc, fake: FakeService, reply: httpx.Response
+def test_a_url_or_key_that_is_none_is_explained_before_anything_is_sent_and_no_key_is_printed(
+    panoloc: Panoloc, fake: FakeService, monkeypatch: pytest.MonkeyPatch, name: str, value: str
 ) -> None:
-    fake.fail_with = reply
-    done = panoloc("maps")
-    assert done.code == ExitCode.ERROR
-    assert "panoloc" in done.err
-    assert "Traceback" not in done.err
-
-
-def test_markup_in_a_message_is_shown_as_it_is(panoloc: Panoloc, fake: FakeService) -> None:
-    fake.fail_with = problem(422, "Invalid options", "starts.region: expected [min] and [/max], got [1]")
-    assert "[min] and [/max], got [1]" in panoloc("maps").err
-
-
-@pytest.mark.parametrize(
-    "url", ["localhost", "localhost:8000", "ftp://127.0.0.1", "http://", "http://127.0.0.1:no", "http://[::1"]
-)
-def test_a_url_that_is_none_is_explained(panoloc: Panoloc, url: str) -> None:
-    done = panoloc("maps", "--url", url)
-    assert done.code == ExitCode.ERROR
-    assert "--url" in done.err
-    assert "Traceback" not in done.err
-
-
-@pytest.mark.parametrize("key", ["sup3rsecret\r", "sup3rsecret ", "sup3r\nsecret", "schlüssel-secret"])
-def test_a_key_that_cannot_be_sent_is_explained_and_not_printed(
-    panoloc: Panoloc, fake: FakeService, monkeypatch: pytest.MonkeyPatch, key: str
-) -> None:
-    monkeypatch.setenv("PANOLOC_API_KEY", key)
+    monkeypatch.setenv(name, value)
     done = panoloc("maps")
     assert (done.code, fake.requests) == (ExitCode.ERROR, [])
-    assert "PANOLOC_API_KEY" in done.err
+    assert name in done.err
     assert "secret" not in done.err + done.out
     assert "Traceback" not in done.err
 
