@@ -75,7 +75,18 @@ def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipf
             f"archive: expected at most {_MAX_ENTRIES:,} files, got {len(entries):,}; pack the images alone"
         )
     for entry in entries:
-        _check(entry)
+        named = repr(entry.filename[:80])
+        for is_wrong, expected, got in (
+            (
+                leads_out(entry.filename),
+                "paths inside the zip",
+                f"{named}, which leads out of it; pack the images again",
+            ),
+            (is_link(entry), "files", f"a link, {named}; pack the images themselves"),
+            (is_encrypted(entry), "files without encryption", f"{named} encrypted; pack the images without a password"),
+        ):
+            if is_wrong:
+                raise ArchiveError(f"archive: expected {expected}, got {got}")
     images = [entry for entry in entries if _is_image(entry.filename)]
     if len(images) > max_images:
         raise UploadTooLargeError(
@@ -83,21 +94,6 @@ def _sorted_entries(opened: zipfile.ZipFile, max_images: int) -> tuple[list[zipf
             "send several batches"
         )
     return images, [entry.filename for entry in entries if not _is_image(entry.filename)]
-
-
-def _check(entry: zipfile.ZipInfo) -> None:
-    if leads_out(entry.filename):
-        raise ArchiveError(
-            f"archive: expected paths inside the zip, got {entry.filename[:80]!r}, which leads out of it; pack the "
-            "images again"
-        )
-    if is_link(entry):
-        raise ArchiveError(f"archive: expected files, got a link, {entry.filename[:80]!r}; pack the images themselves")
-    if is_encrypted(entry):
-        raise ArchiveError(
-            f"archive: expected files without encryption, got {entry.filename[:80]!r} encrypted; pack the images "
-            "without a password"
-        )
 
 
 def _is_image(name: str) -> bool:

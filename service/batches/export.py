@@ -102,12 +102,7 @@ def _tour_document(
 
 def _points(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
     ref = None if place is None else place.serving_ref
-    if ref is None:
-        return None
-    try:
-        return stack.enter_context(storage.local_copy(key_of(ref, "points.ply")))
-    except StoredFileMissingError:  # a newer scan has just taken its place
-        return None
+    return None if ref is None else _copy(storage, key_of(ref, "points.ply"), stack)
 
 
 def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path | None:
@@ -115,11 +110,16 @@ def _survey(storage: Storage, place: MapRecord | None, stack: ExitStack) -> Path
     serving = None if place is None else place.serving
     if serving is None or serving.options.scan.unit != "m" or serving.options.scan.up_axis != "z":
         return None
+    scan = _copy(storage, serving.scan_key, stack, checked=False)
+    return scan if scan is not None and detect_format(scan, None)[0] == "e57" else None
+
+
+def _copy(storage: Storage, key: str, stack: ExitStack, checked: bool = True) -> Path | None:
+    """Return a file of a map, None if a newer scan has just taken its place."""
     try:
-        scan = stack.enter_context(storage.local_copy(serving.scan_key, checked=False))
+        return stack.enter_context(storage.local_copy(key, checked=checked))
     except StoredFileMissingError:
         return None
-    return scan if detect_format(scan, None)[0] == "e57" else None
 
 
 async def _written(

@@ -72,8 +72,8 @@ def export(
     if out is not None:
         make_out_folder(out)
     with session.client(url) as client, tempfile.TemporaryDirectory(prefix="panoloc-") as maps_folder:
-        if PlaceFolder.is_at(folder):
-            placed = PlaceFolder.open(folder).placed()
+        if (placed_folder := PlaceFolder.open(folder)) is not None:
+            placed = placed_folder.placed()
             stale = _refresh_maps(client, placed)
             written = placed.write_exports(wanted, include_ambiguous, out or folder, scan)
             if written.refusals and stale:

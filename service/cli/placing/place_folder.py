@@ -94,20 +94,16 @@ class PlaceFolder:
                 )
             yield cls(folder, question)
 
-    @staticmethod
-    def is_at(folder: Path) -> bool:
-        """Tell whether `panoloc place` made a folder."""
-        return (folder / _QUESTION).is_file()
-
     @classmethod
-    def open(cls, folder: Path) -> "PlaceFolder":
-        """Open a folder that `panoloc place` made. Raises typer.BadParameter, also if the photos are gone."""
+    def open(cls, folder: Path) -> "PlaceFolder | None":
+        """Open a folder that `panoloc place` made, None for another. Raises typer.BadParameter if the photos are gone."""
         found = _read(folder / _QUESTION)
         if found is None:
-            raise _wrong_source(f"expected the --out of a `panoloc place`, but {folder / _QUESTION} cannot be read")
+            return None
         question = Question(**found)
         if not Path(question.photos).is_dir():
-            raise _wrong_source(f"expected the photos in {question.photos}, but there is no such folder; put them back")
+            message = f"expected the photos in {question.photos}, but there is no such folder; put them back"
+            raise typer.BadParameter(message, param_hint="SOURCE")
         return cls(folder, question)
 
     def files(self) -> FolderFiles:
@@ -185,10 +181,6 @@ def are_options_refused(problem: JsonObject) -> bool:
 
 def _wrong_out(message: str) -> typer.BadParameter:
     return typer.BadParameter(message, param_hint="--out")
-
-
-def _wrong_source(message: str) -> typer.BadParameter:
-    return typer.BadParameter(message, param_hint="SOURCE")
 
 
 def _fingerprint(photo: Path) -> list[int]:
