@@ -7,7 +7,7 @@ import httpx
 import typer
 from rich.markup import escape
 
-from panoloc.service.cli import keys, localize, maps, register, serve, workers
+from panoloc.service.cli import keys, localize, maps, register, serve
 from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing import export, place
 from panoloc.service.cli.session import Session
@@ -47,7 +47,7 @@ def _program(
 
 
 app.command()(serve.serve)
-app.command()(workers.workers)
+app.command()(serve.workers)
 app.command()(register.register)
 app.command()(localize.localize)
 app.command()(place.place)
