@@ -27,6 +27,19 @@ FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 _REFUSED = 422
 
 
+FormatsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--export",
+        metavar="FORMATS",
+        help="Formats, separated by commas, such as potree,colmap; see docs/exports.md.",
+    ),
+]
+IncludeAmbiguousOption = Annotated[
+    bool, typer.Option("--include-ambiguous", help="Also export ambiguous photos, at the most likely place.")
+]
+
+
 def export(
     ctx: typer.Context,
     source: Annotated[
@@ -37,23 +50,14 @@ def export(
             "of a batch.",
         ),
     ],
-    formats: Annotated[
-        str,
-        typer.Option(
-            "--export",
-            metavar="FORMATS",
-            help="Formats, separated by commas, such as potree,colmap; see docs/exports.md.",
-        ),
-    ],
+    formats: FormatsOption,
     out: Annotated[
         Path | None, typer.Option(file_okay=False, help="Folder that gets one subfolder per format; default: SOURCE.")
     ] = None,
     map_id: Annotated[
         str | None, typer.Option("--map", help="Only photos in this map, for a batch in several maps.")
     ] = None,
-    include_ambiguous: Annotated[
-        bool, typer.Option("--include-ambiguous", help="Also export ambiguous photos, at the most likely place.")
-    ] = False,
+    include_ambiguous: IncludeAmbiguousOption = False,
     scan: Annotated[
         Path | None,
         typer.Option(

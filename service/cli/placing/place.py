@@ -17,7 +17,13 @@ from panoloc.core.errors import CoreError
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
-from panoloc.service.cli.placing.export import check_on_earth, formats_of, show_refusals
+from panoloc.service.cli.placing.export import (
+    FormatsOption,
+    IncludeAmbiguousOption,
+    check_on_earth,
+    formats_of,
+    show_refusals,
+)
 from panoloc.service.cli.placing.place_folder import PlaceFolder, Question, are_options_refused, is_final
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, ProcessFailedError, run_module
 from panoloc.service.cli.progress import counts_text, show_counts
@@ -54,15 +60,8 @@ def place(
     ],
     map_id: MapOption = None,
     tag: TagOption = None,
-    export: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FORMATS", help="Formats, separated by commas, such as potree,colmap; see docs/exports.md."
-        ),
-    ] = None,
-    include_ambiguous: Annotated[
-        bool, typer.Option("--include-ambiguous", help="Also export ambiguous photos, at the most likely place.")
-    ] = False,
+    export: FormatsOption = None,
+    include_ambiguous: IncludeAmbiguousOption = False,
     upright: UprightOption = False,
     hfov: HfovOption = None,
     method: MethodOption = QueryOptions.method,
