@@ -13,23 +13,29 @@ from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
 
+@pytest.fixture
+def localize(panoloc: Panoloc, panorama: Path) -> Panoloc:
+    """Return a function that localizes a panorama in map_1."""
+    return lambda *options: panoloc("localize", panorama, "--map", "map_1", *options)
+
+
 @pytest.mark.parametrize(("status", "code"), [("localized", 0), ("not_localized", 3), ("ambiguous", 4)])
 def test_the_exit_code_says_whether_a_pose_was_found(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, status: str, code: int
+    localize: Panoloc, fake: FakeService, status: str, code: int
 ) -> None:
     fake.status = status
-    done = panoloc("localize", panorama, "--map", "map_1")
+    done = localize()
     assert done.code == code, done.err
     assert status.replace("_", " ") in done.out
 
 
-def test_the_table_shows_pose_confidence_and_accuracy(panoloc: Panoloc, panorama: Path) -> None:
-    out = panoloc("localize", panorama, "--map", "map_1").out
+def test_the_table_shows_pose_confidence_and_accuracy(localize: Panoloc) -> None:
+    out = localize().out
     for shown in ("x 1.250   y 0.500   z 1.500 m", "yaw 0.00", "0.93", "0.020 m, 0.30 deg (68% radius)", "18%"):
         assert shown in out
 
 
-def test_an_ambiguous_answer_shows_every_place_that_fits(panoloc: Panoloc, fake: FakeService, panorama: Path) -> None:
+def test_an_ambiguous_answer_shows_every_place_that_fits(localize: Panoloc, fake: FakeService) -> None:
     answer = answer_with("ambiguous")
     elsewhere = answer_with("localized")["pose"]
     elsewhere["map_from_camera"]["position_m"] = {"x": -7.0, "y": 8.25, "z": 1.5}
@@ -39,7 +45,7 @@ def test_an_ambiguous_answer_shows_every_place_that_fits(panoloc: Panoloc, fake:
         {"pose": answer["pose"], "confidence": 0.07, "map_id": "map_1"},
     ]
     fake.answer = answer
-    lines = panoloc("localize", panorama, "--map", "map_1", "--map", "map_2").out.splitlines()
+    lines = localize("--map", "map_2").out.splitlines()
     (header,) = [number for number, line in enumerate(lines) if line.startswith("alternative")]
     first, second = lines[header + 1 : header + 3]
     for shown in ("1 ", "x -7.000   y 8.250   z 1.500 m", "yaw -167.50", "0.41", "map_2"):
@@ -47,8 +53,8 @@ def test_an_ambiguous_answer_shows_every_place_that_fits(panoloc: Panoloc, fake:
     assert "0.07" in second
 
 
-def test_links_to_pictures_are_full_addresses_and_stay_whole_in_a_pipe(panoloc: Panoloc, panorama: Path) -> None:
-    lines = panoloc("localize", panorama, "--map", "map_1").out.splitlines()
+def test_links_to_pictures_are_full_addresses_and_stay_whole_in_a_pipe(localize: Panoloc) -> None:
+    lines = localize().out.splitlines()
     assert "http://127.0.0.1:8000/localizations/loc_1/score-map-2d.png" in lines
 
 
@@ -63,10 +69,10 @@ def test_links_to_pictures_are_full_addresses_and_stay_whole_in_a_pipe(panoloc: 
     ],
 )
 def test_an_answer_without_an_optional_part_is_still_shown(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, part: dict[str, object]
+    localize: Panoloc, fake: FakeService, part: dict[str, object]
 ) -> None:
     fake.answer = answer_with("localized") | part
-    done = panoloc("localize", panorama, "--map", "map_1")
+    done = localize()
     assert done.code == 0, done.err
     assert "x 1.250" in done.out
 
@@ -105,9 +111,9 @@ def test_several_maps_and_all_options_reach_the_service(
 
 @pytest.mark.parametrize(("top_k", "code"), [(MAX_TOP_K, 0), (MAX_TOP_K + 1, 2)])
 def test_the_command_asks_for_no_more_poses_than_the_service_gives(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, top_k: int, code: int
+    localize: Panoloc, fake: FakeService, top_k: int, code: int
 ) -> None:
-    assert panoloc("localize", panorama, "--map", "map_1", "--top-k", top_k).code == code
+    assert localize("--top-k", top_k).code == code
     for sent in fake.parts.get("options", []):
         LocalizeOptions.model_validate_json(sent)
     assert LocalizeOptions.model_json_schema()["properties"]["top_k"]["maximum"] == MAX_TOP_K
@@ -118,9 +124,8 @@ def test_the_command_asks_for_no_more_poses_than_the_service_gives(
     [([], None, None), (["--method", "paper"], None, None), (["--method", "paper", "--timeout", 12], 12, 42)],
 )
 def test_the_service_says_how_long_a_query_may_take_unless_the_user_does_and_is_waited_for(
-    panoloc: Panoloc,
+    localize: Panoloc,
     fake: FakeService,
-    panorama: Path,
     arguments: list[object],
     timeout_s: float | None,
     read_s: float | None,
@@ -133,7 +138,7 @@ def test_the_service_says_how_long_a_query_may_take_unless_the_user_does_and_is_
         return answer(request)
 
     fake.handle = noting  # type: ignore[method-assign]
-    assert panoloc("localize", panorama, "--map", "map_1", *arguments).code == 0
+    assert localize(*arguments).code == 0
     assert json.loads(fake.parts["options"][0]).get("timeout_s") == timeout_s
     assert waited == [read_s]
 
@@ -145,26 +150,6 @@ def test_a_tag_stands_for_all_its_maps(panoloc: Panoloc, fake: FakeService, pano
 
 
 @pytest.mark.parametrize(
-    ("hfov", "said"),
-    [
-        ("45-", "expected degrees such as 69"),
-        ("wide", "expected degrees such as 69"),
-        ("90-45", "two rising numbers"),
-        ("-5", "expected 1 to 170 degrees"),
-        ("400", "expected 1 to 170 degrees"),
-        ("nan", "expected 1 to 170 degrees"),
-    ],
-)
-def test_a_field_of_view_that_no_photo_has_is_wrong_usage(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, hfov: str, said: str
-) -> None:
-    done = panoloc("localize", panorama, "--map", "map_1", f"--hfov={hfov}")
-    assert (done.code, fake.requests) == (2, [])
-    assert said in done.said
-    assert "Usage" in done.err
-
-
-@pytest.mark.parametrize(
     ("option", "value", "camera"),
     [
         ("--hfov", "69", {"model": "pinhole", "hfov_deg": 69.0}),
@@ -173,11 +158,11 @@ def test_a_field_of_view_that_no_photo_has_is_wrong_usage(
     ],
 )
 def test_a_photos_camera_is_sent_along(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, option: str, value: str, camera: dict[str, object]
+    localize: Panoloc, fake: FakeService, panorama: Path, option: str, value: str, camera: dict[str, object]
 ) -> None:
     (panorama.parent / "camera.json").write_text('{"model": "pinhole", "hfov_deg": 69.0}')
     given = panorama.parent / value if option == "--camera" else value
-    assert panoloc("localize", panorama, "--map", "map_1", option, given).code == 0
+    assert localize(option, given).code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
 
 
@@ -188,41 +173,44 @@ def test_a_photos_camera_is_sent_along(
         (["--heading-tolerance", "5"], "--heading-tolerance needs --heading"),
         (["--camera", "text.json"], "expected a JSON file"),
         (["--camera", "list.json"], "expected an object such as"),
+        (["--camera", "text.json", "--hfov", "69"], "expected either --hfov or --camera"),
         (["--tag", "x"], "expected --map ID (repeatable) or --tag TAG, got both"),
+        (["--hfov=45-"], "expected degrees such as 69"),
+        (["--hfov=wide"], "expected degrees such as 69"),
+        (["--hfov=90-45"], "two rising numbers"),
+        *(([f"--hfov={degrees}"], "expected 1 to 170 degrees") for degrees in ("-5", "400", "nan")),
     ],
 )
-def test_options_that_mean_nothing_together_are_wrong_usage(
-    panoloc: Panoloc,
+def test_options_that_mean_nothing_are_wrong_usage(
+    localize: Panoloc,
     fake: FakeService,
-    panorama: Path,
     monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
     arguments: list[str],
     said: str,
 ) -> None:
-    monkeypatch.chdir(panorama.parent)
+    monkeypatch.chdir(tmp_path)
     Path("text.json").write_text("no JSON")
     Path("list.json").write_text("[1]")
-    done = panoloc("localize", panorama, "--map", "map_1", *arguments)
+    done = localize(*arguments)
     assert (done.code, fake.requests) == (2, [])
     assert said in done.said
 
 
 def test_a_folder_that_cannot_be_written_is_named_before_anything_is_sent(
-    panoloc: Panoloc, fake: FakeService, panorama: Path
+    localize: Panoloc, panoloc: Panoloc, fake: FakeService, panorama: Path
 ) -> None:
     out = panorama / "answers"
-    done = panoloc("localize", panorama, "--map", "map_1", "--out", out)
+    done = localize("--out", out)
     assert (done.code, fake.requests) == (1, [])
     assert f"--out {out}: expected a folder that can be written, got: Not a directory" in done.said
     assert panoloc("export", "batch_1", "--export", "tum", "--out", out).code == 1
     assert fake.requests == []
 
 
-def test_a_folder_receives_the_answer_and_its_pictures(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, tmp_path: Path
-) -> None:
+def test_a_folder_receives_the_answer_and_its_pictures(localize: Panoloc, fake: FakeService, tmp_path: Path) -> None:
     out = tmp_path / "new" / "answers"
-    assert panoloc("localize", panorama, "--map", "map_1", "--out", out).code == 0
+    assert localize("--out", out).code == 0
     assert json.loads(fake.parts["options"][0])["artifacts"] == ["score_map_2d", "score_map_3d", "overlay"]
     assert json.loads((out / "photo.json").read_text())["id"] == "loc_1"
     assert (out / "photo.score-map-2d.png").read_bytes() == b"a picture"
@@ -261,11 +249,11 @@ def test_one_refused_panorama_does_not_stop_the_others(
     ],
 )
 def test_what_changed_is_a_share_of_what_the_image_shows_and_said_only_beside_a_pose(
-    panoloc: Panoloc, fake: FakeService, panorama: Path, status: str, hfov_deg: float, shown: list[str]
+    localize: Panoloc, fake: FakeService, status: str, hfov_deg: float, shown: list[str]
 ) -> None:
     fake.answer = answer_with(status)
     fake.answer["images"][0]["camera"]["hfov_deg"] = hfov_deg
-    out = panoloc("localize", panorama, "--map", "map_1").out
+    out = localize().out
     assert [line.partition("changed")[2].strip() for line in out.splitlines() if "18%" in line] == shown
 
 
