@@ -54,6 +54,7 @@ def answer_with(status: str) -> dict[str, Any]:
 class FakeService:
     """Answers requests from a table; `fail_with` makes it answer everything with a problem.
 
+    on_request: sees each request first, and may answer it.
     busy: so many queries are refused with 429. answers: to images with these words in them. at_maps: answer instead
     for maps of these ids. requests: (method, path) in order. parts: the multipart fields of the last upload, by name.
     """
@@ -61,12 +62,13 @@ class FakeService:
     status: str = "localized"
     answer: dict[str, Any] | None = None
     places: list[dict[str, Any]] = field(default_factory=lambda: [READY_MAP])
+    on_request: Callable[[httpx.Request], httpx.Response | None] = lambda request: None
     fail_with: httpx.Response | None = None
     refuse_file: str | None = None
     refusal: httpx.Response | None = None
     busy: int = 0
     answers: dict[str, dict[str, Any]] = field(default_factory=dict)
-    at_maps: dict[str, Callable[[httpx.Request], httpx.Response]] = field(default_factory=dict)
+    at_maps: dict[str, httpx.Response | BaseException] = field(default_factory=dict)
     down: bool = False
     requests: list[tuple[str, str]] = field(default_factory=list)
     parts: dict[str, list[bytes]] = field(default_factory=dict)
@@ -80,11 +82,15 @@ class FakeService:
         self.requests.append((request.method, str(request.url).removeprefix("http://127.0.0.1:8000")))
         if request.method == "POST":
             self.parts = multipart_fields(request)
+        if (reply := self.on_request(request)) is not None:
+            return reply
         if self.fail_with is not None:
             return self.fail_with
         instead = self.at_maps.get(path.removeprefix("/maps/"))
+        if isinstance(instead, BaseException):
+            raise instead
         if instead is not None:
-            return instead(request)
+            return instead
         return self._routes()[request.method, path.partition("/map_")[0]](request)
 
     def _routes(self) -> dict[tuple[str, str], Callable[[httpx.Request], httpx.Response]]:

@@ -131,13 +131,7 @@ def test_the_service_says_how_long_a_query_may_take_unless_the_user_does_and_is_
     read_s: float | None,
 ) -> None:
     waited: list[float | None] = []
-    answer = fake.handle
-
-    def noting(request: httpx.Request) -> httpx.Response:
-        waited.append(request.extensions["timeout"]["read"])
-        return answer(request)
-
-    fake.handle = noting  # type: ignore[method-assign]
+    fake.on_request = lambda request: waited.append(request.extensions["timeout"]["read"])
     assert localize(*arguments).code == 0
     assert json.loads(fake.parts["options"][0]).get("timeout_s") == timeout_s
     assert waited == [read_s]

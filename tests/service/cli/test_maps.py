@@ -1,7 +1,5 @@
 """`panoloc maps` against a fake service."""
 
-from collections.abc import Callable
-
 import httpx
 import pytest
 
@@ -56,12 +54,8 @@ def test_a_tag_that_no_map_bears_is_no_reason_to_register_one(panoloc: Panoloc, 
     assert panoloc("maps", "--tag", "zzz", "--json").err == ""
 
 
-def refusal(status: int, title: str, detail: str) -> Callable[[httpx.Request], httpx.Response]:
-    return lambda _: problem(status, title, detail)
-
-
-def nobody_answers(request: httpx.Request) -> httpx.Response:
-    raise httpx.ConnectError("Connection refused", request=request)
+UNKNOWN = problem(404, "Unknown map", "There is no map of that id.")
+NOBODY = httpx.ConnectError("Connection refused")
 
 
 @pytest.mark.parametrize(
@@ -71,8 +65,8 @@ def test_a_map_that_is_refused_does_not_keep_the_others(
     panoloc: Panoloc, fake: FakeService, command: str, method: str, done_to: str
 ) -> None:
     fake.at_maps = {
-        "map_2": refusal(404, "Unknown map", "There is no map of that id."),
-        "map_4": refusal(403, "Not yours", "It belongs to another tenant."),
+        "map_2": UNKNOWN,
+        "map_4": problem(403, "Not yours", "It belongs to another tenant."),
     }
     done = panoloc("maps", command, *(f"map_{number}" for number in range(1, 6)))
     assert done.code == ExitCode.ERROR
@@ -88,14 +82,14 @@ def test_a_map_that_is_refused_does_not_keep_the_others(
 
 
 def test_every_map_that_is_not_deleted_has_a_document_of_its_own(panoloc: Panoloc, fake: FakeService) -> None:
-    fake.at_maps = {"map_1": refusal(404, "Unknown map", "There is no map of that id.")}
+    fake.at_maps = {"map_1": UNKNOWN}
     deleted, failed = panoloc("maps", "delete", "map_1", "map_2", "--json").documents
     assert deleted == {"id": "map_2", "deleted": True}
     assert (failed["id"], failed["error"]["status"]) == ("map_1", 404)
 
 
 def test_where_nobody_answers_any_more_the_rest_is_named_and_not_tried(panoloc: Panoloc, fake: FakeService) -> None:
-    fake.at_maps = {"map_2": nobody_answers}
+    fake.at_maps = {"map_2": NOBODY}
     done = panoloc("maps", "delete", "map_1", "map_2", "map_3")
     assert done.code == ExitCode.UNREACHABLE
     assert fake.requests == [("DELETE", "/maps/map_1"), ("DELETE", "/maps/map_2")]
@@ -105,7 +99,7 @@ def test_where_nobody_answers_any_more_the_rest_is_named_and_not_tried(panoloc: 
 
 
 def test_the_exit_code_is_that_of_the_first_failure(panoloc: Panoloc, fake: FakeService) -> None:
-    fake.at_maps = {"map_1": refusal(404, "Unknown map", "There is no map of that id."), "map_2": nobody_answers}
+    fake.at_maps = {"map_1": UNKNOWN, "map_2": NOBODY}
     done = panoloc("maps", "delete", "map_1", "map_2")
     assert done.code == ExitCode.ERROR
     assert "map_2  Error: No service answers" in done.err

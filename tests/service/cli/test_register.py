@@ -79,12 +79,7 @@ def test_a_short_outage_while_waiting_is_sat_out(
 ) -> None:
     monkeypatch.setattr("panoloc.service.client.client.POLL_LONGEST_S", 0.0)
     outage = [problem(503, "No cache", "Redis is away", **{"retry-after": "0"})]
-    answer = fake.handle
-
-    def flaky(request):  # type: ignore[no-untyped-def]
-        return outage.pop() if request.method == "GET" and outage else answer(request)
-
-    fake.handle = flaky  # type: ignore[method-assign]
+    fake.on_request = lambda request: outage.pop() if request.method == "GET" and outage else None
     assert panoloc("register", scan).code == 0
     assert outage == []
 
@@ -108,16 +103,7 @@ def test_a_missing_file_is_wrong_usage(panoloc: Panoloc, tmp_path: Path) -> None
 def test_whatever_ends_the_waiting_says_what_becomes_of_the_map(
     panoloc: Panoloc, fake: FakeService, scan: Path, end: BaseException | httpx.Response, code: int, said: list[str]
 ) -> None:
-    answer = fake.handle
-
-    def ending(request: httpx.Request) -> httpx.Response:
-        if request.method != "GET":
-            return answer(request)
-        if isinstance(end, BaseException):
-            raise end
-        return end
-
-    fake.handle = ending  # type: ignore[method-assign]
+    fake.at_maps = {"map_1": end}
     done = panoloc("register", scan)
     assert done.code == code
     for words in said:
@@ -141,11 +127,7 @@ def test_progress_rises_to_the_size_of_the_file(fake: FakeService, scan: Path) -
 
 def test_the_api_key_travels_as_a_bearer_token(fake: FakeService) -> None:
     seen: list[str] = []
-
-    def handle(request: httpx.Request) -> httpx.Response:
-        seen.append(request.headers.get("authorization", ""))
-        return fake.handle(request)
-
-    with PanolocClient("http://127.0.0.1:8000", api_key="secret", transport=httpx.MockTransport(handle)) as client:
+    fake.on_request = lambda request: seen.append(request.headers["authorization"])
+    with PanolocClient("http://127.0.0.1:8000", "secret", httpx.MockTransport(fake.handle)) as client:
         list(client.list_maps())
     assert seen == ["Bearer secret"]
