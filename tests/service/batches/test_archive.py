@@ -35,14 +35,14 @@ def unpack(folder: Path, data: bytes) -> tuple[list[UnpackedImage], list[str]]:
 
 
 def test_images_come_out_in_their_order_with_their_digests_and_the_rest_is_named(tmp_path: Path) -> None:
-    entries = {
+    entries: dict[str | zipfile.ZipInfo, bytes] = {
         "b/2.JPG": b"two",
         "a/1.png": b"one",
         "notes.txt": b"hello",
         "__MACOSX/a/._1.png": b"x",
         "a/.hidden.jpg": b"y",
     }
-    images, ignored = unpack(tmp_path, packed({**entries}))
+    images, ignored = unpack(tmp_path, packed(entries))
     assert [image.name for image in images] == ["b/2.JPG", "a/1.png"]
     assert [image.path.read_bytes() for image in images] == [b"two", b"one"]
     assert [image.sha256 for image in images] == [hashlib.sha256(data).hexdigest() for data in (b"two", b"one")]
