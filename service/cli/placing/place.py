@@ -4,8 +4,9 @@ import json
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -133,9 +134,13 @@ class _Placing:
         self._has_answers = bool(statuses)
         if statuses:
             self.session.messages.print(f"{statuses.total()} of {_counted(len(photos))} are already done")
-        with show_counts(self.session.messages, "placing", len(photos)) as show:
+        # Closed at once, so that no photo begins after an error.
+        with (
+            show_counts(self.session.messages, "placing", len(photos)) as show,
+            closing(self._localize_all(waiting, parallel)) as results,
+        ):
             show(statuses)
-            for name, result in self._localize_all(waiting, parallel):
+            for name, result in results:
                 statuses[result["status"]] += 1
                 show(statuses)
                 if self.session.json_output:
@@ -157,7 +162,7 @@ class _Placing:
             self.session.messages.print(f"left out: {left_out}", markup=False)
         return files.photos
 
-    def _localize_all(self, photos: Sequence[Photo], parallel: int) -> Iterator[tuple[str, Result]]:
+    def _localize_all(self, photos: Sequence[Photo], parallel: int) -> Generator[tuple[str, Result], None, None]:
         """Yield each photo with its result as it comes; no more than `parallel` are sent at the same time."""
         with ThreadPoolExecutor(parallel) as pool:
             running = {pool.submit(self._localize, photo): photo.name for photo in photos}
