@@ -69,18 +69,15 @@ def _tracked(given: Mapping[str, Any], file: Path, number: int, frame: Frame) ->
 
 
 def _image_file(given: Mapping[str, Any], file: Path) -> Path:
+    """Return the path of an image. A file from elsewhere may name any file on this machine, and what it names is sent."""
     name = given.get("file_path")
     if not isinstance(name, str):
         raise TransformsError(f"file_path: expected the name of an image, got {name!r}")
     # Some writers leave the ending out.
-    for candidate in (name, f"{name}.png", f"{name}.jpg"):
-        if (file.parent / candidate).is_file():
-            return _checked_image(file.parent / candidate)
-    raise TransformsError(f"file_path: expected an image beside the file, but there is no {file.parent / name}")
-
-
-def _checked_image(path: Path) -> Path:
-    """Return the path of an image. A file from elsewhere may name any file on this machine, and what it names is sent."""
+    candidates = [file.parent / f"{name}{ending}" for ending in ("", ".png", ".jpg")]
+    path = next((each for each in candidates if each.is_file()), None)
+    if path is None:
+        raise TransformsError(f"file_path: expected an image beside the file, but there is no {candidates[0]}")
     try:
         with path.open("rb") as stream:
             head = stream.read(KIND_BYTES)

@@ -1,5 +1,5 @@
-"""What this process takes of its machine: processors, of which a container has fewer than the machine, and what others may want of them,
-and freed memory.
+"""What this process takes of its machine: processors, of which a container has fewer than the machine, and what others
+may want of them, and freed memory.
 
 The C library's heap keeps what was freed unless it is told otherwise.
 """
@@ -9,10 +9,11 @@ import math
 import os
 import platform
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
-# How long threads of torch that wait for each other spin before they sleep: OpenMP's own milliseconds starve everybody where other work
-# wants the cores, and to sleep at once makes a query 1.7 times as long where none does.
+# How long threads of torch that wait for each other spin before they sleep: OpenMP's own milliseconds starve everybody
+# where other work wants the cores, and to sleep at once makes a query 1.7 times as long where none does.
 SPINNING = {"GOMP_SPINCOUNT": "5000"}
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 _CGROUP_MEMORY = Path("/sys/fs/cgroup/memory.max")
@@ -24,9 +25,9 @@ _LARGEST_THRESHOLD, _KEPT_BYTES = 32 << 20, 512 << 20
 
 
 def bound_spinning() -> None:
-    """Let threads of torch that wait leave the processors to others soon, in this process and its children; before torch is imported.
+    """Let waiting threads of torch leave the processors to others soon, in this process and its children.
 
-    What the user's environment says of it stays.
+    Call it before torch is imported. What the user's environment says of it stays.
     """
     for name, value in SPINNING.items():
         os.environ.setdefault(name, value)
@@ -70,9 +71,8 @@ def usable_memory_bytes(cgroup_limit: Path = _CGROUP_MEMORY) -> int:
 def limit_process(num_bytes: int, cpu_s: float) -> None:
     """Let this process allocate `num_bytes` and compute for `cpu_s` more than it has until now.
 
-    Beyond the one Python raises MemoryError, beyond the other the kernel ends the process, whatever native code it is in.
-
-    Linux only: elsewhere it does nothing.
+    Beyond the one Python raises MemoryError, beyond the other the kernel ends the process, whatever native code it is
+    in. Linux only: elsewhere it does nothing.
     """
     if not sys.platform.startswith("linux"):
         return
@@ -98,13 +98,10 @@ def can_filter_system_calls() -> bool:
 def keep_freed_memory() -> None:
     """Let the process keep what it frees for its next allocations, until `return_freed_memory`.
 
-    By default every array of some size is mapped anew, and a tenth of a query is spent on the system handing out empty pages.
-    Does nothing where the C library has no such call.
+    By default every array of some size is mapped anew, and a tenth of a query is spent on the system handing out empty
+    pages. Does nothing where the C library has no such call.
     """
-    if not sys.platform.startswith("linux"):
-        return
-    option = getattr(ctypes.CDLL(None), "mallopt", None)
-    if option is not None:
+    if (option := _c_function("mallopt")) is not None:
         option(_M_ARENA_MAX, 1)
         option(_M_MMAP_THRESHOLD, _LARGEST_THRESHOLD)
         option(_M_TRIM_THRESHOLD, _KEPT_BYTES)
@@ -112,8 +109,9 @@ def keep_freed_memory() -> None:
 
 def return_freed_memory() -> None:
     """Give freed memory back to the system; 1 to 10 ms. Does nothing where the C library has no such call."""
-    if not sys.platform.startswith("linux"):
-        return
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
+    if (trim := _c_function("malloc_trim")) is not None:
         trim(0)
+
+
+def _c_function(name: str) -> Callable[..., int] | None:
+    return getattr(ctypes.CDLL(None), name, None) if sys.platform.startswith("linux") else None
