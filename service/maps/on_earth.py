@@ -38,7 +38,7 @@ def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
         where = "" if place is None else f" within {place.accuracy_m + _REACH_M:g} m of the geolocation"
         raise MapNotFoundError(
             f"expected a ready map with a place on Earth{where}, got none among {len(known)} maps; set a "
-            f"georeference with PATCH /maps/{id}, or name a map as map_id"
+            f"georeference with PATCH /maps/{{id}}, or name a map as map_id"
         )
     if len(near) > MAX_MAPS:
         raise invalid_option(

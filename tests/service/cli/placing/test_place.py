@@ -246,6 +246,7 @@ def test_a_format_of_places_on_earth_is_refused_before_the_first_photo_where_the
         outcome = panoloc(*command, *choice)
         assert outcome.code == EXIT_USAGE
         assert "geojson: expected a map with a georeference" in outcome.said
+        assert "PATCH /maps/{id}" in outcome.said
     assert num_queries(fake) == 0
     fake.polls = [IN_SEATTLE] * 2
     assert panoloc(*command, "--map", "map_1").code == 0
