@@ -15,8 +15,7 @@ from panoloc.service.host.run_folder import DataFolderInUseError, RunFolder, loc
 from panoloc.service.host.secret_variables import remove_variables
 from panoloc.service.host_names import is_loopback
 from panoloc.service.http.server import DrainingServer, server_config
-from panoloc.service.pool.local_workers import local_pool
-from panoloc.service.pool.process_pool import ProcessPool
+from panoloc.service.pool.process_pool import ProcessPool, local_pool
 from panoloc.service.settings import Settings
 from panoloc.service.storage import Storage, open_storage
 from panoloc.service.storage.bucket import BucketStorage

@@ -12,7 +12,7 @@ from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
 from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
 from panoloc.service.host.process_tree import descendants
 from panoloc.service.jobs import LocalizeOutcome
-from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.ray.bridge_pool import bridge_pool
 from panoloc.service.settings import Settings
 from tests.integration.ray_cluster import RayClusterOfOthers

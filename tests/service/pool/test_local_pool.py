@@ -14,8 +14,8 @@ import pytest
 
 from panoloc.service.errors import NoWorkerError
 from panoloc.service.host.process_tree import command_of, descendants
-from panoloc.service.pool import local_workers, worker_process
-from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.pool import process_pool, worker_process
+from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.settings import Settings
 from tests.integration.running_service import ROOT, eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, scripted_plan
@@ -57,7 +57,7 @@ def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeyp
 def test_a_worker_beyond_its_memory_is_replaced_and_its_query_repeated_until_it_is_given_up(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local_workers, "usable_memory_bytes", lambda: 250 << 20)
+    monkeypatch.setattr(process_pool, "usable_memory_bytes", lambda: 250 << 20)
     with running_pool(folder) as running:
         running.wait_until_ready()
         with pytest.raises(NoWorkerError, match="GiB of memory"):
@@ -127,7 +127,7 @@ _A_POOL_THAT_IS_KILLED = """
 import sys, time
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
-from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.settings import Settings
 from tests.service.pool.pool_in_thread import PoolInThread, scripted_plan
 folder = Path(sys.argv[1])

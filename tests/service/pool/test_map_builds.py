@@ -22,7 +22,7 @@ class Builds:
         self.ends: list[asyncio.Future[WorkerReply[Any]]] = []
         self.cancelled: list[Any] = []
 
-    async def build(self, kind: str, subject: Any) -> WorkerReply[Any]:
+    async def build(self, subject: Any) -> WorkerReply[Any]:
         self.started.append(subject.scan_name if isinstance(subject, RegisterJob) else subject)
         self.ends.append(asyncio.get_running_loop().create_future())
         try:
@@ -110,7 +110,7 @@ def test_a_registration_is_announced_when_its_turn_has_come_and_may_be_refused_t
 
 def test_a_timeout_inside_a_build_is_not_taken_for_the_limit_of_the_registration() -> None:
     async def scenario() -> None:
-        async def build(kind: str, subject: Any) -> WorkerReply[Any]:
+        async def build(subject: Any) -> WorkerReply[Any]:
             raise TimeoutError("of something else")
 
         with pytest.raises(TimeoutError, match="something else"):
@@ -175,7 +175,7 @@ def test_a_rebuild_whose_process_dies_is_begun_once_more() -> None:
     async def scenario() -> None:
         attempts = []
 
-        async def build(kind: str, subject: Any) -> WorkerReply[Any]:
+        async def build(subject: Any) -> WorkerReply[Any]:
             attempts.append(subject)
             raise NoWorkerError("killed")
 
