@@ -121,14 +121,9 @@ class _RunningQuery:
         )
         query = as_found(query, localization)
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
-        cells = self._timed("pictures", lambda: self._change_cells(maps, localization))
+        cells = self._timed("pictures", lambda: _change_cells(maps, localization))
         answer = answer_of(localization, self._job, photos_of(query), self._timings_s, pictures)
         return LocalizeOutcome(answer, pictures, cells)
-
-    def _change_cells(self, maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
-        if localization.best is None or not self._job.with_change_cells:
-            return None
-        return change_cells(maps[localization.best.map_position], localization)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
         found = []
@@ -156,6 +151,11 @@ class _RunningQuery:
         result = work()
         self._timings_s[stage] = self._timings_s.get(stage, 0.0) + time.perf_counter() - began
         return result
+
+
+def _change_cells(maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
+    best = localization.best
+    return None if best is None else change_cells(maps[best.map_position], localization)
 
 
 def _pictures(

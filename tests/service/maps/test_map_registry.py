@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from panoloc.service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
 from panoloc.service.jobs import MapRef, RegisterOptions
-from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.known_maps import decode_cursor, encode_cursor
 from panoloc.service.maps.record import MapRecord, Revision, key_of, read_record
 from panoloc.service.maps.registry import MapRegistry
 from panoloc.service.sharing.locks import FolderLocks
