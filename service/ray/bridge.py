@@ -22,7 +22,7 @@ from panoloc.service.jobs import LocalizeJob
 from panoloc.service.pool.messages import Answer, ChildPipes, Request, Status
 from panoloc.service.ray.application import APPLICATION, BUILDER, REQUESTS_PER_WORKER, description, num_running
 from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply, guarded
+from panoloc.service.worker.reply import WorkerReply, failure_of
 
 _LOOK_PERIOD_S = 1.0
 # Joining a cluster takes 3 to 10 s; then every second somebody answers, or the cluster is away.
@@ -67,14 +67,9 @@ async def _reply(response: Any) -> WorkerReply[Any] | None:
         response.cancel()
         return None
     except RayTaskError as error:
-        cause = error.cause if isinstance(error.cause, Exception) else error
-        return WorkerReply(failure=guarded(lambda: _raise(cause))[1])
+        return WorkerReply(failure=failure_of(error.cause if isinstance(error.cause, Exception) else error))
     except (RayError, RayServeException):
         return None
-
-
-def _raise(error: Exception) -> None:
-    raise error
 
 
 async def _run(pipes: ChildPipes, watchdog: "Watchdog", plan: WorkerPlan) -> None:

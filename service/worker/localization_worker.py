@@ -28,10 +28,35 @@ from panoloc.service.worker.map_catalog import MapCatalog
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
-from panoloc.service.worker.residency import Residency
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
+
+
+class ResidentIndexes:
+    """Indexes in memory, bounded by bytes; the least recently used make room. Not thread-safe: a worker computes in one thread."""
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes = max_bytes
+        self._held: dict[MapRef, MapIndex] = {}  # the least recently used first
+
+    @property
+    def num_bytes(self) -> int:
+        """Return the bytes of everything held."""
+        return sum(index.num_bytes for index in self._held.values())
+
+    def get(self, ref: MapRef) -> MapIndex | None:
+        """Return an index, None when it is not held; it becomes the most recently used."""
+        if ref in self._held:
+            self._held[ref] = self._held.pop(ref)
+        return self._held.get(ref)
+
+    def put(self, ref: MapRef, index: MapIndex) -> None:
+        """Hold an index that is not held yet, unless it is larger than all room."""
+        if index.num_bytes <= self._max_bytes:
+            while self.num_bytes + index.num_bytes > self._max_bytes:
+                del self._held[next(iter(self._held))]
+            self._held[ref] = index
 
 
 class LocalizationWorker:
@@ -42,7 +67,7 @@ class LocalizationWorker:
         self._localizer = localizer
         self._catalog = catalog
         self._cache = cache
-        self._resident: Residency[MapRef, MapIndex] = Residency(settings.resident_bytes)
+        self._resident = ResidentIndexes(settings.resident_bytes)
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:

@@ -3,7 +3,7 @@ from typing import Any
 
 from panoloc.service.errors import CacheDownError
 from panoloc.service.jobs import MapRef
-from panoloc.service.worker.registration_progress import RegistrationProgress
+from panoloc.service.worker.registrar import RegistrationProgress
 
 MAP = MapRef("map_a", 1)
 
