@@ -193,19 +193,15 @@ def _json(document: Mapping[str, Any]) -> str:
     return json.dumps(document, allow_nan=False)
 
 
-def _down(error: Exception) -> CacheDownError:
-    return CacheDownError(
-        f"expected an answer from Redis, got {type(error).__name__}; the service reconnects by itself; try again",
-        _RETRY_AFTER_S,
-    )
-
-
 @contextmanager
 def _down_is_said() -> Iterator[None]:
     try:
         yield
     except _LOST as error:
-        raise _down(error) from error
+        raise CacheDownError(
+            f"expected an answer from Redis, got {type(error).__name__}; the service reconnects by itself; try again",
+            _RETRY_AFTER_S,
+        ) from error
 
 
 @asynccontextmanager
@@ -213,9 +209,8 @@ async def _down_is_said_async() -> AsyncIterator[None]:
     task = asyncio.current_task()
     cancelled_before = task.cancelling() if task else 0
     try:
-        yield
-    except _LOST as error:
-        raise _down(error) from error
+        with _down_is_said():
+            yield
     finally:
         # redis-py waits with `asyncio.wait_for`, which in Python 3.11 forgets a cancellation that comes together
         # with the answer: the task would go on as if nobody had ended it.

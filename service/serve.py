@@ -19,14 +19,13 @@ from panoloc.service.pool.process_pool import ProcessPool, local_pool
 from panoloc.service.settings import Settings
 from panoloc.service.storage import Storage, open_storage
 from panoloc.service.storage.bucket import BucketStorage
-from panoloc.service.storage.claim import BucketClaim, BucketInUseError
-from panoloc.service.storage.start_check import StorageUnusableError, check_at_start
+from panoloc.service.storage.claim import BucketClaim, BucketUnusableError
 from panoloc.service.storage.urls import variables_of_buckets
 from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)
 
-_WHY_NO_START = (DataFolderInUseError, BucketInUseError, EmbeddedRedisError, StorageUnusableError, TryAgainError)
+_WHY_NO_START = (DataFolderInUseError, BucketUnusableError, EmbeddedRedisError, TryAgainError)
 # Settings are read by now, and the workers get theirs with the plan.
 _SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
 
@@ -51,7 +50,6 @@ def run_service(settings: Settings) -> int:
             folder = RunFolder(settings.data_dir, settings.shared)
             stack.callback(folder.close)
             storage = open_storage(settings.storage_url, access)
-            check_at_start(storage, is_shared=settings.shared)
             claim = _claim(settings, storage, stack)
             redis_url = settings.redis_url or _start_redis(folder, stack)
             _log.info("the data folder is open", extra={"folder": str(settings.data_dir.resolve())})

@@ -18,8 +18,7 @@ from panoloc.service.batches.stored_batches import StoredBatches
 from panoloc.service.errors import BatchLimitError, BatchNotFoundError, StorageError
 from panoloc.service.jobs import Result
 from panoloc.service.sharing.change_signal import Publish, publish_nothing
-from panoloc.service.sharing.keyed_lock import uninterrupted
-from panoloc.service.sharing.locks import HeldLock, Locks, OwnLocks
+from panoloc.service.sharing.locks import HeldLock, Locks, OwnLocks, uninterrupted
 from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)

@@ -28,7 +28,7 @@ from panoloc.service.limits.registration_limits import MAX_ATTEMPTS, Registratio
 from panoloc.service.maps.registry import MapRegistry
 from panoloc.service.metrics import Metrics
 from panoloc.service.problems import problem_document
-from panoloc.service.sharing.keyed_lock import uninterrupted
+from panoloc.service.sharing.locks import uninterrupted
 
 _log = structlog.get_logger(__name__)
 
