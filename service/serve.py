@@ -40,6 +40,11 @@ def run_service(settings: Settings) -> int:
     take_secrets_out(os.environ)
     if exposure := why_exposed(settings):
         _log.warning(exposure)
+    if settings.keys.file.is_lost:
+        _log.warning(
+            "the key file is missing, so none of its keys is asked for; restore it, or make keys with `panoloc keys make`",
+            extra={"path": str(settings.keys.file.path.resolve())},
+        )
     if not can_filter_system_calls():
         _log.warning(
             "scan readers run without a filter of system calls, because this system has none; memory and time limits "

@@ -48,6 +48,12 @@ class KeyFile:
 
     def __init__(self, data_dir: Path) -> None:
         self.path = data_dir / NAME
+        self._lock = self.path.with_suffix(".lock")
+
+    @property
+    def is_lost(self) -> bool:
+        """Tell whether keys were made here, but their file is gone: its lock is left."""
+        return self._lock.exists() and not self.path.exists()
 
     def read(self) -> list[StoredKey]:
         """Return all keys that were ever made, none where there is no file. Raises KeyFileError and OSError."""
@@ -116,7 +122,7 @@ class KeyFile:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        with open(os.open(self.path.with_suffix(".lock"), os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
+        with open(os.open(self._lock, os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 

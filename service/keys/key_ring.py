@@ -50,7 +50,7 @@ class KeyRing:
         cannot be read."""
         self._of_setting = callers_of_setting(setting)
         self.tokens = tokens
-        self._file = KeyFile(data_dir)
+        self.file = KeyFile(data_dir)
         self._look_s = look_s
         self._looked_s = -look_s
         self._seen: tuple[int, int, int] | None = None
@@ -84,18 +84,18 @@ class KeyRing:
         if time.monotonic() - self._looked_s < self._look_s:
             return
         self._looked_s = time.monotonic()
-        seen = _version(self._file.path)
+        seen = _version(self.file.path)
         if seen == self._seen:
             return
         if seen is None:
             # Opening the service to everybody takes more than a file that was moved away.
             if self._of_file:
-                _log.error("the key file is missing; its keys are refused", extra={"path": str(self._file.path)})
+                _log.error("the key file is missing; its keys are refused", extra={"path": str(self.file.path)})
             self._of_file = {}
             return
         self._seen = seen
         try:
-            self._of_file = {key.sha256: key.caller for key in self._file.read() if key.revoked_at is None}
+            self._of_file = {key.sha256: key.caller for key in self.file.read() if key.revoked_at is None}
         except (KeyFileError, OSError) as error:
             _log.error("the key file cannot be read; its keys are refused", extra={"error": str(error)})
             self._of_file = {}
