@@ -20,11 +20,6 @@ PHOTO, OTHER_PHOTO = [b"one"], [b"two"]
 
 
 @pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
-@pytest.fixture
 def log(tmp_path: Path) -> ChangeLog:
     return ChangeLog(FolderStorage(tmp_path))
 

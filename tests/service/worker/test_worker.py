@@ -7,7 +7,6 @@ import pickle
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -83,25 +82,18 @@ class Place:
         return list(self.folder.rglob("*.plmi"))
 
 
-@pytest.fixture(scope="module")
-def redis_url() -> Iterator[str]:
-    # pytest's own folders are too long for a socket.
-    with tempfile.TemporaryDirectory(prefix="pl-") as name:
-        server = EmbeddedRedis(Path(name))
-        server.start()
-        yield server.url
-        server.stop()
-
-
 @pytest.fixture
-def place(tmp_path: Path, redis_url: str) -> Iterator[Place]:
+def place(tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis") -> Iterator[Place]:
     torch.set_num_threads(1)
     storage = FolderStorage(tmp_path)
-    settings = WorkerSettings.of(Settings(data_dir=tmp_path), redis_url)
-    cache, catalog, localizer = WorkerCache(redis_url, index_lifetime_s=60), MapCatalog(storage), MadeUpLocalizer()
+    settings = WorkerSettings.of(Settings(data_dir=tmp_path), redis_server.url)
+    cache, catalog, localizer = (
+        WorkerCache(redis_server.url, index_lifetime_s=60),
+        MapCatalog(storage),
+        MadeUpLocalizer(),
+    )
     worker = LocalizationWorker(settings, localizer, catalog, cache)  # type: ignore[arg-type]
-    with redis.Redis.from_url(redis_url) as client:
-        client.flushall()
+    with redis.Redis.from_url(redis_server.url) as client:
         job = store_box(storage)
         yield Place(
             Registrar(settings, catalog, cache), worker, catalog, cache, localizer, client, storage, tmp_path, job
