@@ -22,9 +22,10 @@ from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import CacheDownError
 from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
+from panoloc.service.storage import Storage
 from panoloc.service.worker.answers import answer_of
 from panoloc.service.worker.change_cells import change_cells
-from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.worker.map_catalog import registration_of, stored_index
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
@@ -62,10 +63,10 @@ class ResidentIndexes:
 class LocalizationWorker:
     """Holds a localizer and the indexes used last. Computes in one thread."""
 
-    def __init__(self, settings: WorkerSettings, localizer: Localizer, catalog: MapCatalog, cache: WorkerCache) -> None:
+    def __init__(self, settings: WorkerSettings, localizer: Localizer, storage: Storage, cache: WorkerCache) -> None:
         self._settings = settings
         self._localizer = localizer
-        self._catalog = catalog
+        self._storage = storage
         self._cache = cache
         self._resident = ResidentIndexes(settings.resident_bytes)
         self._name = f"{socket.gethostname()}-{os.getpid()}"
@@ -93,11 +94,11 @@ class LocalizationWorker:
         index = self._resident.get(map_ref)
         if index is not None:
             return "resident", index
-        digest = index_config_digest(self._catalog.registration_of(map_ref).options.index)
+        digest = index_config_digest(registration_of(self._storage, map_ref).options.index)
         source, encoded = "redis", self._cache.get_index(map_ref, digest)
         index = self._decoded(map_ref, encoded)
         if index is None:
-            source, encoded = "storage", self._catalog.stored_index(map_ref, digest)
+            source, encoded = "storage", stored_index(self._storage, map_ref, digest)
             index = self._decoded(map_ref, encoded)
             if encoded is None or index is None:
                 return "missing", None
@@ -208,4 +209,4 @@ def build_worker(settings: WorkerSettings) -> LocalizationWorker:
     keep_freed_memory()
     torch.set_num_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return LocalizationWorker(settings, Localizer(), MapCatalog(settings.open_storage()), cache)
+    return LocalizationWorker(settings, Localizer(), settings.open_storage(), cache)

@@ -27,7 +27,8 @@ from panoloc.service.errors import CacheDownError, MapNotFoundError, Registratio
 from panoloc.service.host.process_resources import limit_process, num_usable_cpus
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
-from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.storage import Storage
+from panoloc.service.worker.map_catalog import registration_of, store_index
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.reply import WorkerReply, guarded
 
@@ -87,14 +88,14 @@ class Registrar:
     def __init__(
         self,
         settings: WorkerSettings,
-        catalog: MapCatalog,
+        storage: Storage,
         cache: WorkerCache,
         limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None,
     ) -> None:
         """limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
         self._limit_process = limit_process
         self._settings = settings
-        self._catalog = catalog
+        self._storage = storage
         self._cache = cache
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
@@ -110,7 +111,7 @@ class Registrar:
         cloud, index = self._build(job, progress)
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
-        self._catalog.store_index(job.map, index_config_digest(job.options.index), encoded)
+        store_index(self._storage, job.map, index_config_digest(job.options.index), encoded)
         self._store_with_retries(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
@@ -122,10 +123,10 @@ class Registrar:
         )
 
     def _rebuild(self, map_ref: MapRef) -> None:
-        job = self._catalog.registration_of(map_ref)
+        job = registration_of(self._storage, map_ref)
         _, index = self._build(job, RegistrationProgress(None, map_ref))
         encoded = encode_map_index(index)
-        self._catalog.store_index(map_ref, index_config_digest(job.options.index), encoded)
+        store_index(self._storage, map_ref, index_config_digest(job.options.index), encoded)
         self._store(job, encoded)
 
     def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex]:
@@ -138,15 +139,15 @@ class Registrar:
             # Parsed in a sandbox: this process holds the address of Redis.
             from_strangers=True,
         )
-        with self._catalog.scan_file(job) as path:
+        with self._storage.local_copy(job.scan_key) as path:
             allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
             # The pool ends a registration that takes too long; this also ends an endless rebuild.
             self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
             self._remove_remains()
-            cloud = read_scan(
-                path, reading, lambda share: progress.report("reading", share), self._catalog.temporary_folder
-            )
+            # Archives are unpacked on the disk of the scans: the system's own folder for that may be in memory.
+            unpacking = self._storage.spool_folder
+            cloud = read_scan(path, reading, lambda share: progress.report("reading", share), unpacking)
         if len(cloud) < MIN_POINTS:
             raise ScanContentError(
                 f"The scan has {len(cloud):,} points; expected at least {MIN_POINTS}, and thousands for a useful map. "
@@ -158,7 +159,7 @@ class Registrar:
         """Remove unpacked archives that killed registrations have left."""
         # A read-only storage must not stop a rebuild.
         with contextlib.suppress(TryAgainError, OSError):
-            remove_remains(self._catalog.temporary_folder())
+            remove_remains(self._storage.spool_folder())
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:
         """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""
@@ -166,7 +167,7 @@ class Registrar:
         self._cache.put_index(job.map, digest, encoded)
         try:
             # After the write: a deletion changes the record first and removes the index last.
-            self._catalog.registration_of(job.map)
+            registration_of(self._storage, job.map)
         except MapNotFoundError:
             self._cache.forget_index(job.map, digest)
             raise
@@ -230,4 +231,4 @@ def build_registrar(settings: WorkerSettings) -> Registrar:
     """Build a registrar in the process that will run it."""
     torch.set_num_threads(num_usable_cpus())
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return Registrar(settings, MapCatalog(settings.open_storage()), cache, limit_process)
+    return Registrar(settings, settings.open_storage(), cache, limit_process)
