@@ -1,7 +1,10 @@
 """What every pool promises, with real processes and a scripted worker: the local one, and one whose workers are on a Ray cluster."""
 
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,17 +13,20 @@ import pytest
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
 from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
-from panoloc.service.host.process_tree import descendants
+from panoloc.service.host.process_tree import command_of, descendants
 from panoloc.service.jobs import LocalizeOutcome
 from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.ray.bridge_pool import bridge_pool
 from panoloc.service.settings import Settings
 from tests.integration.ray_cluster import RayClusterOfOthers
-from tests.integration.running_service import eventually, is_running
+from tests.integration.running_service import ROOT, eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, registration, scripted_plan
-from tests.service.pool.ray_cluster_with_workers import deploy
 
 pytestmark = [pytest.mark.integration, pytest.mark.filterwarnings("ignore::ResourceWarning"), pytest.mark.timeout(900)]
+
+
+_DEPLOY = "import pickle, sys; from panoloc.service.ray.application import deploy"
+_DEPLOY += "; deploy(sys.argv[1], pickle.loads(bytes.fromhex(sys.argv[2])))"
 
 
 @pytest.fixture(scope="module", params=["local", "ray"])
@@ -37,7 +43,9 @@ def running(request: pytest.FixtureRequest) -> Iterator[PoolInThread]:
             running.stop()
             return
         with RayClusterOfOthers() as cluster:
-            deploy(cluster.address, plan)
+            # In a process of its own, as `panoloc workers` does it.
+            command = [sys.executable, "-c", _DEPLOY, cluster.address, pickle.dumps(plan).hex()]
+            subprocess.run(command, cwd=ROOT, check=True, timeout=240)
             settings = Settings(data_dir=folder, queue_limit=10, ray_address=cluster.address)
             running = PoolInThread(folder, lambda: bridge_pool(settings, plan))
             running.wait_until_ready()
@@ -159,7 +167,3 @@ def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: Pool
     running.run(running.pool.stop(drain_s=60))
     assert under_way.result(1).answer.status == "localized"
     assert not [pid for pid in descendants(os.getpid()) if "panoloc.service.pool" in command_of(pid)]
-
-
-def command_of(pid: int) -> str:
-    return Path(f"/proc/{pid}/cmdline").read_text(errors="replace")
