@@ -342,7 +342,7 @@ def test_a_bucket_that_does_not_exist_is_reported_before_the_service_starts(
     bucket_server: BucketServer, tmp_path: Path
 ) -> None:
     access = BucketAccess(str(tmp_path), 0, bucket_server.variables)
-    storage = open_storage("s3://no-such-bucket", access)
+    storage = BucketStorage("s3://no-such-bucket", access)
     with pytest.raises(BucketUnusableError, match=r"NoSuchBucket.*correct PANOLOC_STORAGE"):
         check_bucket(storage, is_shared=False)
     with pytest.raises(StorageAwayError):
