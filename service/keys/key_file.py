@@ -141,8 +141,7 @@ class KeyFile:
 
 
 def digest_of(key: str) -> str:
-    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is
-    enough."""
+    """Return what is kept of a key. One round of SHA-256 is enough for the 256 random bits of `KeyFile.make`."""
     return hashlib.sha256(key.encode()).hexdigest()
 
 

@@ -23,10 +23,9 @@ _SCOPES: dict[str, frozenset[Scope]] = {
 
 
 def callers_of_setting(text: str) -> Mapping[str, Caller]:
-    """Read `key` and `key:scope` entries separated by commas; return callers by the digests of their keys. They see all
-    tenants.
+    """Return callers, who see all tenants, by the digests of their keys. Raises ValueError without quoting a key.
 
-    Raises ValueError without quoting a key.
+    text: entries `key` or `key:scope`, separated by commas.
     """
     found: dict[str, Caller] = {}
     for number, entry in enumerate(filter(None, (part.strip() for part in text.split(","))), start=1):
@@ -46,8 +45,7 @@ class KeyRing:
     """Used from one event loop."""
 
     def __init__(self, setting: str, data_dir: Path, tokens: Tokens | None = None, look_s: float = _LOOK_S) -> None:
-        """setting: PANOLOC_API_KEYS. tokens: None where those of no issuer count. Raises ValueError where the setting
-        cannot be read."""
+        """setting: PANOLOC_API_KEYS; ValueError where it cannot be read. tokens: None where those of no issuer count."""
         self._of_setting = callers_of_setting(setting)
         self.tokens = tokens
         self.file = KeyFile(data_dir)
@@ -58,8 +56,7 @@ class KeyRing:
 
     @property
     def required(self) -> bool:
-        """Tell whether callers have to present a key: also where all keys of the file are revoked, or it cannot be
-        read."""
+        """Tell whether callers have to present a key: also where all keys are revoked, or their file cannot be read."""
         self._look()
         return bool(self._of_setting) or self._seen is not None or self.tokens is not None
 

@@ -97,8 +97,7 @@ class Held:
 
 
 def bytes_in_flight(max_image_bytes: int, note_refusal: Callable[[Refusal], None]) -> Capacity:
-    """Return the capacity for the images of queries that are not yet answered, which are in the memory of this
-    process."""
+    """Return the capacity for images of unanswered queries, which are in the memory of this process."""
     most, most_of_caller = _LARGEST_IMAGES * max_image_bytes, _LARGEST_IMAGES_OF_CALLER * max_image_bytes
     what = "bytes of images (multiples of PANOLOC_MAX_IMAGE_BYTES)"
     return Capacity(most, most_of_caller, what, "bytes-in-flight", BytesInFlightError, note_refusal)

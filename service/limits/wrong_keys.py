@@ -1,5 +1,4 @@
-"""Slows down callers who try keys: the wrong ones of an address are answered one after the other, with a pause before
-each."""
+"""Slows down callers who try keys: wrong ones of an address are answered one after the other, after a pause each."""
 
 import asyncio
 from collections import Counter

@@ -1,5 +1,4 @@
-"""The worker process: `python -m panoloc.service.pool.child`. Answers queries, or builds one map, for the service that
-started it."""
+"""The worker process, `python -m panoloc.service.pool.child`: answers queries, or builds one map, for its service."""
 
 import os
 import queue
