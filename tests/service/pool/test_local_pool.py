@@ -44,6 +44,7 @@ def workers() -> list[int]:
 
 
 def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_pool, "_WATCH_PERIOD_S", 0.05)
     monkeypatch.setattr(worker_process, "OVERDUE_S", 0.3)
     with running_pool(folder) as running:
         running.wait_until_ready()
@@ -57,11 +58,12 @@ def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeyp
 def test_a_worker_beyond_its_memory_is_replaced_and_its_query_repeated_until_it_is_given_up(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(process_pool, "_WATCH_PERIOD_S", 0.05)
     monkeypatch.setattr(process_pool, "usable_memory_bytes", lambda: 250 << 20)
     with running_pool(folder) as running:
         running.wait_until_ready()
         with pytest.raises(NoWorkerError, match="GiB of memory"):
-            running.localize(query("greedy", take_mb=500, until="never"))
+            running.localize(query("greedy", take_mb=300, until="never"))
         assert running.pool.state().num_retries == 3
         assert running.localize(query("modest")).answer.status == "localized"
 
