@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.filterwarnings("ignore::Resou
 @contextmanager
 def running_pool(folder: Path, num_workers: int | None = 1) -> Iterator[PoolInThread]:
     settings = Settings(data_dir=folder, num_workers=num_workers)
-    running = PoolInThread(folder, lambda: local_pool(settings, scripted_plan(folder)))
+    running = PoolInThread(folder, local_pool(settings, scripted_plan(folder)))
     try:
         yield running
     finally:
@@ -82,7 +82,7 @@ def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(fold
 def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(folder: Path) -> None:
     with running_pool(folder) as running:
         running.wait_until_ready()
-        waiting = [running.begin(running.pool.localize(query(f"w-{number}", until="never"))) for number in range(3)]
+        waiting = running.begin_localizing(*(query(f"w-{number}", until="never") for number in range(3)))
         assert eventually(lambda: any(folder.glob("w-*.started")), 30)
         (folder / "no-worker-starts").touch()
         os.kill(workers()[0], signal.SIGKILL)
@@ -94,7 +94,7 @@ def test_of_two_workers_one_answers_while_the_other_one_is_replaced(folder: Path
     with running_pool(folder, num_workers=2) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
         pids = set(workers())
-        both = [running.begin(running.pool.localize(query(f"b-{number}", until="go"))) for number in range(2)]
+        both = running.begin_localizing(*(query(f"b-{number}", until="go") for number in range(2)))
         assert eventually(lambda: len(list(folder.glob("b-*.started"))) == 2, 30)
         os.kill(min(pids), signal.SIGKILL)
         (folder / "go").touch()
@@ -105,7 +105,7 @@ def test_of_two_workers_one_answers_while_the_other_one_is_replaced(folder: Path
 def test_a_query_goes_to_the_worker_that_has_its_maps(folder: Path) -> None:
     with running_pool(folder, num_workers=2) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
-        first = running.begin(running.pool.localize(query("a-1", maps=("map_a",), until="go")))
+        (first,) = running.begin_localizing(query("a-1", maps=("map_a",), until="go"))
         assert eventually((folder / "a-1.started").exists, 30)
         at_b = running.localize(query("b-1", maps=("map_b",))).answer.search["pid"]
         (folder / "go").touch()
@@ -133,7 +133,7 @@ from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.settings import Settings
 from tests.service.pool.pool_in_thread import PoolInThread, scripted_plan
 folder = Path(sys.argv[1])
-PoolInThread(folder, lambda: local_pool(Settings(data_dir=folder, num_workers=1), scripted_plan(folder))).wait_until_ready()
+PoolInThread(folder, local_pool(Settings(data_dir=folder, num_workers=1), scripted_plan(folder))).wait_until_ready()
 print("ready", flush=True)
 time.sleep(600)
 """
