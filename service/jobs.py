@@ -112,7 +112,7 @@ class LocalizeOutcome:
     """The result of one query.
 
     pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by
-    `panoloc.service.worker.change_cells`.
+    `panoloc.service.worker.answers.change_cells`.
     """
 
     answer: "Localization"

@@ -38,7 +38,7 @@ class ChangeLog:
     async def note(self, answer: Document, cells: dict[str, Any] | None, images: Sequence[bytes]) -> None:
         """Keep what an answer to images saw, in place of an earlier answer to the same ones.
 
-        cells: see `panoloc.service.worker.change_cells`; None: nothing.
+        cells: see `panoloc.service.worker.answers.change_cells`; None: nothing.
         """
         if cells is not None and answer["map_id"] is not None:
             await asyncio.to_thread(self._note, answer, cells, images)

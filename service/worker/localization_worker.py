@@ -23,8 +23,7 @@ from panoloc.service.errors import CacheDownError
 from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
 from panoloc.service.storage import Storage
-from panoloc.service.worker.answers import answer_of
-from panoloc.service.worker.change_cells import change_cells
+from panoloc.service.worker.answers import answer_of, change_cells
 from panoloc.service.worker.map_catalog import registration_of, stored_index
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
