@@ -12,7 +12,6 @@ from redis.asyncio.connection import AbstractConnection
 
 from panoloc.service.cache import Cache, WorkerCache
 from panoloc.service.errors import CacheDownError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.jobs import ARTIFACTS, MapRef
 
 pytestmark = pytest.mark.anyio
@@ -29,8 +28,8 @@ def keys(client: "redis.Redis") -> set[str]:
 
 
 @pytest.fixture
-def worker_cache(redis_server: EmbeddedRedis, redis_client: "redis.Redis") -> Iterator[WorkerCache]:
-    cache = WorkerCache(redis_server.url, index_lifetime_s=1000)
+def worker_cache(redis_url: str) -> Iterator[WorkerCache]:
+    cache = WorkerCache(redis_url, index_lifetime_s=1000)
     yield cache
     cache.close()
 
@@ -125,9 +124,9 @@ PICTURES: dict[str, bytes] = {name: f"a {name}".encode() for name in ARTIFACTS}
 
 
 @pytest.fixture
-async def cache(redis_server: EmbeddedRedis, redis_client: "redis.Redis", anyio_backend: str) -> AsyncIterator[Cache]:
+async def cache(redis_url: str, anyio_backend: str) -> AsyncIterator[Cache]:
     """Answers live for 500 s."""
-    cache = Cache(redis_server.url, result_lifetime_s=500)
+    cache = Cache(redis_url, result_lifetime_s=500)
     yield cache
     await cache.close()
 

@@ -11,7 +11,6 @@ import pytest
 import redis
 
 from panoloc.service.errors import CacheDownError, StorageReadOnlyError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.sharing.leases import LeaseLocks
 from panoloc.service.sharing.locks import FolderLocks, HeldLock, Locks, OwnLocks
 
@@ -39,9 +38,9 @@ Both = tuple[Locks, Locks]
 
 
 @pytest.fixture
-async def leases(redis_server: EmbeddedRedis, redis_client: "redis.Redis", anyio_backend: str) -> AsyncIterator[Both]:
+async def leases(redis_url: str, anyio_backend: str) -> AsyncIterator[Both]:
     """Leases of two processes."""
-    one, other = LeaseLocks(redis_server.url, LEASE_S), LeaseLocks(redis_server.url, LEASE_S)
+    one, other = LeaseLocks(redis_url, LEASE_S), LeaseLocks(redis_url, LEASE_S)
     yield one, other
     for locks in (one, other):
         await locks.close()
@@ -117,10 +116,10 @@ async def test_a_caller_that_gives_up_waiting_leaves_the_lock_free(both: Both) -
 @pytest.mark.slow
 @pytest.mark.parametrize("both", ["folder", "leases"], indirect=True)
 async def test_a_killed_process_holds_nothing_for_long(
-    both: Both, tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis"
+    both: Both, tmp_path: Path, redis_url: str, redis_client: "redis.Redis"
 ) -> None:
     is_lease = isinstance(both[0], LeaseLocks)
-    command = [sys.executable, "-c", _HOLDER, redis_server.url if is_lease else str(tmp_path)]
+    command = [sys.executable, "-c", _HOLDER, redis_url if is_lease else str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"True\n"

@@ -33,7 +33,6 @@ from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.service.answer import Localization
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import StorageFullError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
 from panoloc.service.maps.record import MapRecord, Revision, key_of, write_record
 from panoloc.service.settings import Settings
@@ -82,13 +81,13 @@ class Place:
 
 
 @pytest.fixture
-def place(tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis") -> Iterator[Place]:
+def place(tmp_path: Path, redis_url: str) -> Iterator[Place]:
     torch.set_num_threads(1)
     storage = FolderStorage(tmp_path)
-    settings = WorkerSettings.of(Settings(data_dir=tmp_path), redis_server.url)
-    cache, localizer = WorkerCache(redis_server.url, index_lifetime_s=60), MadeUpLocalizer()
+    settings = WorkerSettings.of(Settings(data_dir=tmp_path), redis_url)
+    cache, localizer = WorkerCache(redis_url, index_lifetime_s=60), MadeUpLocalizer()
     worker = LocalizationWorker(settings, localizer, storage, cache)  # type: ignore[arg-type]
-    with redis.Redis.from_url(redis_server.url) as client:
+    with redis.Redis.from_url(redis_url) as client:
         job = store_box(storage)
         yield Place(Registrar(settings, storage, cache), worker, cache, localizer, client, storage, tmp_path, job)
     cache.close()
