@@ -159,32 +159,31 @@ class ProcessPool:
 
     async def _reply_to(self, number: int, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
         """Return the reply of a worker. A query changes nothing, so it is repeated when its worker was lost, a few times."""
-        for attempt in itertools.count(1):
+        how = ""
+        for attempt in range(_MAX_ATTEMPTS):
             if self._problem:
                 raise NoWorkerError(f"no worker can take this request: {self._problem}")
+            self._num_retries += attempt > 0
             work = Work(number, job)
             heapq.heappush(self._queue, work)
             self._hand_out()
             try:
                 reply = await work.future
             except WorkerLostError as lost:
+                how = str(lost)
                 self._resident_bytes.clear()
-                if attempt == _MAX_ATTEMPTS:
-                    raise NoWorkerError(
-                        f"{attempt} workers in a row were lost while answering this query ({lost})"
-                    ) from lost
-                self._num_retries += 1
-                details = {"request_id": job.request_id, "attempt": attempt, "error": str(lost)}
-                _log.warning("a worker was lost; the service repeats its query", extra=details)
+                _log.warning("a worker was lost with a query", extra={"request_id": job.request_id, "error": how})
                 continue
             self._resident_bytes[reply.worker] = reply.resident_bytes
             self._index_loads.update(reply.index_loads)
             return reply
-        raise AssertionError
+        raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while answering this query ({how})")
 
     def _hand_out(self) -> None:
         """Give waiting queries to processes with room."""
-        while self._queue and (free := [each for each in self._processes if each.has_room]):
+        while self._queue and (
+            free := [each for each in self._processes if len(each.under_way) < each.status.capacity]
+        ):
             work = heapq.heappop(self._queue)
             if not work.future.done():
                 max(free, key=lambda each: (work.maps <= each.known_maps, -len(each.under_way))).begin(work)

@@ -79,11 +79,6 @@ class WorkerProcess:
         self.under_way: dict[int, Work] = {}
         self.known_maps: set[MapRef] = set()
 
-    @property
-    def has_room(self) -> bool:
-        """Tell whether it takes one more request."""
-        return len(self.under_way) < self.status.capacity
-
     async def run(self) -> str:
         """Start the process, take its messages until it ends, and return how it ended. Cancelling the call kills it."""
         # A session of its own: a terminal's interrupt is for the service, which lets the work under way end.
