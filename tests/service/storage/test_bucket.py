@@ -386,8 +386,6 @@ def test_a_storage_is_named_by_a_url(tmp_path: Path, bucket_server: BucketServer
             open_storage(url, access)
     with pytest.raises(ValueError, match="expected no key in the URL"):
         open_storage("s3://id:secret@bucket", access)
-    with pytest.raises(ValueError, match="expected a folder for uploads"):
-        open_storage("s3://bucket")
 
 
 @pytest.mark.parametrize(
