@@ -163,6 +163,7 @@ async def run_build(plan: WorkerPlan, job: Build) -> WorkerReply[Any]:
     process = WorkerProcess(plan, "panoloc.service.pool.child builder")
     process.begin(work)
     running = asyncio.create_task(process.run())
+    running.add_done_callback(lambda _: work.fail(WorkerLostError("it could not be started")))
     try:
         return await work.future
     except WorkerLostError as lost:

@@ -1,13 +1,15 @@
 """Registrations wait for each other; a lost index is built once for all who wait for it. Builds are scripted here."""
 
 import asyncio
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from panoloc.service.errors import NoWorkerError, RegistrationLimitError, TryAgainError, WorkerError
 from panoloc.service.jobs import MapRef, RegisterJob, RegisterOptions, RegisterOutcome
 from panoloc.service.pool.map_builds import MapBuilds
+from panoloc.service.pool.worker_process import run_build
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerFailure, WorkerReply
 
 pytestmark = pytest.mark.anyio
@@ -152,6 +154,15 @@ async def test_a_rebuild_whose_process_dies_is_begun_once_more() -> None:
     with pytest.raises(NoWorkerError, match="killed"):
         await MapBuilds(build, 1).rebuild([MAP])
     assert attempts == [MAP, MAP]
+
+
+async def test_a_build_whose_process_cannot_start_fails_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def refuse(*_: object, **__: object) -> None:
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse)
+    with pytest.raises(NoWorkerError, match=r"could not be started.*memory"):
+        await run_build(cast(WorkerPlan, None), MAP)
 
 
 async def test_the_end_ends_rebuilds_and_those_who_wait_for_them() -> None:
