@@ -4,9 +4,8 @@
     progress:{map}:{revision}           what a registration is at       written by workers
     localization:{id}                   state, then answer              written by the HTTP process
     picture:{id}:{name}                 PNG                             written by the HTTP process
-    rate/{limit}/{caller}/…             what callers asked for          written by the HTTP process, see
-    panoloc.service.limits.caller_rates of_map:{map}                        ids of answers about a map, so that deleting
-    the map deletes them too
+    of_map:{map}                        ids of the answers about a map  deleted with the map
+    rate/{limit}/{caller}/…             what callers asked for          written by `panoloc.service.limits.caller_rates`
 
 `Cache` is the asynchronous side, for the HTTP process; `WorkerCache` the blocking side, for workers. Both connect when
 they are first used, connect again by themselves after Redis was away, and raise CacheDownError while it is.
@@ -34,6 +33,7 @@ from panoloc.service.jobs import ARTIFACTS, MapRef
 _TIMEOUT_S = 5.0
 _RETRIES = 3
 _PROBE_S = 10
+_PROGRESS_LIFETIME_S = 600
 _RETRY_AFTER_S = 2
 # A server that loads its data, is full, or is only a replica for now is as good as away.
 _TEMPORARY = (BusyLoadingError, OutOfMemoryError, ReadOnlyError)
@@ -43,13 +43,12 @@ _LOST = (redis.ConnectionError, redis.TimeoutError, *_TEMPORARY, OSError)
 class WorkerCache:
     """The side of the workers. Safe for several threads."""
 
-    def __init__(self, url: str, *, index_lifetime_s: int, progress_lifetime_s: int = 600) -> None:
+    def __init__(self, url: str, *, index_lifetime_s: int) -> None:
         backoff = ExponentialBackoff(cap=0.2, base=0.02)
         self._redis = redis.Redis.from_url(
             url, socket_timeout=_TIMEOUT_S, socket_connect_timeout=_TIMEOUT_S, retry=Retry(backoff, _RETRIES)
         )
         self._index_lifetime_s = index_lifetime_s
-        self._progress_lifetime_s = progress_lifetime_s
 
     def get_index(self, ref: MapRef, digest: str) -> bytes | None:
         """Return the encoded index, None when it is not there; reading it renews its lifetime."""
@@ -75,7 +74,7 @@ class WorkerCache:
         """Tell what a registration is at: status "reading" or "indexing", stage in words, progress 0..1 of all."""
         value = json.dumps({"status": status, "stage": stage, "progress": round(progress, 3)})
         with _down_is_said():
-            self._redis.set(_progress_key(ref), value, ex=self._progress_lifetime_s)
+            self._redis.set(_progress_key(ref), value, ex=_PROGRESS_LIFETIME_S)
 
     def close(self) -> None:
         """Close the connections."""
@@ -193,19 +192,15 @@ def _json(document: Mapping[str, Any]) -> str:
     return json.dumps(document, allow_nan=False)
 
 
-def _down(error: Exception) -> CacheDownError:
-    return CacheDownError(
-        f"expected an answer from Redis, got {type(error).__name__}; the service reconnects by itself; try again",
-        _RETRY_AFTER_S,
-    )
-
-
 @contextmanager
 def _down_is_said() -> Iterator[None]:
     try:
         yield
     except _LOST as error:
-        raise _down(error) from error
+        raise CacheDownError(
+            f"expected an answer from Redis, got {type(error).__name__}; the service reconnects by itself; try again",
+            _RETRY_AFTER_S,
+        ) from error
 
 
 @asynccontextmanager
@@ -213,9 +208,8 @@ async def _down_is_said_async() -> AsyncIterator[None]:
     task = asyncio.current_task()
     cancelled_before = task.cancelling() if task else 0
     try:
-        yield
-    except _LOST as error:
-        raise _down(error) from error
+        with _down_is_said():
+            yield
     finally:
         # redis-py waits with `asyncio.wait_for`, which in Python 3.11 forgets a cancellation that comes together
         # with the answer: the task would go on as if nobody had ended it.

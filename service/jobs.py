@@ -89,7 +89,7 @@ class LocalizeJob:
 
     images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
     for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.geopose.geopose_of`
-    takes it. with_change_cells: whether the outcome needs change cells, for `GET /maps/{id}/changes`.
+    takes it.
     """
 
     localization_id: str
@@ -99,7 +99,6 @@ class LocalizeJob:
     options: QueryOptions
     deadline_unix_s: float
     georeferences: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    with_change_cells: bool = False
 
     @property
     def kind(self) -> str:
@@ -113,7 +112,7 @@ class LocalizeOutcome:
     """The result of one query.
 
     pictures: PNGs by name, those of `options.artifacts` that could be drawn. change_cells: by
-    `panoloc.service.worker.change_cells`.
+    `panoloc.service.worker.answers.change_cells`.
     """
 
     answer: "Localization"

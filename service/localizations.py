@@ -170,7 +170,6 @@ class Localizations:
                 query.options,
                 deadline_unix_s,
                 self._registry.georeferences(chosen.refs),
-                with_change_cells=self._changes.is_kept,
             )
             try:
                 async with asyncio.timeout(max(0.0, deadline_unix_s - time.time()) + _OVERDUE_S):

@@ -15,19 +15,17 @@ from panoloc.service.host.run_folder import DataFolderInUseError, RunFolder, loc
 from panoloc.service.host.secret_variables import remove_variables
 from panoloc.service.host_names import is_loopback
 from panoloc.service.http.server import DrainingServer, server_config
-from panoloc.service.pool.local_workers import local_pool
-from panoloc.service.pool.process_pool import ProcessPool
+from panoloc.service.pool.process_pool import ProcessPool, local_pool
 from panoloc.service.settings import Settings
 from panoloc.service.storage import Storage, open_storage
 from panoloc.service.storage.bucket import BucketStorage
-from panoloc.service.storage.claim import BucketClaim, BucketInUseError
-from panoloc.service.storage.start_check import StorageUnusableError, check_at_start
+from panoloc.service.storage.claim import BucketClaim, BucketUnusableError
 from panoloc.service.storage.urls import variables_of_buckets
 from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 
 _log = logging.getLogger(__name__)
 
-_WHY_NO_START = (DataFolderInUseError, BucketInUseError, EmbeddedRedisError, StorageUnusableError, TryAgainError)
+_WHY_NO_START = (DataFolderInUseError, BucketUnusableError, EmbeddedRedisError, TryAgainError)
 # Settings are read by now, and the workers get theirs with the plan.
 _SECRETS = ("PANOLOC_API_KEYS", "PANOLOC_API_KEY", "PANOLOC_REDIS_URL")
 
@@ -42,6 +40,11 @@ def run_service(settings: Settings) -> int:
     take_secrets_out(os.environ)
     if exposure := why_exposed(settings):
         _log.warning(exposure)
+    if settings.keys.file.is_lost:
+        _log.warning(
+            "the key file is missing, so none of its keys is asked for; restore it, or make keys with `panoloc keys make`",
+            extra={"path": str(settings.keys.file.path.resolve())},
+        )
     if not can_filter_system_calls():
         _log.warning(
             "scan readers run without a filter of system calls, because this system has none; memory and time limits "
@@ -52,7 +55,6 @@ def run_service(settings: Settings) -> int:
             folder = RunFolder(settings.data_dir, settings.shared)
             stack.callback(folder.close)
             storage = open_storage(settings.storage_url, access)
-            check_at_start(storage, is_shared=settings.shared)
             claim = _claim(settings, storage, stack)
             redis_url = settings.redis_url or _start_redis(folder, stack)
             _log.info("the data folder is open", extra={"folder": str(settings.data_dir.resolve())})

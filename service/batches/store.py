@@ -17,8 +17,7 @@ from panoloc.service.batches.record import BatchRecord, StoredBatches, folder_of
 from panoloc.service.errors import BatchLimitError, BatchNotFoundError, StorageError
 from panoloc.service.jobs import Result
 from panoloc.service.sharing.change_signal import Publish, publish_nothing
-from panoloc.service.sharing.keyed_lock import uninterrupted
-from panoloc.service.sharing.locks import HeldLock, Locks
+from panoloc.service.sharing.locks import HeldLock, Locks, uninterrupted
 from panoloc.service.storage import Storage
 
 _log = structlog.get_logger(__name__)

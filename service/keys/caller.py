@@ -12,8 +12,7 @@ ALL_SCOPES: frozenset[Scope] = frozenset(get_args(Scope))
 
 @dataclass(frozen=True)
 class Caller:
-    """id: what limits count and the audit log names: "key key_…" or "address …". tenant: whose maps are seen; None:
-    all."""
+    """id: for limits and the audit log, such as "key key_…" or "address …". tenant: whose maps are seen; None: all."""
 
     id: str
     scopes: frozenset[Scope]

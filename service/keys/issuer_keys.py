@@ -25,8 +25,7 @@ class IssuerKeys:
     """Used from one event loop. A failed refresh keeps the keys that were there; without any, no token is accepted."""
 
     def __init__(self, place: str, pause_s: float = _PAUSE_S) -> None:
-        """place: a path or a URL. pause_s: seconds between requests to a URL. Raises ValueError for a URL that others
-        could answer."""
+        """place: a path or a URL; ValueError for one that others could answer. pause_s: seconds between requests to a URL."""
         self.place = place
         self._is_url = is_url(place)
         self._pause_s = pause_s if self._is_url else 0.0
@@ -60,8 +59,7 @@ class IssuerKeys:
 
 
 def is_url(place: str) -> bool:
-    """Tell whether keys are fetched. Raises ValueError for plain HTTP over a network, where others could answer with
-    their keys."""
+    """Tell whether keys are fetched. Raises ValueError for plain HTTP over a network, where anybody could answer."""
     parts = urlsplit(place)
     if parts.scheme == "http" and not is_loopback(parts.hostname or ""):
         raise ValueError(f"expected an https:// URL or a file with the keys of the issuer, got {place!r}")

@@ -1,22 +1,21 @@
 """The file of keys in the data folder: the digest of each key and what it may do, never the key itself."""
 
 import contextlib
-import dataclasses
 import fcntl
 import hashlib
-import json
 import os
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
 
 NAME = "keys.json"
-_FORMAT = 1
 
 
 class KeyFileError(ValueError):
@@ -43,21 +42,41 @@ class StoredKey:
         return Caller(f"key {self.id}", frozenset(self.scopes), self.tenant)
 
 
+@dataclass(frozen=True)
+class _Document:
+    """What the file holds."""
+
+    keys: list[StoredKey]
+    format: Literal[1] = 1
+
+
+_DOCUMENT = TypeAdapter(_Document)
+
+
 class KeyFile:
     """Read by the service, changed by `panoloc keys`. Blocking."""
 
     def __init__(self, data_dir: Path) -> None:
         self.path = data_dir / NAME
+        self._lock = self.path.with_suffix(".lock")
+
+    @property
+    def is_lost(self) -> bool:
+        """Tell whether keys were made here, but their file is gone: its lock is left."""
+        return self._lock.exists() and not self.path.exists()
 
     def read(self) -> list[StoredKey]:
         """Return all keys that were ever made, none where there is no file. Raises KeyFileError and OSError."""
         try:
-            document = json.loads(self.path.read_bytes())
-            return [_key(stored) for stored in document["keys"]]
+            return _DOCUMENT.validate_json(self.path.read_bytes()).keys
         except FileNotFoundError:
             return []
-        except (ValueError, KeyError, TypeError) as error:
-            raise KeyFileError(f"{self.path}: expected keys in the format of `panoloc keys`, but {error!r}") from error
+        except ValidationError as error:
+            found = error.errors(include_input=False)[0]
+            where = ".".join(map(str, found["loc"])) or "the file"
+            raise KeyFileError(
+                f"{self.path}: expected keys in the format of `panoloc keys`, but {where}: {found['msg']}; restore it"
+            ) from error
 
     def make(self, name: str, scopes: Sequence[Scope], tenant: str | None = None) -> tuple[StoredKey, str]:
         """Add a key and return it with its text, which is shown once. tenant: None for one of its own.
@@ -100,11 +119,11 @@ class KeyFile:
     def _change(self, update: Callable[[list[StoredKey]], list[StoredKey]]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self._locked():
-            keys = [dataclasses.asdict(key) for key in update(self.read())]
+            document = _DOCUMENT.dump_json(_Document(update(self.read())), indent=1)
             part = self.path.with_suffix(".part")
             try:
-                with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
-                    json.dump({"format": _FORMAT, "keys": keys}, file, indent=1)
+                with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+                    file.write(document)
                     file.flush()
                     os.fsync(file.fileno())
                 part.replace(self.path)
@@ -116,21 +135,13 @@ class KeyFile:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        with open(os.open(self.path.with_suffix(".lock"), os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
+        with open(os.open(self._lock, os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 
 
-def _key(stored: dict[str, Any]) -> StoredKey:
-    key = StoredKey(**{**stored, "scopes": tuple(stored["scopes"])})
-    if not set(key.scopes) <= ALL_SCOPES:
-        raise ValueError(f"{key.id} has the scopes {key.scopes}")
-    return key
-
-
 def digest_of(key: str) -> str:
-    """Return what is kept of a key. Those of the keys file are 256 random bits, for which one round of SHA-256 is
-    enough."""
+    """Return what is kept of a key. One round of SHA-256 is enough for the 256 random bits of `KeyFile.make`."""
     return hashlib.sha256(key.encode()).hexdigest()
 
 

@@ -23,10 +23,9 @@ _SCOPES: dict[str, frozenset[Scope]] = {
 
 
 def callers_of_setting(text: str) -> Mapping[str, Caller]:
-    """Read `key` and `key:scope` entries separated by commas; return callers by the digests of their keys. They see all
-    tenants.
+    """Return callers, who see all tenants, by the digests of their keys. Raises ValueError without quoting a key.
 
-    Raises ValueError without quoting a key.
+    text: entries `key` or `key:scope`, separated by commas.
     """
     found: dict[str, Caller] = {}
     for number, entry in enumerate(filter(None, (part.strip() for part in text.split(","))), start=1):
@@ -46,11 +45,10 @@ class KeyRing:
     """Used from one event loop."""
 
     def __init__(self, setting: str, data_dir: Path, tokens: Tokens | None = None, look_s: float = _LOOK_S) -> None:
-        """setting: PANOLOC_API_KEYS. tokens: None where those of no issuer count. Raises ValueError where the setting
-        cannot be read."""
+        """setting: PANOLOC_API_KEYS; ValueError where it cannot be read. tokens: None where those of no issuer count."""
         self._of_setting = callers_of_setting(setting)
         self.tokens = tokens
-        self._file = KeyFile(data_dir)
+        self.file = KeyFile(data_dir)
         self._look_s = look_s
         self._looked_s = -look_s
         self._seen: tuple[int, int, int] | None = None
@@ -58,8 +56,7 @@ class KeyRing:
 
     @property
     def required(self) -> bool:
-        """Tell whether callers have to present a key: also where all keys of the file are revoked, or it cannot be
-        read."""
+        """Tell whether callers have to present a key: also where all keys are revoked, or their file cannot be read."""
         self._look()
         return bool(self._of_setting) or self._seen is not None or self.tokens is not None
 
@@ -84,18 +81,18 @@ class KeyRing:
         if time.monotonic() - self._looked_s < self._look_s:
             return
         self._looked_s = time.monotonic()
-        seen = _version(self._file.path)
+        seen = _version(self.file.path)
         if seen == self._seen:
             return
         if seen is None:
             # Opening the service to everybody takes more than a file that was moved away.
             if self._of_file:
-                _log.error("the key file is missing; its keys are refused", extra={"path": str(self._file.path)})
+                _log.error("the key file is missing; its keys are refused", extra={"path": str(self.file.path)})
             self._of_file = {}
             return
         self._seen = seen
         try:
-            self._of_file = {key.sha256: key.caller for key in self._file.read() if key.revoked_at is None}
+            self._of_file = {key.sha256: key.caller for key in self.file.read() if key.revoked_at is None}
         except (KeyFileError, OSError) as error:
             _log.error("the key file cannot be read; its keys are refused", extra={"error": str(error)})
             self._of_file = {}

@@ -19,8 +19,7 @@ _CLAIMS = ["exp", "iss", "aud", "sub"]
 
 
 class TokenRefusedError(ValueError):
-    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may only just have been
-    published."""
+    """A token opens nothing. is_genuine: the issuer did sign it. may_be_new: its key may have been published just now."""
 
     def __init__(self, message: str, *, is_genuine: bool = False, may_be_new: bool = False) -> None:
         super().__init__(message)

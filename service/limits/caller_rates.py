@@ -56,8 +56,7 @@ class CallerRates:
         return self.limits != RateLimits(None, None)
 
     async def take(self, caller: str, brings_bytes: bool) -> None:
-        """Count a request. Raises RateError for too many requests, and for one that brings bytes after too many
-        bytes."""
+        """Count a request. Raises RateError after too many, and for one that brings bytes also after too many bytes."""
         refused = await self._counted(lambda counts: counts.refusal(caller, brings_bytes))
         if refused is None:
             return

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Literal
 
 from panoloc.service.errors import BytesInFlightError, TryAgainError, UploadsError
@@ -19,6 +20,7 @@ _LARGEST_IMAGES, _LARGEST_IMAGES_OF_CALLER = 8, 6
 _UPLOADS, _UPLOADS_OF_CALLER = 16, 8
 
 
+@dataclass(eq=False)
 class Capacity:
     """Counts what requests hold, such as bytes in memory or uploads. Used from one event loop.
 
@@ -26,20 +28,14 @@ class Capacity:
     and raised as. note_total: called with what is held after each change.
     """
 
-    def __init__(
-        self,
-        most: int,
-        most_of_caller: int,
-        what: str,
-        refusal: Refusal,
-        error: type[TryAgainError],
-        note_refusal: Callable[[Refusal], None],
-        note_total: Callable[[int], None] = lambda _: None,
-    ) -> None:
-        self._most, self._most_of_caller, self._what = most, most_of_caller, what
-        self._refusal: Refusal = refusal
-        self._error, self._note_refusal, self._note_total = error, note_refusal, note_total
-        self._by_caller: Counter[str] = Counter()
+    most: int
+    most_of_caller: int
+    what: str
+    refusal: Refusal
+    error: type[TryAgainError]
+    note_refusal: Callable[[Refusal], None]
+    note_total: Callable[[int], None] = lambda _: None
+    _by_caller: Counter[str] = field(default_factory=Counter, init=False)
 
     @property
     def total(self) -> int:
@@ -53,29 +49,28 @@ class Capacity:
     @contextmanager
     def place(self, caller: str) -> Iterator[None]:
         """Hold one for the duration of the block. Raises the error of this capacity where there is none."""
-        held = self.hold(caller)
-        held.take(1)
+        self.change(caller, 1)
         try:
             yield
         finally:
-            held.release()
+            self.change(caller, -1)
 
     def change(self, caller: str, amount: int) -> None:
         """Count more, or less where the amount is negative. Raises the error of this capacity for too much."""
         for held, most, whose in (
-            (self.total, self._most, "all callers"),
-            (self._by_caller[caller], self._most_of_caller, "one caller"),
+            (self.total, self.most, "all callers"),
+            (self._by_caller[caller], self.most_of_caller, "one caller"),
         ):
             if amount > 0 and held + amount > most:
-                self._note_refusal(self._refusal)
-                raise self._error(
-                    f"expected at most {most:,} {self._what} of {whose} at the same time, got more; try again later",
+                self.note_refusal(self.refusal)
+                raise self.error(
+                    f"expected at most {most:,} {self.what} of {whose} at the same time, got more; try again later",
                     _RETRY_AFTER_S,
                 )
         self._by_caller[caller] += amount
         if not self._by_caller[caller]:
             del self._by_caller[caller]
-        self._note_total(self.total)
+        self.note_total(self.total)
 
 
 class Held:
@@ -97,8 +92,7 @@ class Held:
 
 
 def bytes_in_flight(max_image_bytes: int, note_refusal: Callable[[Refusal], None]) -> Capacity:
-    """Return the capacity for the images of queries that are not yet answered, which are in the memory of this
-    process."""
+    """Return the capacity for images of unanswered queries, which are in the memory of this process."""
     most, most_of_caller = _LARGEST_IMAGES * max_image_bytes, _LARGEST_IMAGES_OF_CALLER * max_image_bytes
     what = "bytes of images (multiples of PANOLOC_MAX_IMAGE_BYTES)"
     return Capacity(most, most_of_caller, what, "bytes-in-flight", BytesInFlightError, note_refusal)

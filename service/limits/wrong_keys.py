@@ -1,9 +1,7 @@
-"""Slows down callers who try keys: the wrong ones of an address are answered one after the other, with a pause before
-each."""
+"""Slows down callers who try keys: a wrong key is refused after a pause for each that this address has waiting."""
 
 import asyncio
 from collections import Counter
-from weakref import WeakValueDictionary
 
 from panoloc.service.errors import WrongKeysError
 
@@ -17,7 +15,6 @@ class WrongKeys:
     def __init__(self, pause_s: float = _PAUSE_S, most_waiting: int = _MOST_WAITING) -> None:
         self._pause_s = pause_s
         self._most_waiting = most_waiting
-        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._waiting: Counter[str] = Counter()
 
     async def wait(self, address: str) -> None:
@@ -28,11 +25,9 @@ class WrongKeys:
                 "ask the operator for a key",
                 round(self._most_waiting * self._pause_s) or 1,
             )
-        lock = self._locks.setdefault(address, asyncio.Lock())
         self._waiting[address] += 1
         try:
-            async with lock:
-                await asyncio.sleep(self._pause_s)
+            await asyncio.sleep(self._pause_s * self._waiting[address])
         finally:
             self._waiting[address] -= 1
             if not self._waiting[address]:

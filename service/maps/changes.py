@@ -5,17 +5,17 @@ while its map is being deleted leaves nothing in the folder of that map. {images
 again are no second witness.
 """
 
-import array
 import asyncio
 import base64
 import hashlib
 import json
-import sys
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
+
+import numpy as np
 
 from panoloc.service.answer import Document, in_map_axes
 from panoloc.service.errors import StorageError
@@ -25,31 +25,22 @@ from panoloc.service.storage import Storage
 MOST_ANSWERS = 200
 """Of a map; older ones make room."""
 
-_LIFETIME_S = 30 * 24 * 3600
+_LIFETIME_S = 30 * 24 * 3600  # for which an answer counts
 Cell = tuple[int, int, int]
 
 
 class ChangeLog:
-    """Used from one event loop; the files are read and written in threads.
+    """Used from one event loop; the files are read and written in threads."""
 
-    lifetime_s: seconds for which an answer counts; 0: nothing is kept.
-    """
-
-    def __init__(self, storage: Storage, lifetime_s: int = _LIFETIME_S) -> None:
+    def __init__(self, storage: Storage) -> None:
         self._storage = storage
-        self._lifetime_s = lifetime_s
-
-    @property
-    def is_kept(self) -> bool:
-        """Return whether answers are kept at all."""
-        return self._lifetime_s > 0
 
     async def note(self, answer: Document, cells: dict[str, Any] | None, images: Sequence[bytes]) -> None:
         """Keep what an answer to images saw, in place of an earlier answer to the same ones.
 
-        cells: see `panoloc.service.worker.change_cells`; None: nothing.
+        cells: see `panoloc.service.worker.answers.change_cells`; None: nothing.
         """
-        if self.is_kept and cells is not None and answer["map_id"] is not None:
+        if cells is not None and answer["map_id"] is not None:
             await asyncio.to_thread(self._note, answer, cells, images)
 
     async def document(self, ref: MapRef, origin_offset: list[float]) -> Document:
@@ -79,13 +70,9 @@ class ChangeLog:
         names = self._storage.names(folder)
         again = [each for each in names if each.endswith(same_images) and each != name]
         others = [each for each in names if each not in again]
-        oldest = self._oldest()
+        oldest = _oldest()
         for each in (*again, *(each for each in others if each < oldest or each in others[:-MOST_ANSWERS])):
             self._storage.delete(f"{folder}/{each}")
-
-    def _oldest(self) -> str:
-        """Return what the names of answers that still count are not below."""
-        return _time_stamp(datetime.now(UTC) - timedelta(seconds=self._lifetime_s))
 
     def _document(self, ref: MapRef, origin_offset: list[float]) -> Document:
         seen: Counter[Cell] = Counter()
@@ -96,13 +83,13 @@ class ChangeLog:
             cell_m = kept["cells"]["cell_m"]
             answers.append(kept["answer"])
             seen.update(_unpacked(kept["cells"]["seen"]))
-            found = list(_unpacked(kept["cells"]["changed"]))
+            found = _unpacked(kept["cells"]["changed"])
             changed.update(found)
             last |= dict.fromkeys(found, kept["answer"]["created_at"])
         return {
             "map_id": ref.id,
             "revision": ref.revision,
-            "lifetime_s": self._lifetime_s,
+            "lifetime_s": _LIFETIME_S,
             "cell_m": cell_m or None,
             "answers": answers[::-1],
             "cells": [
@@ -121,7 +108,7 @@ class ChangeLog:
 
     def _kept(self, ref: MapRef) -> Iterator[dict[str, Any]]:
         """Yield what is kept of a revision and counts, oldest first."""
-        folder, oldest = _folder_of(ref.id), self._oldest()
+        folder, oldest = _folder_of(ref.id), _oldest()
         for name in self._storage.names(folder):
             if name < oldest:
                 continue
@@ -147,12 +134,15 @@ def _digest_of(images: Sequence[bytes]) -> str:
     return hashlib.sha256(b"".join(hashlib.sha256(image).digest() for image in images)).hexdigest()[:16]
 
 
+def _oldest() -> str:
+    """Return what the names of answers that still count are not below."""
+    return _time_stamp(datetime.now(UTC) - timedelta(seconds=_LIFETIME_S))
+
+
 def _time_stamp(time: datetime) -> str:
     return time.strftime("%Y%m%dT%H%M%S%f")
 
 
-def _unpacked(packed: str) -> Iterator[Cell]:
-    numbers = array.array("h", zlib.decompress(base64.b64decode(packed)))
-    if sys.byteorder == "big":
-        numbers.byteswap()
-    return iter(zip(numbers[0::3], numbers[1::3], numbers[2::3], strict=True))
+def _unpacked(packed: str) -> list[Cell]:
+    cells = np.frombuffer(zlib.decompress(base64.b64decode(packed)), "<i2").reshape(-1, 3)
+    return [(x, y, z) for x, y, z in cells.tolist()]

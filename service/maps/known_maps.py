@@ -1,12 +1,13 @@
 """Maps that are known to this process: their records in memory, as they are stored."""
 
+import base64
+import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from panoloc.service.errors import MapNotFoundError
+from panoloc.service.errors import InvalidOptionsError, MapNotFoundError
 from panoloc.service.jobs import MapRef
-from panoloc.service.maps.cursors import decode_cursor, encode_cursor
 from panoloc.service.maps.record import MapRecord, coordinate_system_of
 
 
@@ -97,3 +98,21 @@ class KnownMaps(VisibleMaps):
 
 def _order(record: MapRecord) -> tuple[str, str]:
     return record.created_at, record.id
+
+
+def encode_cursor(created_at: str, map_id: str) -> str:
+    """Return a place in the order of a list as text that survives a URL; maps may come and go between two pages."""
+    return base64.urlsafe_b64encode(json.dumps([created_at, map_id]).encode()).decode().rstrip("=")
+
+
+def decode_cursor(cursor: str) -> tuple[str, str]:
+    """Return what `encode_cursor` was given. Raises InvalidOptionsError."""
+    try:
+        padded = cursor.encode("ascii") + b"=" * (-len(cursor) % 4)
+        created_at, map_id = json.loads(base64.b64decode(padded, altchars=b"-_", validate=True))
+        if isinstance(created_at, str) and isinstance(map_id, str):
+            return created_at, map_id
+    except (ValueError, TypeError, RecursionError):
+        pass
+    message = f"expected the next_cursor of an earlier page, got {cursor[:80]!r}; begin again without a cursor"
+    raise InvalidOptionsError.of("cursor", message)

@@ -4,15 +4,16 @@ The points lie in an order in which every prefix is a fair sample (see `Register
 """
 
 import re
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
 
+import numpy as np
+
 from panoloc.service.errors import StoredFileDamagedError
 
 _COUNT = re.compile(rb"^element vertex (\d+)$", re.MULTILINE)
-_CODES = {"float": "f", "double": "d", "uchar": "B"}
+_PROPERTIES = re.compile(rb"(?:property (float|double) [xyz]\n){3}(?:property uchar \w+\n){3}$")
 _END = b"end_header\n"
 _MOST_HEADER_BYTES = 4096
 _BLOCK_BYTES = 2**20
@@ -22,26 +23,25 @@ _BLOCK_BYTES = 2**20
 class PlySample:
     """A binary little-endian PLY of x, y, z and red, green, blue, of which only the header is in memory.
 
-    file: open, at the first point; reading the points closes it. point_format: of one point, as `struct` writes it.
+    file: open, at the first point; reading the points closes it. point: how one is stored.
     """
 
     header: bytes
     file: BinaryIO
     num_points: int
-    point_format: str
+    point: np.dtype[Any]
 
     @classmethod
     def parse(cls, file: BinaryIO, key: str) -> "PlySample":
         """Read the header of a stored sample; key: for the message of StoredFileDamagedError."""
         header, end, _ = file.read(_MOST_HEADER_BYTES).partition(_END)
-        declared = _COUNT.search(header)
-        types = re.findall(rb"^property (\w+) \w+$", header, re.MULTILINE)
-        codes = [_CODES.get(each.decode()) for each in types]
-        if not end or declared is None or len(codes) != 6 or None in codes:
+        declared, properties = _COUNT.search(header), _PROPERTIES.search(header)
+        if not end or declared is None or properties is None:
             file.close()
             raise StoredFileDamagedError(f"{key}: expected a PLY of coloured points, got something else; upload again")
         file.seek(len(header) + len(end))
-        return cls(header + end, file, int(declared[1]), "<" + "".join(code for code in codes if code))
+        scalar = "<f4" if properties[1] == b"float" else "<f8"
+        return cls(header + end, file, int(declared[1]), np.dtype([("position", scalar, 3), ("color", "u1", 3)]))
 
     def first(self, max_points: int) -> "PlySample":
         """Return a sample of at most `max_points` points, of the same file."""
@@ -66,13 +66,13 @@ class PlySample:
     def to_json(self) -> dict[str, Any]:
         """Return positions in metres and colours 0..255 as lists, and close the file."""
         with self.file as file:
-            rows = list(struct.iter_unpack(self.point_format, file.read(self._body_bytes)))
+            rows = np.frombuffer(file.read(self._body_bytes), self.point)
         return {
             "num_points": self.num_points,
-            "positions_m": [row[:3] for row in rows],
-            "colors": [row[3:] for row in rows],
+            "positions_m": rows["position"].tolist(),
+            "colors": rows["color"].tolist(),
         }
 
     @property
     def _body_bytes(self) -> int:
-        return self.num_points * struct.calcsize(self.point_format)
+        return self.num_points * self.point.itemsize

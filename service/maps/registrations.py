@@ -28,7 +28,7 @@ from panoloc.service.limits.registration_limits import MAX_ATTEMPTS, Registratio
 from panoloc.service.maps.registry import MapRegistry
 from panoloc.service.metrics import Metrics
 from panoloc.service.problems import problem_document
-from panoloc.service.sharing.keyed_lock import uninterrupted
+from panoloc.service.sharing.locks import uninterrupted
 
 _log = structlog.get_logger(__name__)
 
@@ -51,8 +51,6 @@ class Registrations:
         self._metrics = metrics
         self._limits = limits
         self._stopping = False
-        # Those whose attempt is counted and has not ended.
-        self._attempted: set[MapRef] = set()
         self._room_pause_s = _ROOM_PAUSE_S
         self.waiting_for_room: dict[MapRef, str] = {}
         self._running: dict[MapRef, asyncio.Task[None]] = {}
@@ -190,25 +188,19 @@ class Registrations:
                 await asyncio.sleep(min(error.retry_after_s * max(1, attempt), _LONGEST_PAUSE_S))
             except asyncio.CancelledError:
                 # An orderly stop is no attempt that ended the service.
-                if self._stopping and ref in self._attempted:
-                    await uninterrupted(self._count_attempt(ref, -1))
+                if self._stopping and self._is_wanted(ref) and self._registry.get(ref.id).newest != newest:
+                    await uninterrupted(self._registry.change_newest(ref, num_attempts=newest.num_attempts))
                 raise
-            finally:
-                self._attempted.discard(ref)
 
     async def _begin_attempt(self, ref: MapRef) -> None:
         """Count an attempt before it can end the service, so that a scan that always does is given up."""
-        if self._registry.get(ref.id).newest.num_attempts >= MAX_ATTEMPTS:
+        num_attempts = self._registry.get(ref.id).newest.num_attempts
+        if num_attempts >= MAX_ATTEMPTS:
             raise RegistrationLimitError(
                 f"expected a map after at most {MAX_ATTEMPTS} attempts, but the service ended during each of them; "
                 "upload a smaller scan, or one in another format"
             )
-        self._attempted.add(ref)
-        await self._count_attempt(ref, 1)
-
-    async def _count_attempt(self, ref: MapRef, step: int) -> None:
-        num_attempts = self._registry.get(ref.id).newest.num_attempts + step
-        await self._registry.change_newest(ref, num_attempts=max(0, num_attempts))
+        await self._registry.change_newest(ref, num_attempts=num_attempts + 1)
 
     async def _wait_until_possible(self) -> None:
         while True:

@@ -27,8 +27,7 @@ from panoloc.service.jobs import MapRef, now
 from panoloc.service.maps.known_maps import KnownMaps
 from panoloc.service.maps.record import MapRecord, folder_of, key_of, read_stamped_record, write_record
 from panoloc.service.sharing.change_signal import Publish, publish_nothing
-from panoloc.service.sharing.keyed_lock import KeyedLock
-from panoloc.service.sharing.locks import HeldLock, Locks, OwnLocks
+from panoloc.service.sharing.locks import HeldLock, KeyedLock, Locks, OwnLocks
 from panoloc.service.storage import Stamp, Storage
 
 Result = TypeVar("Result")

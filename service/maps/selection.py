@@ -1,15 +1,20 @@
-"""The maps of a query: named by their ids, or by a tag."""
+"""The maps of a query: named by their ids or by a tag, or those near a place on Earth."""
 
+import math
 from dataclasses import dataclass
 
+from panoloc.core.geodesy import ecef_of
+from panoloc.core.georeference import coordinate_system
 from panoloc.service.errors import InvalidOptionsError, MapNotFoundError, MapNotReadyError, MapUnusableError
 from panoloc.service.jobs import MapRef
-from panoloc.service.maps.known_maps import KnownMaps
-from panoloc.service.maps.record import MapRecord
+from panoloc.service.maps.known_maps import KnownMaps, VisibleMaps
+from panoloc.service.maps.record import MapRecord, coordinate_system_of
 
 MAX_MAPS = 64
 """That one query searches."""
 _RETRY_AFTER_S = 2
+# Of a map around its known place, and of a device's error beyond the one that it states.
+_REACH_M = 1000.0
 
 
 @dataclass(frozen=True)
@@ -33,9 +38,11 @@ class MapChoice:
         """Check the fields of a form. tenant: whose maps are meant, None for all. Raises InvalidOptionsError."""
         if bool(map_ids) == bool(tags):
             got = "both" if tags else "neither"
-            raise invalid_option("map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them")
+            raise InvalidOptionsError.of(
+                "map_id", f"expected either map_id (repeatable) or tag, got {got}; send one of them"
+            )
         if len(set(map_ids)) > MAX_MAPS:
-            raise invalid_option(
+            raise InvalidOptionsError.of(
                 "map_id", f"expected at most {MAX_MAPS} maps, got {len(set(map_ids))}; name fewer maps"
             )
         return cls(tuple(dict.fromkeys(map_ids)), tags[0] if tags else None, tenant)
@@ -58,7 +65,7 @@ class MapChoice:
         if not serving:
             return ChosenMaps((serving_ref(tagged[0]),))
         if len(serving) > MAX_MAPS:
-            raise invalid_option(
+            raise InvalidOptionsError.of(
                 "tag", f"expected at most {MAX_MAPS} maps, got {len(serving)} with this tag; name the maps"
             )
         left_out = [record.id for record in tagged if record.serving is None]
@@ -79,6 +86,54 @@ def serving_ref(record: MapRecord) -> MapRef:
     )
 
 
-def invalid_option(name: str, message: str) -> InvalidOptionsError:
-    """Return the error for one option."""
-    return InvalidOptionsError(f"{name}: {message}", [{"field": name, "message": message}])
+@dataclass(frozen=True)
+class Place:
+    """WGS 84. accuracy_m: of a device, by its own account."""
+
+    latitude_deg: float
+    longitude_deg: float
+    accuracy_m: float = 0.0
+
+    def distance_m(self, other: "Place") -> float:
+        """Return metres to another place, in a straight line."""
+        ends = (ecef_of(each.latitude_deg, each.longitude_deg, 0.0) for each in (self, other))
+        return math.dist(*ends)
+
+
+def maps_around(maps: VisibleMaps, place: Place | None) -> MapChoice:
+    """Return the maps that answer and have a place on Earth; place: only those within its accuracy plus a kilometre.
+
+    Raises MapNotFoundError where there is none, and InvalidOptionsError for more than a query may name.
+    """
+    places = {record.id: place_of(record) for record in maps.all() if record.serving_ref is not None}
+    known = {map_id: found for map_id, found in places.items() if found is not None}
+    near = known
+    if place is not None:
+        reach_m = place.accuracy_m + _REACH_M
+        near = {map_id: found for map_id, found in known.items() if found.distance_m(place) <= reach_m}
+    if not near:
+        where = "" if place is None else f" within {place.accuracy_m + _REACH_M:g} m of the geolocation"
+        raise MapNotFoundError(
+            f"expected a ready map with a place on Earth{where}, got none among {len(known)} maps; set a "
+            "georeference with PATCH /maps/{id}, or name a map as map_id"
+        )
+    if len(near) > MAX_MAPS:
+        raise InvalidOptionsError.of(
+            "map_id",
+            f"expected at most {MAX_MAPS} maps to search, got {len(near)}; send a geolocation, or name maps as map_id",
+        )
+    return MapChoice(tuple(near), None, maps.tenant)
+
+
+def place_of(record: MapRecord) -> Place | None:
+    """Return where a map is: its georeference, else the middle of its scan in its coordinate system."""
+    known = record.georeference
+    if known is not None:
+        return Place(known["latitude_deg"], known["longitude_deg"])
+    system, stats = coordinate_system_of(record), None if record.serving is None else record.serving.stats
+    if system is None or stats is None:
+        return None
+    lower, upper = stats["bounds"]["min"], stats["bounds"]["max"]
+    x, y, z = ((low + high) / 2 for low, high in zip(lower, upper, strict=True))
+    found = coordinate_system(system).place((x, y, z))
+    return None if found is None else Place(found.latitude_deg, found.longitude_deg)

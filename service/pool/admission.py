@@ -7,16 +7,15 @@ from contextlib import contextmanager
 
 from panoloc.service.errors import QueueFullError
 
+# Weight of the newest duration in the running mean; before the first one of its kind a second is assumed.
+_NEWEST, _FIRST_S = 0.2, 1.0
+_LONGEST_RETRY_AFTER_S = 60
+# Durations vary: a request is admitted when it would be done in time were all of them so much longer than their mean.
+_CAUTION = 1.25
+
 
 class Admission:
     """Counts the requests that wait or run. Used from one event loop, so it needs no lock."""
-
-    # Weight of the newest duration in the running mean; before the first one of its kind a second is assumed.
-    _NEWEST = 0.2
-    _FIRST_S = 1.0
-    _LONGEST_RETRY_AFTER_S = 60
-    # Durations vary: a request is admitted when it would be done in time were all of them so much longer than their mean.
-    _CAUTION = 1.25
 
     def __init__(self, queue_limit: int) -> None:
         self._queue_limit = queue_limit
@@ -37,16 +36,16 @@ class Admission:
     @property
     def retry_after_s(self) -> int:
         """Return in how many seconds a place should be free, at least 1."""
-        return self._within_reason(self._work_ahead_s())
+        return _within_reason(self._work_ahead_s())
 
     def set_num_workers(self, num_workers: int) -> None:
         """Set how many requests run at the same time."""
         self._num_workers = max(1, num_workers)
 
     def note_duration(self, duration_s: float, kind: str = "") -> None:
-        """Record how long a request took once a worker had it. kind: the key under which durations are averaged."""
+        """Record how long a worker computed for a request. kind: the key under which durations are averaged."""
         mean_s = self._mean_s(kind)
-        self._mean_duration_s[kind] = mean_s + self._NEWEST * (duration_s - mean_s)
+        self._mean_duration_s[kind] = mean_s + _NEWEST * (duration_s - mean_s)
 
     @contextmanager
     def admit(self, kind: str = "", remaining_s: float = math.inf) -> Iterator[None]:
@@ -55,8 +54,7 @@ class Admission:
         remaining_s: seconds until the deadline. Raises QueueFullError when the queue is full, and when the requests before this one
         leave it too little time. A request that need not wait is always admitted.
         """
-        self._refuse_without_a_place()
-        self._refuse_what_comes_too_late(self._mean_s(kind), remaining_s)
+        self._require(self._mean_s(kind), remaining_s)
         self._admitted[kind] += 1
         try:
             yield
@@ -65,24 +63,19 @@ class Admission:
 
     def require_place(self, longest_s: float) -> None:
         """Raise QueueFullError where the next request would be refused whatever it asks. longest_s: the longest deadline, in seconds."""
-        self._refuse_without_a_place()
-        # The duration of the request itself is not known yet.
-        self._refuse_what_comes_too_late(0.0, longest_s)
+        self._require(0.0, longest_s)
 
-    def _refuse_without_a_place(self) -> None:
+    def _require(self, duration_s: float, remaining_s: float) -> None:
+        """Raise QueueFullError when a request of this duration finds no place or would not end in time."""
         if self.num_admitted - self._num_workers >= self._queue_limit:
             raise QueueFullError(
                 f"{self.queue_depth} requests are waiting, which is the limit; try again in {self.retry_after_s} s, "
                 "or ask the operator to raise PANOLOC_QUEUE_LIMIT",
                 self.retry_after_s,
             )
-
-    def _refuse_what_comes_too_late(self, duration_s: float, remaining_s: float) -> None:
-        if self.num_admitted < self._num_workers:
-            return
-        needed_s = self._CAUTION * (self._work_ahead_s() + duration_s)
-        if needed_s > remaining_s:
-            retry_after_s = self._within_reason(needed_s - remaining_s)
+        needed_s = _CAUTION * (self._work_ahead_s() + duration_s)
+        if self.num_admitted >= self._num_workers and needed_s > remaining_s:
+            retry_after_s = _within_reason(needed_s - remaining_s)
             before = "1 request is" if self.num_admitted == 1 else f"{self.num_admitted} requests are"
             raise QueueFullError(
                 f"expected an answer within the {remaining_s:.1f} s of timeout_s, but {before} ahead of this one "
@@ -95,7 +88,8 @@ class Admission:
         return sum(count * self._mean_s(kind) for kind, count in self._admitted.items()) / self._num_workers
 
     def _mean_s(self, kind: str) -> float:
-        return self._mean_duration_s.get(kind, self._FIRST_S)
+        return self._mean_duration_s.get(kind, _FIRST_S)
 
-    def _within_reason(self, seconds: float) -> int:
-        return min(self._LONGEST_RETRY_AFTER_S, max(1, math.ceil(seconds)))
+
+def _within_reason(seconds: float) -> int:
+    return min(_LONGEST_RETRY_AFTER_S, max(1, math.ceil(seconds)))

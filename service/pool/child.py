@@ -1,42 +1,41 @@
-"""The worker process: `python -m panoloc.service.pool.child`. Answers queries, or builds one map, for the service that
-started it."""
+"""The worker process, `python -m panoloc.service.pool.child`: answers queries, or builds one map, for its service."""
 
 import os
 import queue
 import sys
 import threading
+from typing import Any
 
 from panoloc.service.host.logging import configure_logging
 from panoloc.service.host.process_resources import return_freed_memory
-from panoloc.service.pool.messages import Answer, ChildPipes, Hello, Request, Status
-
-BUILDER = "builder"
-"""The argument of a process that builds one map; it gives way to queries when it registers."""
+from panoloc.service.jobs import RegisterJob
+from panoloc.service.pool.messages import Answer, ChildPipes, Status
+from panoloc.service.worker.plan import WorkerPlan
 
 _REGISTRATION_NICENESS = 10
 # After this long without a query the worker returns its freed memory; between queries it would only be asked for again.
 _IDLE_S = 1.0
 
 
-def main() -> None:
-    """Run the worker, or the builder, that the first message describes."""
+def main(what: str = "worker") -> None:
+    """Run the worker, or the "builder" of one map, that the first message describes."""
     pipes = ChildPipes()
-    hello: Hello = pipes.receive()
-    configure_logging(*hello.log)
-    requests: queue.Queue[Request] = queue.Queue()
+    plan: WorkerPlan = pipes.receive()
+    configure_logging(*plan.settings.log)
+    requests: queue.Queue[Any] = queue.Queue()
     threading.Thread(target=pipes.follow, args=(requests.put,), daemon=True).start()
     # The main thread computes: OpenMP keeps a team of threads for each thread that asks, and more teams than cores halve the speed.
-    if BUILDER in sys.argv:
-        _build(hello, requests.get(), pipes)
+    if what == "builder":
+        _build(plan, requests.get(), pipes)
     else:
-        _answer(hello, requests, pipes)
+        _answer(plan, requests, pipes)
 
 
-def _answer(hello: Hello, requests: "queue.Queue[Request]", pipes: ChildPipes) -> None:
+def _answer(plan: WorkerPlan, requests: "queue.Queue[Any]", pipes: ChildPipes) -> None:
     try:
-        worker = hello.plan.build_worker()
+        worker = plan.build_worker()
     except Exception as error:
-        pipes.send(Status(0, 0, f"{type(error).__name__}: {error}"))
+        pipes.send(Status(problem=f"{type(error).__name__}: {error}"))
         raise
     pipes.send(Status(num_workers=1, capacity=1))
     while True:
@@ -48,13 +47,14 @@ def _answer(hello: Hello, requests: "queue.Queue[Request]", pipes: ChildPipes) -
         pipes.send(Answer(request.number, worker.localize(request.job)))
 
 
-def _build(hello: Hello, request: Request, pipes: ChildPipes) -> None:
-    if request.kind == "register":
-        os.nice(_REGISTRATION_NICENESS)
-    registrar = hello.plan.build_registrar()
-    build = registrar.register if request.kind == "register" else registrar.rebuild
-    pipes.send(Answer(request.number, build(request.job)))
+def _build(plan: WorkerPlan, request: Any, pipes: ChildPipes) -> None:
+    if isinstance(request.job, RegisterJob):
+        os.nice(_REGISTRATION_NICENESS)  # queries wait for rebuilds, but not for registrations
+        reply: Any = plan.build_registrar().register(request.job)
+    else:
+        reply = plan.build_registrar().rebuild(request.job)
+    pipes.send(Answer(request.number, reply))
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -1,22 +1,21 @@
 """Registrations and rebuilds of map indexes: a few at a time, and never the same rebuild twice at once."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
 from typing import Any
 
 from panoloc.service.errors import NoWorkerError, RegistrationLimitError
 from panoloc.service.jobs import MapRef, RegisterJob, RegisterOutcome, at_once
-from panoloc.service.pool.messages import Kind
+from panoloc.service.pool.messages import Build
 from panoloc.service.worker.reply import WorkerReply, error_of
-
-Build = Callable[[Kind, Any], Awaitable[WorkerReply[Any]]]
-"""Runs one build in a process of its own, which ends when the call is cancelled. Raises NoWorkerError when that process dies."""
 
 
 class MapBuilds:
     """Used from one event loop."""
 
-    def __init__(self, build: Build, num_registrations: int) -> None:
+    def __init__(self, build: Callable[[Build], Awaitable[WorkerReply[Any]]], num_registrations: int) -> None:
+        """build: see `panoloc.service.pool.worker_process.run_build`."""
         self._build = build
         self._registrations = asyncio.Semaphore(num_registrations)
         # A rebuild has a place of its own: a query that needs it does not wait for somebody's large scan.
@@ -32,15 +31,11 @@ class MapBuilds:
         """
         async with self._registrations:
             await begin()
-            try:
-                async with asyncio.timeout(job.time_limit_s) as limit:
-                    return await self._build("register", job)
-            except TimeoutError as error:
-                if not limit.expired():
-                    raise
-                raise RegistrationLimitError(
-                    f"expected a map within {job.time_limit_s:.0f} s, got none; thin the scan or export it in another format"
-                ) from error
+            too_long = RegistrationLimitError(
+                f"expected a map within {job.time_limit_s or 0:.0f} s, got none; thin the scan or export it in another format"
+            )
+            async with time_limit(job.time_limit_s, too_long):
+                return await self._build(job)
 
     async def rebuild(self, maps: Iterable[MapRef]) -> None:
         """Wait until the lost indexes of `maps` are built; queries that miss the same one wait for the same build.
@@ -70,6 +65,18 @@ class MapBuilds:
     async def _rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         async with self._rebuild_place:
             try:
-                return await self._build("rebuild", map_ref)
+                return await self._build(map_ref)
             except NoWorkerError:
-                return await self._build("rebuild", map_ref)
+                return await self._build(map_ref)
+
+
+@asynccontextmanager
+async def time_limit(seconds: float | None, error: Exception) -> AsyncIterator[None]:
+    """Raise `error` when the block takes longer than so many seconds; None: no limit."""
+    try:
+        async with asyncio.timeout(seconds) as limit:
+            yield
+    except TimeoutError as expired:
+        if not limit.expired():
+            raise
+        raise error from expired

@@ -1,4 +1,7 @@
-"""The messages between the service and its worker processes: pickled values, each after its length, through private pipes."""
+"""The messages between the service and its worker processes: pickled values through private pipes.
+
+The first message to a process is the `WorkerPlan` that it shall run; then come requests. Its own messages follow their length.
+"""
 
 import asyncio
 import os
@@ -6,39 +9,31 @@ import pickle
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
-from panoloc.service.worker.plan import WorkerPlan
+from panoloc.service.jobs import LocalizeJob, MapRef, RegisterJob
 from panoloc.service.worker.reply import WorkerReply
 
 _LENGTH = struct.Struct("<Q")
 
-Kind = Literal["localize", "register", "rebuild", "cancel"]
-
-
-@dataclass(frozen=True)
-class Hello:
-    """The first message to a process: what it shall run. log: level and format."""
-
-    plan: WorkerPlan
-    log: tuple[str, Literal["console", "json"]] = ("info", "console")
+Build = RegisterJob | MapRef
+"""A registration, or the map whose index has to be built again."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """Work for a process. job: a LocalizeJob, a RegisterJob or a MapRef, by `kind`; None to cancel the request with this number."""
+    """Work for a process. job: None to cancel the request with this number."""
 
     number: int
-    kind: Kind
-    job: Any
+    job: LocalizeJob | Build | None
 
 
 @dataclass(frozen=True)
 class Status:
     """What a process can do now. num_workers: workers that are up; capacity: requests that it takes at a time; problem: why fewer."""
 
-    num_workers: int
-    capacity: int
+    num_workers: int = 0
+    capacity: int = 0
     problem: str = ""
 
 
@@ -50,14 +45,8 @@ class Answer:
     reply: WorkerReply[Any] | None
 
 
-def packed(message: object) -> bytes:
-    """Return a message as bytes for the pipe."""
-    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
-    return _LENGTH.pack(len(data)) + data
-
-
 async def received(stream: asyncio.StreamReader) -> Any:
-    """Return the next message. Raises asyncio.IncompleteReadError at the end of the stream."""
+    """Return the next message of a process. Raises asyncio.IncompleteReadError at the end of the stream."""
     (length,) = _LENGTH.unpack(await stream.readexactly(_LENGTH.size))
     return pickle.loads(await stream.readexactly(length))
 
@@ -72,15 +61,13 @@ class ChildPipes:
 
     def send(self, message: Status | Answer) -> None:
         """Send one message."""
-        self._answers.write(packed(message))
+        data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+        self._answers.write(_LENGTH.pack(len(data)) + data)
         self._answers.flush()
 
     def receive(self) -> Any:
-        """Return the next message. Raises EOFError when the service has ended."""
-        header = self._requests.read(_LENGTH.size)
-        if len(header) < _LENGTH.size:
-            raise EOFError
-        return pickle.loads(self._requests.read(*_LENGTH.unpack(header)))
+        """Return the next message. Raises EOFError or pickle.UnpicklingError when the service has ended."""
+        return pickle.load(self._requests)
 
     def follow(self, take: Callable[[Request], None]) -> None:
         """Pass every request to `take`, and end this process when the service has ended, however that happened."""

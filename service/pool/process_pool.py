@@ -1,34 +1,49 @@
 """The worker pool: processes that the service starts and supervises, and the queue of queries in front of them."""
 
 import asyncio
-import contextlib
 import heapq
 import itertools
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from panoloc.core.errors import DeadlineExceededError
 from panoloc.service.errors import NoWorkerError
+from panoloc.service.host.process_resources import num_sockets, usable_memory_bytes, visible_gpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, PoolState, RegisterJob, RegisterOutcome, at_once
 from panoloc.service.pool.admission import Admission
-from panoloc.service.pool.map_builds import MapBuilds
-from panoloc.service.pool.messages import Hello, Kind
-from panoloc.service.pool.one_build import run_build
-from panoloc.service.pool.worker_process import Work, WorkerProcess
+from panoloc.service.pool.map_builds import MapBuilds, time_limit
+from panoloc.service.pool.messages import Build
+from panoloc.service.pool.worker_process import Work, WorkerLostError, WorkerProcess, run_build
+from panoloc.service.settings import Settings
+from panoloc.service.worker.plan import WorkerPlan
 from panoloc.service.worker.reply import WorkerReply, error_of
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
-_MAX_REBUILDS = 2
+_MAX_ATTEMPTS, _MAX_REBUILDS = 4, 2
 _WATCH_PERIOD_S = 1.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
 _DRAIN_POLL_S = 0.05
+# The rest is for the service, Redis and a registration. A worker beyond its share is replaced before the system ends something else.
+_WORKERS_SHARE = 0.8
 
-Seat = Callable[[Callable[[], None], Callable[[Work, str], None]], WorkerProcess]
-"""Makes one process of the pool, whenever it has to be started; called with `on_change` and `on_loss`."""
+Variables = Mapping[str, str]
+"""For the environment of a process."""
+
+
+def local_pool(settings: Settings, plan: WorkerPlan) -> "ProcessPool":
+    """Return the default pool: one worker per GPU, or per CPU socket where there is none. Nothing starts yet."""
+    gpus = visible_gpus()
+    num_workers = settings.num_workers or len(gpus) or num_sockets()
+    plan = replace(plan, settings=replace(plan.settings, workers_per_machine=num_workers))
+    environments = [{"CUDA_VISIBLE_DEVICES": gpus[number % len(gpus)]} if gpus else {} for number in range(num_workers)]
+    memory_bytes = int(_WORKERS_SHARE * usable_memory_bytes() / num_workers)
+    return ProcessPool(settings, plan, "panoloc.service.pool.child", environments, memory_bytes)
 
 
 class ProcessPool:
@@ -39,28 +54,32 @@ class ProcessPool:
     """
 
     def __init__(
-        self, hello: Hello, seats: Sequence[Seat], queue_limit: int, num_registrations: int, memory_bytes: int
+        self, settings: Settings, plan: WorkerPlan, module: str, environments: Sequence[Variables], memory_bytes: int
     ) -> None:
-        """hello: what builds run. memory_bytes: resident memory of one process, beyond which it is replaced."""
-        self._hello = hello
-        self._seats = seats
+        """module: what the processes run, with its arguments. environments: of each process.
+
+        memory_bytes: resident memory of one process, beyond which it is replaced.
+        """
+        self._plan = plan
+        self._module = module
+        self._environments = environments
         self._memory_bytes = memory_bytes
-        self.admission = Admission(queue_limit)
-        self._builds = MapBuilds(self._build, num_registrations)
+        self.admission = Admission(settings.queue_limit)
+        self._builds = MapBuilds(self._build, settings.num_registrations)
         self._processes: list[WorkerProcess] = []
         self._queue: list[Work] = []
         self._numbers = itertools.count()
         self._supervisors: list[asyncio.Task[None]] = []
         self._draining = False
-        self._was_ready = False
-        self._problem = ""
+        # Why no query is taken. While a worker is replaced there is no reason: queries wait for the next one.
+        self._problem = "none has started yet"
         self._resident_bytes: dict[str, int] = {}
-        self._index_loads: dict[str, int] = {}
+        self._index_loads: Counter[str] = Counter()
         self._num_retries = 0
 
     async def start(self) -> None:
         """Begin to bring the workers up and return at once; `state` tells when they are."""
-        self._supervisors = [asyncio.create_task(self._supervise(seat)) for seat in self._seats]
+        self._supervisors = [asyncio.create_task(self._supervise(each)) for each in self._environments]
         self._supervisors.append(asyncio.create_task(self._watch()))
 
     async def stop(self, drain_s: float) -> None:
@@ -86,14 +105,13 @@ class ProcessPool:
 
     def state(self) -> PoolState:
         """Return what readiness and metrics publish about the pool."""
-        num_workers = sum(process.num_workers for process in self._processes)
-        waiting_for = None if num_workers else "workers" + (f" ({self._problem})" if self._problem else "")
+        waiting_for = None if self._num_workers else "workers" + (f" ({self._problem})" if self._problem else "")
         if self._draining:
             waiting_for = "its end: the service is shutting down"
         return PoolState(
             ready=waiting_for is None,
             waiting_for=waiting_for,
-            num_workers=num_workers,
+            num_workers=self._num_workers,
             queue_depth=self.admission.queue_depth,
             resident_bytes=sum(self._resident_bytes.values()),
             index_loads=dict(self._index_loads),
@@ -110,16 +128,16 @@ class ProcessPool:
         """Answer one query on some worker; see `WorkerPool.localize` for the errors."""
         self._require_workers()
         remaining_s = job.deadline_unix_s - time.time()
+        too_late = DeadlineExceededError("no answer within timeout_s; allow more time, or narrow the search with hints")
         with self.admission.admit(job.kind, remaining_s):
-            async with _deadline(remaining_s):
-                work = Work(next(self._numbers), "localize", job)
+            async with time_limit(max(0.0, remaining_s), too_late):
+                number = next(self._numbers)
                 for _ in range(_MAX_REBUILDS + 1):
-                    reply = await self._reply_to(work)
+                    reply = await self._reply_to(number, job)
                     if not reply.missing:
-                        self.admission.note_duration(time.monotonic() - work.begun_s, job.kind)
+                        self.admission.note_duration(reply.duration_s, job.kind)
                         return _outcome(reply)
                     await self._builds.rebuild(reply.missing)
-                    work = work.again()
         raise NoWorkerError(f"Redis does not keep the index of {job.maps[0].id}; check its maxmemory")
 
     async def register(self, job: RegisterJob, begin: Callable[[], Awaitable[None]] = at_once) -> RegisterOutcome:
@@ -128,53 +146,61 @@ class ProcessPool:
         return _outcome(await self._builds.register(job, begin))
 
     @property
+    def _num_workers(self) -> int:
+        return sum(process.status.num_workers for process in self._processes)
+
+    @property
     def _is_open(self) -> bool:
-        """Tell whether queries are taken. While a worker is replaced they wait for the next one."""
-        return self._was_ready and not self._draining and not self._problem
+        return not self._draining and not self._problem
 
     def _require_workers(self) -> None:
         if not self._is_open:
             raise NoWorkerError(f"no worker can take this request: waiting for {self.state().waiting_for or 'workers'}")
 
-    async def _reply_to(self, work: Work) -> WorkerReply[LocalizeOutcome]:
-        heapq.heappush(self._queue, work)
-        self._hand_out()
-        reply = await work.future
-        self._resident_bytes[reply.worker] = reply.resident_bytes
-        for source, count in reply.index_loads.items():
-            self._index_loads[source] = self._index_loads.get(source, 0) + count
-        return reply
+    async def _reply_to(self, number: int, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
+        """Return the reply of a worker. A query changes nothing, so it is repeated when its worker was lost, a few times."""
+        how = ""
+        for attempt in range(_MAX_ATTEMPTS):
+            if self._problem:
+                raise NoWorkerError(f"no worker can take this request: {self._problem}")
+            self._num_retries += attempt > 0
+            work = Work(number, job)
+            heapq.heappush(self._queue, work)
+            self._hand_out()
+            try:
+                reply = await work.future
+            except WorkerLostError as lost:
+                how = str(lost)
+                self._resident_bytes.clear()
+                _log.warning("a worker was lost with a query", extra={"request_id": job.request_id, "error": how})
+                continue
+            self._resident_bytes[reply.worker] = reply.resident_bytes
+            self._index_loads.update(reply.index_loads)
+            return reply
+        raise NoWorkerError(f"{_MAX_ATTEMPTS} workers in a row were lost while answering this query ({how})")
 
     def _hand_out(self) -> None:
         """Give waiting queries to processes with room."""
-        while self._queue and (free := [each for each in self._processes if len(each.under_way) < each.capacity]):
+        while self._queue and (
+            free := [each for each in self._processes if len(each.under_way) < each.status.capacity]
+        ):
             work = heapq.heappop(self._queue)
             if not work.future.done():
                 max(free, key=lambda each: (work.maps <= each.known_maps, -len(each.under_way))).begin(work)
 
     def _note_change(self) -> None:
-        num_workers = sum(process.num_workers for process in self._processes)
-        if num_workers:
+        if num_workers := self._num_workers:
             self.admission.set_num_workers(num_workers)
-            self._problem = ""
-            if not self._was_ready:
+            if self._problem:
                 _log.info("the workers are ready", extra={"workers": num_workers})
-            self._was_ready = True
+            self._problem = ""
         self._hand_out()
 
-    def _note_loss(self, work: Work, how: str) -> None:
-        self._resident_bytes.clear()
-        if work.may_repeat(how):
-            self._num_retries += 1
-            lost = {"request_id": work.request.job.request_id, "attempt": work.num_attempts, "error": how}
-            _log.warning("a worker was lost; the service repeats its query", extra=lost)
-            heapq.heappush(self._queue, work)
-
-    async def _supervise(self, seat: Seat) -> None:
+    async def _supervise(self, environment: Variables) -> None:
         """Keep one process running: start another when it has ended, after a pause when it ended before it was ready."""
         pause_s = _FIRST_PAUSE_S
         while True:
-            process = seat(self._note_change, self._note_loss)
+            process = WorkerProcess(self._plan, self._module, environment, self._note_change)
             self._processes.append(process)
             try:
                 how = await process.run()
@@ -182,23 +208,23 @@ class ProcessPool:
                 how = str(error)
             finally:
                 self._processes.remove(process)
-            _log.warning("a worker process ended; the service starts another", extra={"error": process.problem or how})
+            problem = process.status.problem
+            _log.warning("a worker process ended; the service starts another", extra={"error": problem or how})
             if process.was_ready:
                 pause_s = _FIRST_PAUSE_S
                 continue
             # One that was killed while it started is no sign that others will not start.
-            if process.problem or pause_s > _FIRST_PAUSE_S:
-                self._refuse_waiting(process.problem or how)
+            if problem or pause_s > _FIRST_PAUSE_S:
+                self._refuse_waiting(problem or how)
             await asyncio.sleep(pause_s)
             pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 
     def _refuse_waiting(self, problem: str) -> None:
         """Let no query wait for workers that do not start."""
-        if not any(process.num_workers for process in self._processes):
+        if not self._num_workers:
             self._problem = problem
             while self._queue:
-                work = self._queue.pop()
-                work.fail(f"no worker can take this request: {problem}")
+                self._queue.pop().fail(NoWorkerError(f"no worker can take this request: {problem}"))
 
     async def _watch(self) -> None:
         while True:
@@ -206,21 +232,8 @@ class ProcessPool:
             for process in self._processes:
                 process.end_if_astray(self._memory_bytes)
 
-    async def _build(self, kind: Kind, job: Any) -> WorkerReply[Any]:
-        """Run one build in a process that ends with it; see `panoloc.service.pool.map_builds.Build`."""
-        return await run_build(self._hello, kind, job)
-
-
-@contextlib.asynccontextmanager
-async def _deadline(remaining_s: float) -> AsyncIterator[None]:
-    """Raise DeadlineExceededError in the block when the time is over."""
-    try:
-        async with asyncio.timeout(max(0.0, remaining_s)):
-            yield
-    except TimeoutError as error:
-        raise DeadlineExceededError(
-            "no answer within timeout_s; allow more time, or narrow the search with hints"
-        ) from error
+    async def _build(self, job: Build) -> WorkerReply[Any]:
+        return await run_build(self._plan, job)
 
 
 def _outcome(reply: WorkerReply[Result]) -> Result:

@@ -19,9 +19,8 @@ from ray.serve.schema import LoggingConfig
 
 from panoloc.service.host.process_resources import SPINNING, return_freed_memory
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
-from panoloc.service.pool.messages import Hello, Kind
-from panoloc.service.pool.one_build import run_build
-from panoloc.service.pool.worker_process import OVERDUE_S
+from panoloc.service.pool.messages import Build
+from panoloc.service.pool.worker_process import OVERDUE_S, run_build
 from panoloc.service.settings import Settings
 from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
 from panoloc.service.worker.reply import WorkerReply
@@ -93,11 +92,11 @@ class Builder:
     """Runs each build in a process of its own on its machine, which ends when the call is cancelled."""
 
     def __init__(self, plan: WorkerPlan) -> None:
-        self._hello = Hello(plan)
+        self._plan = plan
 
-    async def build(self, kind: Kind, job: Any) -> WorkerReply[Any]:
+    async def build(self, job: Build) -> WorkerReply[Any]:
         """Run one registration or rebuild. Raises NoWorkerError when its process dies."""
-        return await run_build(self._hello, kind, job)
+        return await run_build(self._plan, job)
 
 
 def description(plan: WorkerPlan) -> dict[str, str]:

@@ -19,10 +19,10 @@ from ray.serve.handle import DeploymentHandle
 
 from panoloc.service.host.logging import configure_logging
 from panoloc.service.jobs import LocalizeJob
-from panoloc.service.pool.messages import Answer, ChildPipes, Hello, Request, Status
+from panoloc.service.pool.messages import Answer, ChildPipes, Request, Status
 from panoloc.service.ray.application import APPLICATION, BUILDER, REQUESTS_PER_WORKER, description, num_running
 from panoloc.service.worker.plan import WorkerPlan
-from panoloc.service.worker.reply import WorkerReply, guarded
+from panoloc.service.worker.reply import WorkerReply, failure_of
 
 _LOOK_PERIOD_S = 1.0
 # Joining a cluster takes 3 to 10 s; then every second somebody answers, or the cluster is away.
@@ -40,7 +40,7 @@ class Bridge:
 
     def take(self, request: Request) -> None:
         """Send a request to the cluster, or cancel one that is there."""
-        if request.kind == "cancel":
+        if request.job is None:
             if request.number in self._under_way:
                 self._under_way[request.number].cancel()
             return
@@ -54,7 +54,7 @@ class Bridge:
             # The router prefers a worker that has these maps in memory.
             response = self._localizer.options(multiplexed_model_id=maps).localize.remote(request.job)
         else:
-            response = self._builder.build.remote(request.kind, request.job)
+            response = self._builder.build.remote(request.job)
         self._pipes.send(Answer(request.number, await _reply(response)))
 
 
@@ -67,14 +67,9 @@ async def _reply(response: Any) -> WorkerReply[Any] | None:
         response.cancel()
         return None
     except RayTaskError as error:
-        cause = error.cause if isinstance(error.cause, Exception) else error
-        return WorkerReply(failure=guarded(lambda: _raise(cause))[1])
+        return WorkerReply(failure=failure_of(error.cause if isinstance(error.cause, Exception) else error))
     except (RayError, RayServeException):
         return None
-
-
-def _raise(error: Exception) -> None:
-    raise error
 
 
 async def _run(pipes: ChildPipes, watchdog: "Watchdog", plan: WorkerPlan) -> None:
@@ -123,21 +118,21 @@ class Watchdog:
     def _watch(self) -> None:
         while time.monotonic() < self._due:
             time.sleep(_LOOK_PERIOD_S / 4)
-        self._pipes.send(Status(0, 0, f"the Ray cluster has not answered for {self._seconds:.0f} s"))
+        self._pipes.send(Status(problem=f"the Ray cluster has not answered for {self._seconds:.0f} s"))
         os._exit(1)
 
 
 def main(address: str) -> None:
     """Join the cluster and serve until the service or the cluster ends."""
     pipes = ChildPipes()
-    hello: Hello = pipes.receive()
-    configure_logging(*hello.log)
+    plan: WorkerPlan = pipes.receive()
+    configure_logging(*plan.settings.log)
     watchdog = Watchdog(pipes, _LONGEST_JOIN_S)
     try:
         ray.init(address=address, namespace=APPLICATION, log_to_driver=False, logging_level="ERROR")
-        asyncio.run(_run(pipes, watchdog, hello.plan))
+        asyncio.run(_run(pipes, watchdog, plan))
     except BaseException as error:
-        pipes.send(Status(0, 0, f"Ray at {address}: {' '.join(str(error).split())[-300:] or type(error).__name__}"))
+        pipes.send(Status(problem=f"Ray at {address}: {' '.join(str(error).split())[-300:] or type(error).__name__}"))
         os._exit(1)
 
 

@@ -1,4 +1,4 @@
-"""Locks that the API replicas on one storage hold one at a time.
+"""Locks that the API replicas on one storage hold one at a time, and locks within one process.
 
 Replicas that share a folder lock files: the kernel drops the locks of a process that ends, at once and without a clock.
 Several machines need a file system on which `flock` counts for all of them, as NFS 4, CephFS and Amazon EFS do.
@@ -10,14 +10,18 @@ import contextlib
 import fcntl
 import os
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
+from weakref import WeakValueDictionary
 
 from panoloc.service.errors import CacheDownError
 from panoloc.service.storage.disk import disk_errors
+
+Result = TypeVar("Result")
 
 _PAUSE_S = 0.005
 _LONGEST_PAUSE_S = 0.1
@@ -134,3 +138,35 @@ def _remove(file: int, path: Path) -> None:
 def _release_found(trying: asyncio.Future[HeldLock | None]) -> None:
     if not trying.cancelled() and trying.exception() is None and (lock := trying.result()) is not None:
         lock.release()
+
+
+async def uninterrupted(work: Awaitable[Result]) -> Result:
+    """Wait for work that must not stop half-way; cancellations, of which several may come, take effect after it."""
+    task = asyncio.ensure_future(work)
+    cancelled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        raise cancelled from task.exception()
+    return task.result()
+
+
+class KeyedLock:
+    """Runs work under one key one after the other; different keys do not wait. Used from one event loop."""
+
+    def __init__(self) -> None:
+        # Each lives for as long as somebody holds it or waits for it.
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    async def run(self, key: str, work: Callable[[], Awaitable[Result]]) -> Result:
+        """Run work under a key, to its end also when the caller is cancelled."""
+        lock = self._locks.setdefault(key, asyncio.Lock())
+
+        async def locked() -> Result:
+            async with lock:
+                return await work()
+
+        return await uninterrupted(locked())

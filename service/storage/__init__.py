@@ -8,11 +8,10 @@ __all__ = ["BucketAccess", "FolderStorage", "Stamp", "Storage", "open_storage"]
 
 
 def open_storage(url: str, access: BucketAccess | None = None) -> Storage:
-    """Return the storage behind a path or a URL. access: of a bucket. Raises ValueError for what is neither."""
+    """Return the storage behind a path or a URL. access: to the bucket, if it is one. Raises ValueError for what is neither."""
     if split_url(url)[0] not in BUCKET_SCHEMES:
         return FolderStorage(folder_of(url))
-    if access is None:
-        raise ValueError(f"storage {url}: expected a folder for uploads and local copies with a bucket, got none")
+    assert access is not None
     # Only here: processes with a folder do without obstore.
     from panoloc.service.storage.bucket import BucketStorage
 

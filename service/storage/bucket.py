@@ -27,7 +27,7 @@ from panoloc.service.storage.bucket_client import open_client
 from panoloc.service.storage.bucket_objects import BucketObjects, FoundObject
 from panoloc.service.storage.folder import FolderStorage
 from panoloc.service.storage.local_copies import LocalCopies
-from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, check_digest, parts_of
+from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, Storage, check_digest, parts_of
 from panoloc.service.storage.urls import BucketAccess, split_url
 
 _log = logging.getLogger(__name__)
@@ -41,8 +41,8 @@ _NOTES = "deleted"
 _UNDER_WAY_S = 3600.0
 
 
-class BucketStorage:
-    """Implements `Storage`."""
+class BucketStorage(Storage):
+    """Used by one or several processes; see `Storage`."""
 
     def __init__(self, url: str, access: BucketAccess) -> None:
         """Raise StorageAwayError for unusable variables; sends no request."""
@@ -70,12 +70,8 @@ class BucketStorage:
         """Store bytes in one step; the bucket itself compares what is there with `over`."""
         return self._objects.write(_checked(key), data, hashlib.sha256(data).hexdigest(), over)
 
-    def read(self, key: str) -> bytes:
-        """Return the bytes, checked against their digest when there is one."""
-        return self.read_stamped(key)[0]
-
     def read_stamped(self, key: str) -> tuple[bytes, Stamp]:
-        """Return the bytes as `read` does, with their stamp."""
+        """Return the bytes, checked against their digest when there is one, and their stamp."""
         found, data = self._objects.read(_checked(key))
         check_digest(key, found.digest, hashlib.sha256(data).hexdigest())
         return data, found.stamp

@@ -6,6 +6,7 @@ from a folder has its digest in a file beside it.
 
 import contextlib
 import hashlib
+import re
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -15,17 +16,34 @@ from pathlib import Path
 from typing import Any
 
 import obstore
-from obstore.exceptions import BaseError
+from obstore.exceptions import (
+    AlreadyExistsError,
+    BaseError,
+    PermissionDeniedError,
+    PreconditionError,
+    UnauthenticatedError,
+)
 from obstore.store import ObjectStore
 
-from panoloc.service.errors import StoredFileChangedError, StoredFileMissingError
-from panoloc.service.storage.bucket_errors import bucket_errors
-from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp
+from panoloc.service.errors import (
+    ServiceError,
+    StorageAwayError,
+    StorageFullError,
+    StorageReadOnlyError,
+    StoredFileChangedError,
+    StoredFileMissingError,
+)
+from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, missing
 from panoloc.service.storage.urls import split_url
 
 PIECE_BYTES = 8 * 2**20
 _PARTS_AT_A_TIME = 4
 _DIGEST = "sha256"
+_RETRY_AFTER_S = 10
+_LONGEST_REASON = 200
+_CODE = re.compile(r"<Code>(\w+)</Code>|\"code\": ?\"?(\w+)")
+_FULL = re.compile(r"status code: 507|XMinioStorageFull|QuotaExceeded|InsufficientStorage|AccountStorageLimit")
+_NO_BUCKET = re.compile(r"NoSuchBucket|ContainerNotFound|The specified bucket does not exist")
 
 
 @dataclass(frozen=True)
@@ -150,3 +168,50 @@ class BucketObjects:
         with contextlib.suppress(StoredFileMissingError):
             return self.find(key + DIGEST_SUFFIX).beginning.decode("ascii").strip()
         return None
+
+
+@contextlib.contextmanager
+def bucket_errors(url: str, key: str, *, writes: bool) -> Iterator[None]:
+    """Raise what `Storage` promises in place of what obstore raises."""
+    try:
+        yield
+    except (FileNotFoundError, BaseError) as error:
+        raise _translated(url, key, error, writes) from error
+
+
+def _translated(url: str, key: str, error: Exception, writes: bool) -> ServiceError:
+    text, reason = str(error), _reason_of(error)
+    if _NO_BUCKET.search(text):
+        return StorageAwayError(
+            f"expected a bucket at {url}, got {reason}; ask the operator to create the bucket or to correct "
+            "PANOLOC_STORAGE",
+            _RETRY_AFTER_S,
+        )
+    if isinstance(error, AlreadyExistsError | PreconditionError):
+        return StoredFileChangedError(f"{key}: somebody else has replaced the file since it was read")
+    if isinstance(error, FileNotFoundError):
+        return missing(key)
+    if _FULL.search(text):
+        return StorageFullError(
+            f"expected room in the bucket {url}, got {reason}; ask the operator for space", _RETRY_AFTER_S
+        )
+    if isinstance(error, PermissionDeniedError | UnauthenticatedError):
+        kind, verb = (StorageReadOnlyError, "written") if writes else (StorageAwayError, "read")
+        return kind(
+            f"expected a bucket {url} that can be {verb}, got {reason}; ask the operator to check the key and its "
+            "rights",
+            _RETRY_AFTER_S,
+        )
+    return StorageAwayError(
+        f"expected an answer from the bucket {url}, got {reason}; try again, or ask the operator to check the "
+        "endpoint and the network",
+        _RETRY_AFTER_S,
+    )
+
+
+def _reason_of(error: Exception) -> str:
+    """Return in one line what a bucket answered."""
+    text = str(error)
+    code = _CODE.search(text)
+    first = text.splitlines()[0][:_LONGEST_REASON] if text else type(error).__name__
+    return f"{code[1] or code[2]} ({first})" if code else first

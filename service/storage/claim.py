@@ -1,6 +1,7 @@
-"""Keeps services that do not share a bucket out of each other's: a note in it, which each of them renews.
+"""Checks at the start that a bucket does what the service needs, and keeps services that do not share it out of it.
 
-No clocks are compared: a note that stays unchanged for as long as three renewals take was left by a killed process.
+Each service renews a note in its bucket. No clocks are compared: a note that stays unchanged for as long as three
+renewals take was left by a killed process.
 """
 
 import contextlib
@@ -11,11 +12,12 @@ import secrets
 import socket
 import threading
 import time
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from panoloc.service.errors import ServiceError, StorageError
+from panoloc.service.errors import ServiceError, StorageError, StoredFileChangedError
 from panoloc.service.storage.bucket import BucketStorage
 
 _log = logging.getLogger(__name__)
@@ -27,8 +29,8 @@ _NOTE = "claim.json"
 _TOKEN_FILE = "claim"
 
 
-class BucketInUseError(RuntimeError):
-    """Another service uses the bucket."""
+class BucketUnusableError(RuntimeError):
+    """The bucket cannot be used as it is configured, or another service uses it; the message names the correction."""
 
 
 class BucketClaim:
@@ -46,10 +48,11 @@ class BucketClaim:
         self.loss: str | None = None
 
     def take(self) -> None:
-        """Take the bucket for this service; waits for up to half a minute to learn whether another one lives.
+        """Check the bucket and take it for this service; waits for up to half a minute to learn whether another one lives.
 
-        Raises BucketInUseError, and what `Storage` raises.
+        Raises BucketUnusableError, and what `Storage` raises.
         """
+        check_bucket(self._storage, is_shared=self._is_shared)
         self._wait_until_free()
         self._write()
         if other := self._other():
@@ -127,6 +130,31 @@ class BucketClaim:
         self._storage.put(_NOTE, json.dumps(note).encode())
 
 
+def check_bucket(storage: BucketStorage, *, is_shared: bool) -> None:
+    """Write, list, read and delete a probe. is_shared: also replace it conditionally. Raises BucketUnusableError."""
+    prefix = f"probes/{uuid.uuid4().hex}"
+    key = f"{prefix}/probe"
+    try:
+        storage.put(key, b"first")
+        if storage.names(prefix) != ["probe"]:
+            raise BucketUnusableError(f"expected {storage.url} to list a file that was just written, but it does not")
+        _, stamp = storage.read_stamped(key)
+        if is_shared:
+            storage.replace(key, b"second", stamp)
+            with contextlib.suppress(StoredFileChangedError):
+                storage.replace(key, b"third", stamp)
+                raise BucketUnusableError(
+                    f"expected {storage.url} to refuse the overwrite of a changed file (If-Match), which several API "
+                    "replicas need, but it accepted the write; use a newer version of that storage, or one API "
+                    "replica without PANOLOC_SHARED"
+                )
+        storage.delete_all(prefix)
+    except StorageError as error:
+        raise BucketUnusableError(f"{storage.url} does not keep a written file: {error}") from error
+    except ServiceError as error:
+        raise BucketUnusableError(str(error)) from error
+
+
 def _token_of(data_dir: Path) -> str:
     path = data_dir / _TOKEN_FILE
     with contextlib.suppress(FileNotFoundError):
@@ -140,8 +168,8 @@ def _named(note: dict[str, Any]) -> str:
     return f"the service with process id {note.get('process')} on {note.get('machine')}"
 
 
-def _in_use(url: str, note: dict[str, Any]) -> BucketInUseError:
-    return BucketInUseError(
+def _in_use(url: str, note: dict[str, Any]) -> BucketUnusableError:
+    return BucketUnusableError(
         f"{url}: expected an unused bucket prefix, but {_named(note)} is using it; stop that one, set "
         "PANOLOC_STORAGE to another prefix, or set PANOLOC_SHARED for both services"
     )

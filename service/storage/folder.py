@@ -15,14 +15,14 @@ from pathlib import Path
 
 from panoloc.service.errors import StoredFileChangedError
 from panoloc.service.storage.disk import age_s, disk_errors, make_folder, sync_folder
-from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, check_digest, missing, parts_of
+from panoloc.service.storage.protocol import DIGEST_SUFFIX, Stamp, Storage, check_digest, missing, parts_of
 
 _PROBE_BYTES = 4096
 _DELETED = "deleted-"
 
 
-class FolderStorage:
-    """Implements `Storage`."""
+class FolderStorage(Storage):
+    """Used by one or several processes; see `Storage`."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -64,12 +64,8 @@ class FolderStorage:
             sync_folder(target.parent)
             return _stamp(os.stat(target))
 
-    def read(self, key: str) -> bytes:
-        """Return the bytes, checked against their digest when there is one beside them."""
-        return self.read_stamped(key)[0]
-
     def read_stamped(self, key: str) -> tuple[bytes, Stamp]:
-        """Return the bytes as `read` does, with their stamp."""
+        """Return the bytes, checked against their digest when there is one beside them, and their stamp."""
         try:
             with self._path(key).open("rb") as file:
                 stamp, data = _stamp(os.fstat(file.fileno())), file.read()

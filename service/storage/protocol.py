@@ -36,6 +36,7 @@ class Storage(Protocol):
 
     def read(self, key: str) -> bytes:
         """Return the bytes. Raises StoredFileMissingError and StoredFileDamagedError."""
+        return self.read_stamped(key)[0]
 
     def read_stamped(self, key: str) -> tuple[bytes, Stamp]:
         """Return the bytes as `read` does, with their stamp."""

@@ -1,15 +1,20 @@
-"""Builds the answer of the HTTP contract from the result of `core`."""
+"""Builds from the result of `core` the answer of the HTTP contract, and the cells of the map that it saw changed."""
 
+import base64
 import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from panoloc.core.config import ChangeConfig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geopose import MapPose, geopose_of
 from panoloc.core.georeference import coordinate_system
+from panoloc.core.index.map_index import MapIndex
 from panoloc.core.panorama.session import Photo
 from panoloc.core.results import Candidate, Localization
 from panoloc.service import answer
@@ -26,6 +31,11 @@ from panoloc.service.answer import (
 from panoloc.service.jobs import ARTIFACTS, LocalizeJob
 
 _ACCURACY_LEVEL = 0.68
+# Small enough to keep for weeks, coarse enough that several answers agree.
+_CELL_M = 0.15
+_MOST_CELLS_ACROSS = 30_000  # int16
+_MOST_POINTS = 60_000
+_LEAST_POINTS = 3  # of a cell, for a meaningful mean
 
 
 def answer_of(
@@ -176,3 +186,33 @@ def _figures(found: Localization) -> dict[str, Any]:
         figures |= {"color_model": best.color_model, "sampling_loss": best.sampling_loss, "score": best.score}
         figures |= {"iterations": best.num_iterations, "num_iterations": best.num_iterations}
     return figures if evidence is None else figures | asdict(evidence)
+
+
+def change_cells(index: MapIndex, localization: Localization) -> dict[str, Any] | None:
+    """Return the cells in view, and those of them that changed; None for an answer that is not `localized`.
+
+    `cell_m`: edge in metres. `seen`, `changed`: cells as (n, 3) int16, in units of `cell_m` from the map's origin
+    without its offset; little-endian, deflated, base64. `changed` is a subset of `seen`.
+    """
+    scores = localization.point_scores
+    if scores is None or localization.status != "localized":
+        return None
+    known = np.flatnonzero(~np.isnan(scores))
+    # Every k-th point is an even sample of the scan: enough for cells, in a tenth of the time.
+    known = known[:: max(1, len(known) // _MOST_POINTS)]
+    positions = index.positions.cpu().numpy()[known]
+    cell_m = max(_CELL_M, float(np.abs(positions).max(initial=0.0)) / _MOST_CELLS_ACROSS)
+    places = np.floor(positions / cell_m).astype(np.int64)
+    keys, first, of_point = np.unique(
+        (places[:, 0] << 34) + (places[:, 1] << 17) + places[:, 2], return_index=True, return_inverse=True
+    )
+    counts = np.bincount(of_point, minlength=len(keys))
+    means = np.bincount(of_point, scores[known], len(keys)) / np.maximum(counts, 1)
+    cells = places[first].astype(np.int16)
+    enough = counts >= _LEAST_POINTS
+    changed = enough & (means < ChangeConfig().changed_below)
+    return {"cell_m": cell_m, "seen": _packed(cells[enough]), "changed": _packed(cells[changed])}
+
+
+def _packed(cells: NDArray[np.int16]) -> str:
+    return base64.b64encode(zlib.compress(cells.astype("<i2").tobytes())).decode("ascii")

@@ -22,27 +22,52 @@ from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import CacheDownError
 from panoloc.service.host.process_resources import keep_freed_memory, num_usable_cpus
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef
-from panoloc.service.worker.answers import answer_of
-from panoloc.service.worker.change_cells import change_cells
-from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.storage import Storage
+from panoloc.service.worker.answers import answer_of, change_cells
+from panoloc.service.worker.map_catalog import registration_of, stored_index
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.query_images import Query, as_found, photos_of, read_query, shown_on_sphere
 from panoloc.service.worker.reply import WorkerReply, guarded
-from panoloc.service.worker.residency import Residency
 
 _log = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 
+class ResidentIndexes:
+    """Indexes in memory, bounded by bytes; the least recently used make room. Not thread-safe: a worker computes in one thread."""
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes = max_bytes
+        self._held: dict[MapRef, MapIndex] = {}  # the least recently used first
+
+    @property
+    def num_bytes(self) -> int:
+        """Return the bytes of everything held."""
+        return sum(index.num_bytes for index in self._held.values())
+
+    def get(self, ref: MapRef) -> MapIndex | None:
+        """Return an index, None when it is not held; it becomes the most recently used."""
+        if ref in self._held:
+            self._held[ref] = self._held.pop(ref)
+        return self._held.get(ref)
+
+    def put(self, ref: MapRef, index: MapIndex) -> None:
+        """Hold an index that is not held yet, unless it is larger than all room."""
+        if index.num_bytes <= self._max_bytes:
+            while self.num_bytes + index.num_bytes > self._max_bytes:
+                del self._held[next(iter(self._held))]
+            self._held[ref] = index
+
+
 class LocalizationWorker:
     """Holds a localizer and the indexes used last. Computes in one thread."""
 
-    def __init__(self, settings: WorkerSettings, localizer: Localizer, catalog: MapCatalog, cache: WorkerCache) -> None:
+    def __init__(self, settings: WorkerSettings, localizer: Localizer, storage: Storage, cache: WorkerCache) -> None:
         self._settings = settings
         self._localizer = localizer
-        self._catalog = catalog
+        self._storage = storage
         self._cache = cache
-        self._resident: Residency[MapRef, MapIndex] = Residency(settings.resident_bytes)
+        self._resident = ResidentIndexes(settings.resident_bytes)
         self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def localize(self, job: LocalizeJob) -> WorkerReply[LocalizeOutcome]:
@@ -68,11 +93,11 @@ class LocalizationWorker:
         index = self._resident.get(map_ref)
         if index is not None:
             return "resident", index
-        digest = index_config_digest(self._catalog.registration_of(map_ref).options.index)
+        digest = index_config_digest(registration_of(self._storage, map_ref).options.index)
         source, encoded = "redis", self._cache.get_index(map_ref, digest)
         index = self._decoded(map_ref, encoded)
         if index is None:
-            source, encoded = "storage", self._catalog.stored_index(map_ref, digest)
+            source, encoded = "storage", stored_index(self._storage, map_ref, digest)
             index = self._decoded(map_ref, encoded)
             if encoded is None or index is None:
                 return "missing", None
@@ -121,14 +146,9 @@ class _RunningQuery:
         )
         query = as_found(query, localization)
         pictures = self._timed("pictures", lambda: _pictures(query, maps, localization, options.artifacts))
-        cells = self._timed("pictures", lambda: self._change_cells(maps, localization))
+        cells = self._timed("pictures", lambda: _change_cells(maps, localization))
         answer = answer_of(localization, self._job, photos_of(query), self._timings_s, pictures)
         return LocalizeOutcome(answer, pictures, cells)
-
-    def _change_cells(self, maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
-        if localization.best is None or not self._job.with_change_cells:
-            return None
-        return change_cells(maps[localization.best.map_position], localization)
 
     def _indexes(self, index_of: Callable[[MapRef], tuple[str, MapIndex | None]]) -> list[MapIndex]:
         found = []
@@ -158,6 +178,11 @@ class _RunningQuery:
         return result
 
 
+def _change_cells(maps: Sequence[MapIndex], localization: Localization) -> dict[str, Any] | None:
+    best = localization.best
+    return None if best is None else change_cells(maps[best.map_position], localization)
+
+
 def _pictures(
     query: Query, maps: Sequence[MapIndex], localization: Localization, wanted: Iterable[str]
 ) -> dict[str, bytes]:
@@ -183,4 +208,4 @@ def build_worker(settings: WorkerSettings) -> LocalizationWorker:
     keep_freed_memory()
     torch.set_num_threads(max(1, num_usable_cpus() // settings.workers_per_machine))
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return LocalizationWorker(settings, Localizer(), MapCatalog(settings.open_storage()), cache)
+    return LocalizationWorker(settings, Localizer(), settings.open_storage(), cache)

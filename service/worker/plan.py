@@ -5,7 +5,7 @@ Both are pickled and may travel to another machine.
 
 import pkgutil
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome, MapRef, RegisterJob, RegisterOutcome
 from panoloc.service.limits.registration_limits import RegistrationLimits
@@ -23,7 +23,7 @@ class WorkerSettings:
     redis_url, storage_url: reachable from every machine that runs a worker. bucket: access to the one that storage_url
     names. workers_per_machine: they share its processors. resident_bytes: of map indexes in memory. index_lifetime_s:
     of an index in Redis after its last use. max_points, max_points_used: of a scan before and after thinning.
-    registration_limits: the worker sets those of its own process.
+    registration_limits: the worker sets those of its own process. log: level and format.
     """
 
     redis_url: str
@@ -36,6 +36,7 @@ class WorkerSettings:
     workers_per_machine: int = 1
     registration_limits: RegistrationLimits = field(default_factory=RegistrationLimits)
     bucket: BucketAccess | None = None
+    log: tuple[str, Literal["console", "json"]] = ("info", "console")
 
     @classmethod
     def of(cls, settings: "Settings", redis_url: str) -> "WorkerSettings":
@@ -50,6 +51,7 @@ class WorkerSettings:
             index_lifetime_s=settings.index_ttl_s,
             registration_limits=settings.registration_limits,
             bucket=settings.bucket_access,
+            log=(settings.log_level, settings.log_format),
         )
 
     def open_storage(self) -> Storage:

@@ -2,8 +2,6 @@
 
 import contextlib
 import dataclasses
-import os
-import socket
 import time
 from collections.abc import Callable
 from pathlib import PurePosixPath
@@ -29,15 +27,59 @@ from panoloc.service.errors import CacheDownError, MapNotFoundError, Registratio
 from panoloc.service.host.process_resources import limit_process, num_usable_cpus
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef, RegisterJob, RegisterOutcome
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
-from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.storage import Storage
+from panoloc.service.worker.map_catalog import registration_of, store_index
 from panoloc.service.worker.plan import WorkerSettings
-from panoloc.service.worker.registration_progress import RegistrationProgress
 from panoloc.service.worker.reply import WorkerReply, guarded
 
 Result = TypeVar("Result")
 
 # Waiting for a Redis that restarts is cheaper than building the index again at the first query.
 _REDIS_WAIT_S = 10.0
+_REPORT_PERIOD_S = 0.2
+# Stages of `panoloc.core.index.map_builder`: name in `stats.seconds`, begin and end on the way from 0 to 1 (in
+# furnished rooms).
+_STAGES = {
+    "reading": ("read", 0.0, 0.2),
+    "finding starts": ("starts", 0.2, 0.25),
+    "rendering starts": ("render", 0.25, 0.9),
+    "describing views": ("describe", 0.9, 0.97),
+    "storing": ("store", 0.97, 1.0),
+}
+
+
+class RegistrationProgress:
+    """Publishes the stages of a registration in Redis, at most five times a second, and measures them. Works on without Redis."""
+
+    def __init__(self, cache: WorkerCache | None, map_ref: MapRef) -> None:
+        """cache: None to measure only."""
+        self._cache = cache
+        self._map_ref = map_ref
+        self._stage: str | None = None
+        self._began = self._reported = 0.0
+        self._seconds: dict[str, float] = {}
+
+    def report(self, stage: str, share: float) -> None:
+        """Publish that `share` (0 to 1) of `stage` is done."""
+        if stage != self._stage:
+            self.finish()
+            self._stage, self._began = stage, time.monotonic()
+        elif time.monotonic() - self._reported < _REPORT_PERIOD_S:
+            return
+        self._reported = time.monotonic()
+        if self._cache is not None:
+            _, begin, end = _STAGES[stage]
+            status = "reading" if stage == "reading" else "indexing"
+            with contextlib.suppress(CacheDownError):
+                self._cache.report_progress(self._map_ref, status, stage, begin + (end - begin) * share)
+
+    def finish(self) -> dict[str, float]:
+        """End the stage under way, and return the seconds of every stage."""
+        if self._stage is not None:
+            name, _, _ = _STAGES[self._stage]
+            self._seconds[name] = self._seconds.get(name, 0.0) + time.monotonic() - self._began
+        self._stage = None
+        return self._seconds
 
 
 class Registrar:
@@ -46,33 +88,30 @@ class Registrar:
     def __init__(
         self,
         settings: WorkerSettings,
-        catalog: MapCatalog,
+        storage: Storage,
         cache: WorkerCache,
         limit_process: Callable[[int, float], None] = lambda num_bytes, cpu_s: None,
     ) -> None:
         """limit_process: limits bytes of memory and seconds of CPU time of this process, which ends with its work."""
         self._limit_process = limit_process
         self._settings = settings
-        self._catalog = catalog
+        self._storage = storage
         self._cache = cache
-        self._name = f"{socket.gethostname()}-{os.getpid()}"
 
     def register(self, job: RegisterJob) -> WorkerReply[RegisterOutcome]:
         """Build and store the index of a new map, and report the progress."""
-        outcome, failure = guarded(lambda: _within_memory(lambda: self._register(job)))
-        return WorkerReply(outcome=outcome, failure=failure, worker=self._name)
+        return WorkerReply(*guarded(lambda: _within_memory(lambda: self._register(job))))
 
     def rebuild(self, map_ref: MapRef) -> WorkerReply[None]:
         """Build and store an index again that Redis has lost."""
-        _, failure = guarded(lambda: _within_memory(lambda: self._rebuild(map_ref)))
-        return WorkerReply(failure=failure, worker=self._name)
+        return WorkerReply(*guarded(lambda: _within_memory(lambda: self._rebuild(map_ref))))
 
     def _register(self, job: RegisterJob) -> RegisterOutcome:
         progress = RegistrationProgress(self._cache, job.map)
         cloud, index = self._build(job, progress)
         encoded = encode_map_index(index)
         progress.report("storing", 0.0)
-        self._catalog.store_index(job.map, index_config_digest(job.options.index), encoded)
+        store_index(self._storage, job.map, index_config_digest(job.options.index), encoded)
         self._store_with_retries(job, encoded)
         diagnostics = (*cloud.diagnostics, *map_diagnostics(index, job.options.index, len(cloud)))
         return RegisterOutcome(
@@ -84,10 +123,10 @@ class Registrar:
         )
 
     def _rebuild(self, map_ref: MapRef) -> None:
-        job = self._catalog.registration_of(map_ref)
+        job = registration_of(self._storage, map_ref)
         _, index = self._build(job, RegistrationProgress(None, map_ref))
         encoded = encode_map_index(index)
-        self._catalog.store_index(map_ref, index_config_digest(job.options.index), encoded)
+        store_index(self._storage, map_ref, index_config_digest(job.options.index), encoded)
         self._store(job, encoded)
 
     def _build(self, job: RegisterJob, progress: RegistrationProgress) -> tuple[PointCloud, MapIndex]:
@@ -100,15 +139,15 @@ class Registrar:
             # Parsed in a sandbox: this process holds the address of Redis.
             from_strangers=True,
         )
-        with self._catalog.scan_file(job) as path:
+        with self._storage.local_copy(job.scan_key) as path:
             allowed, scan_bytes = limits.registration_limits, unpacked_bytes(path, MAX_COUNTED_BYTES)
             # The pool ends a registration that takes too long; this also ends an endless rebuild.
             self._limit_process(allowed.bytes(scan_bytes), allowed.seconds(scan_bytes) * num_usable_cpus())
             progress.report("reading", 0.0)
             self._remove_remains()
-            cloud = read_scan(
-                path, reading, lambda share: progress.report("reading", share), self._catalog.temporary_folder
-            )
+            # Archives are unpacked on the disk of the scans: the system's own folder for that may be in memory.
+            unpacking = self._storage.spool_folder
+            cloud = read_scan(path, reading, lambda share: progress.report("reading", share), unpacking)
         if len(cloud) < MIN_POINTS:
             raise ScanContentError(
                 f"The scan has {len(cloud):,} points; expected at least {MIN_POINTS}, and thousands for a useful map. "
@@ -120,7 +159,7 @@ class Registrar:
         """Remove unpacked archives that killed registrations have left."""
         # A read-only storage must not stop a rebuild.
         with contextlib.suppress(TryAgainError, OSError):
-            remove_remains(self._catalog.temporary_folder())
+            remove_remains(self._storage.spool_folder())
 
     def _store(self, job: RegisterJob, encoded: bytes) -> None:
         """Put an index into Redis. Raises MapNotFoundError when its revision was replaced or deleted meanwhile."""
@@ -128,7 +167,7 @@ class Registrar:
         self._cache.put_index(job.map, digest, encoded)
         try:
             # After the write: a deletion changes the record first and removes the index last.
-            self._catalog.registration_of(job.map)
+            registration_of(self._storage, job.map)
         except MapNotFoundError:
             self._cache.forget_index(job.map, digest)
             raise
@@ -192,4 +231,4 @@ def build_registrar(settings: WorkerSettings) -> Registrar:
     """Build a registrar in the process that will run it."""
     torch.set_num_threads(num_usable_cpus())
     cache = WorkerCache(settings.redis_url, index_lifetime_s=settings.index_lifetime_s)
-    return Registrar(settings, MapCatalog(settings.open_storage()), cache, limit_process)
+    return Registrar(settings, settings.open_storage(), cache, limit_process)

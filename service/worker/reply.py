@@ -48,8 +48,13 @@ def guarded(work: Callable[[], Outcome]) -> tuple[Outcome | None, WorkerFailure 
     try:
         return work(), None
     except Exception as error:
-        origin = "" if isinstance(error, EXPECTED_ERRORS) else traceback.format_exc()
-        return None, WorkerFailure(type(error).__name__, str(error), origin)
+        return None, failure_of(error)
+
+
+def failure_of(error: Exception) -> WorkerFailure:
+    """Return an exception as a value."""
+    origin = "" if isinstance(error, EXPECTED_ERRORS) else "".join(traceback.format_exception(error))
+    return WorkerFailure(type(error).__name__, str(error), origin)
 
 
 def error_of(failure: WorkerFailure) -> ServiceError | CoreError:

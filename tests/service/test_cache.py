@@ -1,109 +1,78 @@
 """What workers and the HTTP process keep in a real Redis, for how long, and what they are told while it is away."""
 
 import asyncio
-import itertools
 import json
-import tempfile
 import time
-from collections.abc import Awaitable, Callable, Iterator
-from pathlib import Path
-from typing import TypeVar
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from typing import Any
 
 import pytest
 import redis
+from redis.asyncio.connection import AbstractConnection
 
 from panoloc.service.cache import Cache, WorkerCache
 from panoloc.service.errors import CacheDownError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.jobs import ARTIFACTS, MapRef
 
-Result = TypeVar("Result")
+pytestmark = pytest.mark.anyio
+
 REF, DIGEST = MapRef("map_a", 2), "0f"
+OTHERS = ((MapRef("map_b", 2), DIGEST), (MapRef("map_a", 1), DIGEST), (REF, "1e"))
 INDEX, PROGRESS = "index:map_a:2:0f", "progress:map_a:2"
-
-
-@pytest.fixture(scope="module")
-def url() -> Iterator[str]:
-    # pytest's own folders are too long for a socket.
-    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        server = EmbeddedRedis(Path(folder), max_memory_bytes=16 * 2**20)
-        server.start()
-        yield server.url
-        server.stop()
-
-
-@pytest.fixture
-def client(url: str) -> Iterator["redis.Redis"]:
-    with redis.Redis.from_url(url) as client:
-        client.flushall()
-        yield client
+NOWHERE = "unix:///nowhere/redis.sock"
 
 
 def keys(client: "redis.Redis") -> set[str]:
     """Return the names of all that Redis holds."""
-    return {key.decode() for key in client.scan_iter() if isinstance(key, bytes)}
+    return {str(key) for key in client.scan_iter()}
 
 
 @pytest.fixture
-def cache(url: str, client: "redis.Redis") -> Iterator[WorkerCache]:
-    cache = WorkerCache(url, index_lifetime_s=1000, progress_lifetime_s=300)
+def worker_cache(redis_url: str) -> Iterator[WorkerCache]:
+    cache = WorkerCache(redis_url, index_lifetime_s=1000)
     yield cache
     cache.close()
 
 
-def test_an_index_is_read_back_and_lives_for_a_time(cache: WorkerCache, client: "redis.Redis") -> None:
-    cache.put_index(REF, DIGEST, b"\x00index\xff")
-    assert cache.get_index(REF, DIGEST) == b"\x00index\xff"
-    assert keys(client) == {INDEX}
-    assert 990 < int(client.ttl(INDEX)) <= 1000
+@pytest.mark.parametrize("again", ["put", "get"])
+def test_an_index_lives_for_its_whole_time_after_each_write_and_read(
+    worker_cache: WorkerCache, redis_client: "redis.Redis", again: str
+) -> None:
+    worker_cache.put_index(REF, DIGEST, b"\x00index\xff")
+    assert keys(redis_client) == {INDEX}
+    assert 990 < int(redis_client.ttl(INDEX)) <= 1000
+    redis_client.expire(INDEX, 5)
+    if again == "put":
+        worker_cache.put_index(REF, DIGEST, b"another")
+    else:
+        assert worker_cache.get_index(REF, DIGEST) == b"\x00index\xff"
+    assert int(redis_client.ttl(INDEX)) > 990
 
 
-def test_an_index_that_is_written_again_lives_for_its_whole_time(cache: WorkerCache, client: "redis.Redis") -> None:
-    cache.put_index(REF, DIGEST, b"index")
-    client.expire(INDEX, 5)
-    cache.put_index(REF, DIGEST, b"another")
-    assert int(client.ttl(INDEX)) > 990
+def test_an_index_is_of_one_map_revision_and_configuration(
+    worker_cache: WorkerCache, redis_client: "redis.Redis"
+) -> None:
+    worker_cache.put_index(REF, DIGEST, b"index")
+    assert [worker_cache.get_index(*other) for other in OTHERS] == [None] * 3
+    for other in OTHERS:
+        worker_cache.put_index(*other, b"index")
+    worker_cache.forget_index(REF, DIGEST)
+    assert worker_cache.get_index(REF, DIGEST) is None
+    assert len(keys(redis_client)) == 3
 
 
-def test_an_index_that_is_read_lives_for_its_whole_time_again(cache: WorkerCache, client: "redis.Redis") -> None:
-    cache.put_index(REF, DIGEST, b"index")
-    client.expire(INDEX, 5)
-    assert cache.get_index(REF, DIGEST) == b"index"
-    assert int(client.ttl(INDEX)) > 990
-
-
-def test_an_index_is_another_one_for_another_map_revision_or_configuration(cache: WorkerCache) -> None:
-    cache.put_index(REF, DIGEST, b"index")
-    for ref, digest in ((MapRef("map_b", 2), DIGEST), (MapRef("map_a", 1), DIGEST), (REF, "1e")):
-        assert cache.get_index(ref, digest) is None
-
-
-def test_only_the_index_that_is_named_is_forgotten(cache: WorkerCache, client: "redis.Redis") -> None:
-    for ref, digest in ((REF, DIGEST), (MapRef("map_b", 2), DIGEST), (MapRef("map_a", 1), DIGEST), (REF, "1e")):
-        cache.put_index(ref, digest, b"index")
-    cache.forget_index(REF, DIGEST)
-    assert cache.get_index(REF, DIGEST) is None
-    assert len(keys(client)) == 3
-
-
-def test_progress_is_told_in_words_and_numbers_and_lives_for_a_time(cache: WorkerCache, client: "redis.Redis") -> None:
-    cache.report_progress(REF, "indexing", "rendering starts", 0.123456)
-    found = client.get(PROGRESS)
-    assert isinstance(found, bytes)
-    assert json.loads(found) == {"status": "indexing", "stage": "rendering starts", "progress": 0.123}
-    assert 290 < int(client.ttl(PROGRESS)) <= 300
-
-
-def test_progress_is_forgotten_after_ten_minutes_unless_told_otherwise(url: str, client: "redis.Redis") -> None:
-    cache = WorkerCache(url, index_lifetime_s=1000)
-    cache.report_progress(REF, "reading", "reading the scan", 0.0)
-    cache.close()
-    assert 590 < int(client.ttl(PROGRESS)) <= 600
+def test_progress_is_told_in_words_and_numbers_for_ten_minutes(
+    worker_cache: WorkerCache, redis_client: "redis.Redis"
+) -> None:
+    worker_cache.report_progress(REF, "indexing", "rendering starts", 0.123456)
+    found = {"status": "indexing", "stage": "rendering starts", "progress": 0.123}
+    assert json.loads(str(redis_client.get(PROGRESS))) == found
+    assert 590 < int(redis_client.ttl(PROGRESS)) <= 600
 
 
 @pytest.mark.slow
 def test_workers_are_told_when_redis_is_away() -> None:
-    cache = WorkerCache("unix:///nowhere/redis.sock", index_lifetime_s=1000)
+    cache = WorkerCache(NOWHERE, index_lifetime_s=1000)
     calls: tuple[Callable[[], object], ...] = (
         lambda: cache.get_index(REF, DIGEST),
         lambda: cache.put_index(REF, DIGEST, b""),
@@ -111,164 +80,152 @@ def test_workers_are_told_when_redis_is_away() -> None:
         lambda: cache.report_progress(REF, "reading", "", 0.0),
     )
     for call in calls:
-        with pytest.raises(CacheDownError, match="expected an answer from Redis, got ConnectionError") as told:
+        with pytest.raises(CacheDownError, match="expected an answer from Redis, got ConnectionError"):
             call()
-        assert told.value.retry_after_s >= 1
 
 
-def test_a_redis_that_is_full_or_read_only_is_as_good_as_away(cache: WorkerCache, client: "redis.Redis") -> None:
-    for fault in (redis.exceptions.OutOfMemoryError, redis.exceptions.ReadOnlyError, redis.exceptions.BusyLoadingError):
+@pytest.mark.parametrize(
+    "fault", [redis.exceptions.OutOfMemoryError, redis.exceptions.ReadOnlyError, redis.exceptions.BusyLoadingError]
+)
+def test_a_redis_that_is_full_or_read_only_is_as_good_as_away(
+    worker_cache: WorkerCache, fault: type[Exception]
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise fault("not now")
 
-        def refuse(*_: object, error: type[Exception] = fault, **__: object) -> None:
-            raise error("not now")
-
-        cache._redis.set = refuse  # type: ignore[method-assign]
-        with pytest.raises(CacheDownError, match=f"got {fault.__name__}"):
-            cache.put_index(REF, DIGEST, b"")
+    worker_cache._redis.set = refuse  # type: ignore[method-assign]
+    with pytest.raises(CacheDownError, match=f"got {fault.__name__}"):
+        worker_cache.put_index(REF, DIGEST, b"")
 
 
-def test_an_index_is_read_from_a_redis_that_is_read_only(cache: WorkerCache, client: "redis.Redis") -> None:
-    cache.put_index(REF, DIGEST, b"index")
-    client.replicaof("127.0.0.1", "1")
+def test_an_index_is_read_from_a_redis_that_is_read_only(
+    worker_cache: WorkerCache, redis_client: "redis.Redis"
+) -> None:
+    worker_cache.put_index(REF, DIGEST, b"index")
+    redis_client.replicaof("127.0.0.1", "1")
     try:
-        assert cache.get_index(REF, DIGEST) == b"index"
+        assert worker_cache.get_index(REF, DIGEST) == b"index"
     finally:
-        client.replicaof("NO", "ONE")
+        redis_client.replicaof("NO", "ONE")
 
 
-def test_a_fault_that_does_not_pass_by_itself_is_not_called_away(cache: WorkerCache, client: "redis.Redis") -> None:
-    client.lpush(INDEX, "not what we keep there")
+def test_a_fault_that_does_not_pass_by_itself_is_not_called_away(
+    worker_cache: WorkerCache, redis_client: "redis.Redis"
+) -> None:
+    redis_client.lpush(INDEX, "not what we keep there")
     with pytest.raises(redis.ResponseError):
-        cache.get_index(REF, DIGEST)
+        worker_cache.get_index(REF, DIGEST)
 
 
 # The side of the HTTP process.
-
-
-def ask(url: str, question: Callable[[Cache], Awaitable[Result]]) -> Result:
-    """Ask a cache of its own, whose answers live for 500 s."""
-
-    async def asked() -> Result:
-        cache = Cache(url, result_lifetime_s=500)
-        try:
-            return await question(cache)
-        finally:
-            await cache.close()
-
-    return asyncio.run(asked())
-
 
 BODY = {"status": "localized", "confidence": 0.5}
 PICTURES: dict[str, bytes] = {name: f"a {name}".encode() for name in ARTIFACTS}
 
 
-def test_an_answer_is_read_back_with_its_pictures(url: str, client: "redis.Redis") -> None:
-    async def scenario(cache: Cache) -> None:
-        await cache.put_answer("loc_1", BODY, PICTURES, ["map_a", "map_b"])
-        assert await cache.get_localization("loc_1") == BODY
-        for name, data in PICTURES.items():
-            assert await cache.get_picture("loc_1", name) == data
-        assert await cache.get_localization("loc_2") is None
-        assert await cache.get_picture("loc_1", "another") is None
-        assert await cache.get_picture("loc_2", ARTIFACTS[0]) is None
-
-    ask(url, scenario)
-    assert len(keys(client)) == 1 + len(PICTURES) + 2
-    assert all(490 < int(client.ttl(key)) <= 500 for key in keys(client))
+@pytest.fixture
+async def cache(redis_url: str, anyio_backend: str) -> AsyncIterator[Cache]:
+    """Answers live for 500 s."""
+    cache = Cache(redis_url, result_lifetime_s=500)
+    yield cache
+    await cache.close()
 
 
-def test_a_state_lives_as_long_as_an_answer_and_the_query_before_it(url: str, client: "redis.Redis") -> None:
-    async def scenario(cache: Cache) -> None:
-        await cache.put_state("loc_1", {"status": "running"})
-        await cache.put_state("loc_2", {"status": "running"}, extra_s=60.5)
-        assert await cache.get_localization("loc_2") == {"status": "running"}
+async def test_an_answer_is_read_back_with_its_pictures(cache: Cache, redis_client: "redis.Redis") -> None:
+    await cache.put_answer("loc_1", BODY, PICTURES, ["map_a", "map_b"])
+    assert await cache.get_localization("loc_1") == BODY
+    assert {name: await cache.get_picture("loc_1", name) for name in PICTURES} == PICTURES
+    assert await cache.get_localization("loc_2") is None
+    assert await cache.get_picture("loc_1", "another") is None
+    assert await cache.get_picture("loc_2", ARTIFACTS[0]) is None
+    assert len(keys(redis_client)) == 1 + len(PICTURES) + 2
+    assert all(490 < int(redis_client.ttl(key)) <= 500 for key in keys(redis_client))
 
-    ask(url, scenario)
-    assert 490 < int(client.ttl("localization:loc_1")) <= 500
-    assert 550 < int(client.ttl("localization:loc_2")) <= 560
+
+async def test_a_state_lives_as_long_as_an_answer_and_the_query_before_it(
+    cache: Cache, redis_client: "redis.Redis"
+) -> None:
+    await cache.put_state("loc_1", {"status": "running"})
+    await cache.put_state("loc_2", {"status": "running"}, extra_s=60.5)
+    assert await cache.get_localization("loc_2") == {"status": "running"}
+    assert 490 < int(redis_client.ttl("localization:loc_1")) <= 500
+    assert 550 < int(redis_client.ttl("localization:loc_2")) <= 560
 
 
-def test_no_answer_holds_what_json_does_not_have(url: str, client: "redis.Redis") -> None:
+async def test_no_answer_holds_what_json_does_not_have(cache: Cache, redis_client: "redis.Redis") -> None:
     with pytest.raises(ValueError):
-        ask(url, lambda cache: cache.put_answer("loc_1", {"confidence": float("nan")}, {}, []))
-    assert keys(client) == set()
+        await cache.put_answer("loc_1", {"confidence": float("nan")}, {}, [])
+    assert keys(redis_client) == set()
 
 
-def test_a_map_s_list_of_answers_forgets_those_that_have_expired(url: str, client: "redis.Redis") -> None:
-    client.zadd("of_map:map_a", {"loc_old": time.time() - 1, "loc_new": time.time() + 50})
-    client.expire("of_map:map_a", 50)
-    ask(url, lambda cache: cache.put_answer("loc_1", BODY, {}, ["map_a"]))
-    assert client.zrange("of_map:map_a", 0, -1) == [b"loc_new", b"loc_1"]
-    score = client.zscore("of_map:map_a", "loc_1")
-    assert isinstance(score, float)
-    assert 490 < score - time.time() <= 500
-    assert 490 < int(client.ttl("of_map:map_a")) <= 500
+async def test_a_map_s_list_of_answers_forgets_those_that_have_expired(
+    cache: Cache, redis_client: "redis.Redis"
+) -> None:
+    redis_client.zadd("of_map:map_a", {"loc_old": time.time() - 1, "loc_new": time.time() + 50})
+    redis_client.expire("of_map:map_a", 50)
+    await cache.put_answer("loc_1", BODY, {}, ["map_a"])
+    found: Any = redis_client.zrange("of_map:map_a", 0, -1, withscores=True)
+    assert [name for name, _ in found] == ["loc_new", "loc_1"]
+    assert 490 < found[1][1] - time.time() <= 500
+    assert 490 < int(redis_client.ttl("of_map:map_a")) <= 500
 
 
-def test_progress_is_told_of_the_revisions_that_have_begun(url: str, cache: WorkerCache, client: "redis.Redis") -> None:
-    other = MapRef("map_b", 1)
-    cache.report_progress(REF, "reading", "reading the scan", 0.5)
-    found = ask(url, lambda each: each.get_progress([other, REF]))
-    assert found == {REF: {"status": "reading", "stage": "reading the scan", "progress": 0.5}}
-    assert ask(url, lambda each: each.get_progress([])) == {}
+async def test_progress_is_told_of_the_revisions_that_have_begun(cache: Cache, worker_cache: WorkerCache) -> None:
+    worker_cache.report_progress(REF, "reading", "reading the scan", 0.5)
+    found = {REF: {"status": "reading", "stage": "reading the scan", "progress": 0.5}}
+    assert await cache.get_progress([MapRef("map_b", 1), REF]) == found
+    assert await cache.get_progress([]) == {}
 
 
-def test_a_revision_is_forgotten_alone(url: str, cache: WorkerCache, client: "redis.Redis") -> None:
+async def test_a_revision_is_forgotten_alone(
+    cache: Cache, worker_cache: WorkerCache, redis_client: "redis.Redis"
+) -> None:
     for ref in (REF, MapRef("map_a", 22), MapRef("map_a", 1), MapRef("map_b", 2)):
         for digest in (DIGEST, "1e"):
-            cache.put_index(ref, digest, b"index")
-        cache.report_progress(ref, "reading", "", 0.0)
-    ask(url, lambda each: each.forget_revision(REF))
-    assert keys(client) == {
+            worker_cache.put_index(ref, digest, b"index")
+        worker_cache.report_progress(ref, "reading", "", 0.0)
+    await cache.forget_revision(REF)
+    assert keys(redis_client) == {
         f"{what}:{ref}{digest}"
         for ref in ("map_a:22", "map_a:1", "map_b:2")
         for what, digest in (("index", ":0f"), ("index", ":1e"), ("progress", ""))
     }
 
 
-def test_a_map_is_forgotten_with_its_answers_and_nothing_of_others(
-    url: str, cache: WorkerCache, client: "redis.Redis"
+async def test_a_map_is_forgotten_with_its_answers_and_nothing_of_others(
+    cache: Cache, worker_cache: WorkerCache, redis_client: "redis.Redis"
 ) -> None:
     for ref in (REF, MapRef("map_a", 1), MapRef("map_b", 2)):
-        cache.put_index(ref, DIGEST, b"index")
-        cache.report_progress(ref, "reading", "", 0.0)
-
-    async def scenario(each: Cache) -> None:
-        await each.put_answer("loc_1", BODY, PICTURES, ["map_a"])
-        await each.put_answer("loc_2", BODY, PICTURES, ["map_b"])
-        await each.forget_map("map_a")
-        await each.forget_map("map_unknown")
-
-    ask(url, scenario)
-    pictures = {f"picture:loc_2:{name}" for name in ARTIFACTS}
-    assert keys(client) == {"index:map_b:2:0f", "progress:map_b:2", "of_map:map_b", "localization:loc_2", *pictures}
+        worker_cache.put_index(ref, DIGEST, b"index")
+        worker_cache.report_progress(ref, "reading", "", 0.0)
+    await cache.put_answer("loc_1", BODY, PICTURES, ["map_a"])
+    await cache.put_answer("loc_2", BODY, PICTURES, ["map_b"])
+    await cache.forget_map("map_a")
+    await cache.forget_map("map_unknown")
+    of_others = {"index:map_b:2:0f", "progress:map_b:2", "of_map:map_b", "localization:loc_2"}
+    assert keys(redis_client) == of_others | {f"picture:loc_2:{name}" for name in ARTIFACTS}
 
 
 @pytest.mark.slow
-def test_the_http_process_is_told_when_redis_is_away() -> None:
-    questions: tuple[Callable[[Cache], Awaitable[object]], ...] = (
-        lambda cache: cache.check(),
-        lambda cache: cache.get_progress([REF]),
-        lambda cache: cache.put_state("loc_1", {}),
-        lambda cache: cache.put_answer("loc_1", {}, {}, []),
-        lambda cache: cache.get_localization("loc_1"),
-        lambda cache: cache.get_picture("loc_1", "overlay"),
-        lambda cache: cache.forget_revision(REF),
-        lambda cache: cache.forget_map("map_a"),
+async def test_the_http_process_is_told_when_redis_is_away() -> None:
+    cache = Cache(NOWHERE, result_lifetime_s=500)
+    calls: tuple[Callable[[], Awaitable[object]], ...] = (
+        lambda: cache.check(),
+        lambda: cache.get_progress([REF]),
+        lambda: cache.put_state("loc_1", {}),
+        lambda: cache.put_answer("loc_1", {}, {}, []),
+        lambda: cache.get_localization("loc_1"),
+        lambda: cache.get_picture("loc_1", "overlay"),
+        lambda: cache.forget_revision(REF),
+        lambda: cache.forget_map("map_a"),
     )
-    for question in questions:
+    for call in calls:
         with pytest.raises(CacheDownError, match="expected an answer from Redis, got ConnectionError") as told:
-            ask("unix:///nowhere/redis.sock", question)
+            await call()
         assert told.value.retry_after_s == 2
 
 
-def test_a_redis_that_answers_passes_the_check(url: str) -> None:
-    ask(url, lambda cache: cache.check())
-
-
-def test_a_redis_that_was_away_for_a_moment_is_asked_again(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from redis.asyncio.connection import AbstractConnection
-
+async def test_a_redis_that_was_away_for_a_moment_is_asked_again(cache: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
     send, num_failures = AbstractConnection.send_packed_command, 2
 
     async def failing(connection: AbstractConnection, *arguments: object, **options: object) -> None:
@@ -279,50 +236,38 @@ def test_a_redis_that_was_away_for_a_moment_is_asked_again(url: str, monkeypatch
         await send(connection, *arguments, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(AbstractConnection, "send_packed_command", failing)
-    ask(url, lambda cache: cache.check())
+    await cache.check()
     assert num_failures == 0
 
 
-def test_whoever_goes_away_just_when_redis_answers_has_gone_away(url: str) -> None:
-    async def scenario(cache: Cache) -> None:
-        task = asyncio.current_task()
-        assert task is not None
+async def test_whoever_goes_away_just_when_redis_answers_has_gone_away(cache: Cache) -> None:
+    task = asyncio.current_task()
+    assert task is not None
 
-        async def swallowing(*_: object, **__: object) -> None:
-            task.cancel()
-            try:
-                await asyncio.sleep(0)
-            except asyncio.CancelledError:
-                return  # as redis-py does in Python 3.11
-
-        cache._redis.ping = swallowing  # type: ignore[method-assign, assignment]
-        with pytest.raises(asyncio.CancelledError):
-            await cache.check()
-        task.uncancel()
-
-    ask(url, scenario)
-
-
-def test_the_look_whether_redis_takes_values_says_so_and_leaves_no_key(url: str, client: "redis.Redis") -> None:
-    async def look() -> None:
-        cache = Cache(url, result_lifetime_s=10)
+    async def swallowing(*_: object, **__: object) -> None:
+        task.cancel()
         try:
-            await cache.check_writable()
-        finally:
-            await cache.close()
+            await asyncio.sleep(0)
+        except asyncio.CancelledError:
+            return  # as redis-py does in Python 3.11
 
-    def is_no_end(said: dict[str, str]) -> bool:
-        return said["command"] != "EXEC"
+    cache._redis.ping = swallowing  # type: ignore[method-assign, assignment]
+    with pytest.raises(asyncio.CancelledError):
+        await cache.check()
+    task.uncancel()
 
-    with client.monitor() as monitor:  # type: ignore[no-untyped-call]
-        asyncio.run(look())
-        said = [each["command"].split()[0] for each in itertools.takewhile(is_no_end, monitor.listen())]
-    assert said[said.index("MULTI") :] == ["MULTI", "SET", "UNLINK"]
-    assert keys(client) == set()
-    client.config_set("maxmemory", 1)
-    client.config_set("maxmemory-policy", "noeviction")
+
+async def test_the_look_whether_redis_takes_values_says_so_and_leaves_no_key(
+    cache: Cache, redis_client: "redis.Redis"
+) -> None:
+    await cache.check_writable()
+    assert keys(redis_client) == set()
+    former: Any = redis_client.config_get("maxmemory*")
+    redis_client.config_set("maxmemory", 1)
+    redis_client.config_set("maxmemory-policy", "noeviction")
     try:
         with pytest.raises(CacheDownError, match="OutOfMemoryError"):
-            asyncio.run(look())
+            await cache.check_writable()
     finally:
-        client.config_set("maxmemory", 16 * 2**20)
+        for name in ("maxmemory", "maxmemory-policy"):
+            redis_client.config_set(name, former[name])

@@ -29,8 +29,7 @@ from panoloc.service.http.validation import limited_by, parse_json
 from panoloc.service.jobs import QueryImage
 from panoloc.service.limits.capacity import Held
 from panoloc.service.localizations import LocalizeRequest
-from panoloc.service.maps.on_earth import Place, maps_around
-from panoloc.service.maps.selection import MapChoice
+from panoloc.service.maps.selection import MapChoice, Place, maps_around
 from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
 from panoloc.service.settings import Settings

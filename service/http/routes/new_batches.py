@@ -26,7 +26,7 @@ from panoloc.service.http.spool import PartRule
 from panoloc.service.http.uploads import MAX_PARTS, Form, read_form
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import new_id, now
-from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.known_maps import decode_cursor, encode_cursor
 from panoloc.service.maps.selection import MapChoice
 from panoloc.service.services import Services, services_of
 from panoloc.service.settings import Settings

@@ -68,6 +68,14 @@ def test_a_file_that_is_damaged_or_gone_opens_nothing(tmp_path: Path, damage: st
     assert keys.find("from-the-setting") is not None
 
 
+def test_a_key_file_that_was_taken_away_is_told_from_one_that_never_was(tmp_path: Path) -> None:
+    assert not ring(tmp_path).file.is_lost
+    KeyFile(tmp_path).make("phones", ["read"])
+    assert not ring(tmp_path).file.is_lost
+    (tmp_path / "keys.json").unlink()
+    assert ring(tmp_path).file.is_lost
+
+
 def test_keys_that_are_made_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
     makers = [
         threading.Thread(target=lambda name=str(number): KeyFile(tmp_path).make(name, ["read"])) for number in range(8)

@@ -177,42 +177,37 @@ def url() -> Iterator[str]:
         server.shutdown()
 
 
-def test_keys_of_a_url_are_fetched_again_and_those_that_are_known_stay(url: str) -> None:
-    async def run() -> None:
-        keys = IssuerKeys(url, pause_s=0.0)
+@pytest.mark.anyio
+async def test_keys_of_a_url_are_fetched_again_and_those_that_are_known_stay(url: str) -> None:
+    keys = IssuerKeys(url, pause_s=0.0)
+    await keys.refresh()
+    with pytest.raises(TokenRefusedError) as refused:
+        caller(keys, ISSUED.token("ec"))
+    assert refused.value.may_be_new
+    _Published.document = json.dumps(ISSUED.jwks("ec")).encode()
+    await keys.refresh()
+    for document in (b"[" * 10_000, b""):
+        _Published.document = document
         await keys.refresh()
-        with pytest.raises(TokenRefusedError) as refused:
-            caller(keys, ISSUED.token("ec"))
-        assert refused.value.may_be_new
-        _Published.document = json.dumps(ISSUED.jwks("ec")).encode()
-        await keys.refresh()
-        for document in (b"[" * 10_000, b""):
-            _Published.document = document
-            await keys.refresh()
-            assert caller(keys, ISSUED.token("ec")).id == "token anna"
-
-    asyncio.run(run())
+        assert caller(keys, ISSUED.token("ec")).id == "token anna"
 
 
-def test_tokens_of_unknown_keys_make_no_flood_of_requests_to_the_issuer(url: str) -> None:
-    async def run() -> None:
-        keys = IssuerKeys(url)
-        await asyncio.gather(*(keys.refresh() for _ in range(10)))
-
-    asyncio.run(run())
+@pytest.mark.anyio
+async def test_tokens_of_unknown_keys_make_no_flood_of_requests_to_the_issuer(url: str) -> None:
+    keys = IssuerKeys(url)
+    await asyncio.gather(*(keys.refresh() for _ in range(10)))
     assert _Published.num_asked == 1
 
 
-def test_keys_are_there_as_soon_as_they_are_followed(url: str) -> None:
-    async def run() -> None:
-        _Published.document = json.dumps(ISSUED.jwks("rsa")).encode()
-        keys = IssuerKeys(url)
-        following = asyncio.create_task(keys.follow())
+@pytest.mark.anyio
+async def test_keys_are_there_as_soon_as_they_are_followed(url: str) -> None:
+    _Published.document = json.dumps(ISSUED.jwks("rsa")).encode()
+    keys = IssuerKeys(url)
+    following = asyncio.create_task(keys.follow())
+    async with asyncio.timeout(10):
         while not keys.of("rsa"):
             await asyncio.sleep(0.01)
-        following.cancel()
-
-    asyncio.run(asyncio.wait_for(run(), 10))
+    following.cancel()
 
 
 def test_keys_and_tokens_open_the_same_service(tmp_path: Path, keys: IssuerKeys) -> None:

@@ -20,13 +20,8 @@ PHOTO, OTHER_PHOTO = [b"one"], [b"two"]
 
 
 @pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
-@pytest.fixture
 def log(tmp_path: Path) -> ChangeLog:
-    return ChangeLog(FolderStorage(tmp_path), lifetime_s=3600)
+    return ChangeLog(FolderStorage(tmp_path))
 
 
 def packed(*cells: tuple[int, int, int]) -> str:
@@ -103,12 +98,6 @@ async def test_what_cannot_be_read_leaves_the_others(log: ChangeLog, tmp_path: P
     first, _ = sorted((tmp_path / "changes" / "map_a").iterdir())
     first.write_text("{")
     assert [each["id"] for each in (await log.document(REF, NO_OFFSET))["answers"]] == ["loc_2"]
-
-
-async def test_without_a_lifetime_nothing_is_kept(tmp_path: Path) -> None:
-    log = ChangeLog(FolderStorage(tmp_path), lifetime_s=0)
-    await log.note(answer(), seen((0, 0, 0)), PHOTO)
-    assert list(tmp_path.iterdir()) == []
 
 
 async def test_nothing_is_left_of_a_map_that_is_forgotten(log: ChangeLog, tmp_path: Path) -> None:

@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 
 from panoloc.service.errors import InvalidOptionsError, MapLimitError, MapNotFoundError, StoredFileDamagedError
 from panoloc.service.jobs import MapRef, RegisterOptions
-from panoloc.service.maps.cursors import decode_cursor, encode_cursor
+from panoloc.service.maps.known_maps import decode_cursor, encode_cursor
 from panoloc.service.maps.record import MapRecord, Revision, key_of, read_record
 from panoloc.service.maps.registry import MapRegistry
 from panoloc.service.sharing.locks import FolderLocks
 from panoloc.service.storage import FolderStorage
+
+pytestmark = pytest.mark.anyio
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 10, "00", RegisterOptions())
 
@@ -25,10 +27,20 @@ def record(name: str, created_at: str = "2026-01-01T00:00:00.000000Z", tags: tup
     return MapRecord(name, name, created_at, created_at, REVISION, tags=list(tags))
 
 
-def loaded(folder: Path, max_maps: int = 100) -> MapRegistry:
+async def loaded(folder: Path, max_maps: int = 100) -> MapRegistry:
     registry = MapRegistry(FolderStorage(folder), max_maps)
-    asyncio.run(registry.load())
+    await registry.load()
     return registry
+
+
+@pytest.fixture
+async def registry(tmp_path: Path, anyio_backend: str) -> MapRegistry:
+    return await loaded(tmp_path)
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> FolderStorage:
+    return FolderStorage(tmp_path)
 
 
 @given(st.text(), st.text())
@@ -71,122 +83,116 @@ def test_pages_show_every_map_that_stays_once_and_in_order(times: list[int], lim
     assert len(seen) == len(set(seen))
 
 
-def test_what_is_written_is_there_after_a_restart(tmp_path: Path) -> None:
-    registry = loaded(tmp_path)
-    asyncio.run(registry.add(record("map_a", tags=("x",))))
-    asyncio.run(registry.change("map_a", lambda each: replace(each, name="ähnlich")))
-    again = loaded(tmp_path)
+async def test_what_is_written_is_there_after_a_restart(registry: MapRegistry, tmp_path: Path) -> None:
+    await registry.add(record("map_a", tags=("x",)))
+    await registry.change("map_a", lambda each: replace(each, name="ähnlich"))
+    again = await loaded(tmp_path)
     assert again.get("map_a") == registry.get("map_a")
     assert again.get("map_a").name == "ähnlich"
     assert again.get("map_a").updated_at > again.get("map_a").created_at
     assert [each.id for each in again.with_tag("x")] == ["map_a"]
 
 
-def test_a_record_that_was_changed_by_hand_is_left_out_and_the_others_serve(tmp_path: Path) -> None:
-    registry = loaded(tmp_path)
+async def test_a_record_that_was_changed_by_hand_is_left_out_and_the_others_serve(
+    registry: MapRegistry, storage: FolderStorage, tmp_path: Path
+) -> None:
     for name in ("map_a", "map_b"):
-        asyncio.run(registry.add(record(name)))
+        await registry.add(record(name))
     file = tmp_path / "maps/map_a/map.json"
     document = json.loads(file.read_text())
     document["record"]["newest"]["scan_key"] = "maps/map_b/1/scan.ply"
     file.write_text(json.dumps(document))
-    assert [each.id for each in loaded(tmp_path).all()] == ["map_b"]
+    assert [each.id for each in (await loaded(tmp_path)).all()] == ["map_b"]
     with pytest.raises(StoredFileDamagedError, match="its digest differs"):
-        read_record(FolderStorage(tmp_path), "map_a")
+        read_record(storage, "map_a")
 
 
-def test_revisions_that_no_record_names_are_removed_at_the_start(tmp_path: Path) -> None:
-    asyncio.run(loaded(tmp_path).add(record("map_a")))
-    storage = FolderStorage(tmp_path)
+async def test_revisions_that_no_record_names_are_removed_at_the_start(
+    registry: MapRegistry, storage: FolderStorage, tmp_path: Path
+) -> None:
+    await registry.add(record("map_a"))
     for number in (1, 2):
         storage.put(key_of(MapRef("map_a", number), "scan.ply"), b"x")
-    loaded(tmp_path)
+    await loaded(tmp_path)
     assert storage.names("maps/map_a") == ["1", "map.json"]
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
-def test_a_start_removes_uploads_that_a_crash_left_unless_another_process_may_be_at_them(
-    tmp_path: Path, is_shared: bool
+async def test_a_start_removes_uploads_that_a_crash_left_unless_another_process_may_be_at_them(
+    storage: FolderStorage, tmp_path: Path, is_shared: bool
 ) -> None:
-    (upload := FolderStorage(tmp_path).spool_folder() / "half").write_bytes(b"half")
-    locks = FolderLocks(tmp_path / "locks") if is_shared else None
-    asyncio.run(MapRegistry(FolderStorage(tmp_path), 10, locks).load())
+    (upload := storage.spool_folder() / "half").write_bytes(b"half")
+    await MapRegistry(storage, 10, FolderLocks(tmp_path / "locks") if is_shared else None).load()
     assert upload.exists() == is_shared
 
 
-def test_a_caller_who_goes_away_does_not_part_memory_from_storage(tmp_path: Path) -> None:
-    registry = loaded(tmp_path)
+async def adopt_scan(registry: MapRegistry, storage: FolderStorage) -> None:
+    (scan := storage.spool_folder() / "upload").write_bytes(b"a scan")
+    await registry.adopt_scan(MapRef("map_a", 1), "scan.ply", scan, hashlib.sha256(b"a scan").hexdigest())
 
-    async def go_away() -> None:
-        adding = asyncio.create_task(registry.add(record("map_a")))
-        await asyncio.sleep(0)
-        adding.cancel()
-        await asyncio.gather(adding, return_exceptions=True)
-        # Whoever changes the same map next waits for the one whose caller is gone.
-        await registry.change("map_a", lambda each: replace(each, name="changed"))
 
-    asyncio.run(go_away())
+async def go_away_while_a_map_is_added(registry: MapRegistry) -> None:
+    adding = asyncio.create_task(registry.add(record("map_a")))
+    await asyncio.sleep(0)
+    adding.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await adding
+
+
+async def test_a_caller_who_goes_away_does_not_part_memory_from_storage(registry: MapRegistry, tmp_path: Path) -> None:
+    await go_away_while_a_map_is_added(registry)
+    # Whoever changes the same map next waits for the one whose caller is gone.
+    await registry.change("map_a", lambda each: replace(each, name="changed"))
     assert registry.get("map_a").name == "changed"
-    assert [each.id for each in registry.all()] == [each.id for each in loaded(tmp_path).all()]
+    assert [each.id for each in registry.all()] == [each.id for each in (await loaded(tmp_path)).all()]
 
 
-def test_a_caller_who_goes_away_takes_nothing_along_that_the_record_names(tmp_path: Path) -> None:
-    registry, storage = loaded(tmp_path), FolderStorage(tmp_path)
-
-    async def go_away() -> None:
-        (scan := storage.spool_folder() / "upload").write_bytes(b"a scan")
-        await registry.adopt_scan(MapRef("map_a", 1), "scan.ply", scan, hashlib.sha256(b"a scan").hexdigest())
-        adding = asyncio.create_task(registry.add(record("map_a")))
-        await asyncio.sleep(0)
-        adding.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await adding
-        await registry.remove_revision(MapRef("map_a", 1))
-
-    asyncio.run(go_away())
+async def test_a_caller_who_goes_away_takes_nothing_along_that_the_record_names(
+    registry: MapRegistry, storage: FolderStorage
+) -> None:
+    await adopt_scan(registry, storage)
+    await go_away_while_a_map_is_added(registry)
+    await registry.remove_revision(MapRef("map_a", 1))
     assert registry.get("map_a") == replace(record("map_a"), version=1)
     assert storage.read("maps/map_a/1/scan.ply") == b"a scan"
 
 
-def test_a_scan_that_no_record_came_to_name_is_taken_away_with_its_folder(tmp_path: Path) -> None:
-    registry, storage = loaded(tmp_path), FolderStorage(tmp_path)
-
-    async def give_up() -> None:
-        (scan := storage.spool_folder() / "upload").write_bytes(b"a scan")
-        await registry.adopt_scan(MapRef("map_a", 1), "scan.ply", scan, hashlib.sha256(b"a scan").hexdigest())
-        await registry.remove_revision(MapRef("map_a", 1))
-
-    asyncio.run(give_up())
+async def test_a_scan_that_no_record_came_to_name_is_taken_away_with_its_folder(
+    registry: MapRegistry, storage: FolderStorage
+) -> None:
+    await adopt_scan(registry, storage)
+    await registry.remove_revision(MapRef("map_a", 1))
     assert storage.names("maps") == []
 
 
-def test_a_map_that_cannot_be_deleted_is_still_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    registry = loaded(tmp_path)
-    asyncio.run(registry.add(record("map_a")))
+async def test_a_map_that_cannot_be_deleted_is_still_there(
+    registry: MapRegistry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await registry.add(record("map_a"))
 
     def refuse(*_: object) -> None:
         raise PermissionError("read-only")
 
     monkeypatch.setattr(FolderStorage, "delete_all", refuse)
     with pytest.raises(PermissionError):
-        asyncio.run(registry.remove("map_a"))
+        await registry.remove("map_a")
     assert registry.get("map_a") == replace(record("map_a"), version=1)
 
 
-def test_files_of_a_revision_that_was_replaced_are_not_written(tmp_path: Path) -> None:
-    registry = loaded(tmp_path)
-    asyncio.run(registry.add(record("map_a")))
-    asyncio.run(registry.change("map_a", lambda each: replace(each, newest=replace(REVISION, number=2))))
+async def test_files_of_a_revision_that_was_replaced_are_not_written(
+    registry: MapRegistry, storage: FolderStorage
+) -> None:
+    await registry.add(record("map_a"))
+    await registry.change("map_a", lambda each: replace(each, newest=replace(REVISION, number=2)))
     with pytest.raises(MapNotFoundError, match="map_a revision 1"):
-        asyncio.run(registry.put_files(MapRef("map_a", 1), {"preview.png": b"x"}))
-    assert FolderStorage(tmp_path).names("maps/map_a") == ["map.json"]
+        await registry.put_files(MapRef("map_a", 1), {"preview.png": b"x"})
+    assert storage.names("maps/map_a") == ["map.json"]
 
 
-def test_pages_of_a_tag_show_the_maps_that_bear_it(tmp_path: Path) -> None:
-    registry = loaded(tmp_path)
+async def test_pages_of_a_tag_show_the_maps_that_bear_it(registry: MapRegistry) -> None:
     for number in range(6):
         tags = ("even",) if number % 2 == 0 else ("odd", "other")
-        asyncio.run(registry.add(record(f"map_{number}", f"2026-01-0{number + 1}", tags)))
+        await registry.add(record(f"map_{number}", f"2026-01-0{number + 1}", tags))
     first, cursor = registry.page("even", 2, None)
     assert [each.id for each in first] == ["map_0", "map_2"]
     second, end = registry.page("even", 2, cursor)
@@ -197,17 +203,13 @@ def test_pages_of_a_tag_show_the_maps_that_bear_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("max_maps", [1, 2])
-def test_maps_that_come_at_the_same_time_do_not_share_the_last_place(tmp_path: Path, max_maps: int) -> None:
-    registry = loaded(tmp_path, max_maps)
+async def test_maps_that_come_at_the_same_time_do_not_share_the_last_place(tmp_path: Path, max_maps: int) -> None:
+    registry = await loaded(tmp_path, max_maps)
     names = ["map_a", "map_b", "map_c"]
-
-    async def add_all() -> list[MapRecord | BaseException]:
-        return await asyncio.gather(*(registry.add(record(name)) for name in names), return_exceptions=True)
-
-    found = asyncio.run(add_all())
+    found = await asyncio.gather(*(registry.add(record(name)) for name in names), return_exceptions=True)
     assert [type(each) for each in found] == [MapRecord] * max_maps + [MapLimitError] * (3 - max_maps)
     assert FolderStorage(tmp_path).names("maps") == names[:max_maps]
-    asyncio.run(registry.remove("map_a"))
-    asyncio.run(registry.add(record("map_c")))
+    await registry.remove("map_a")
+    await registry.add(record("map_c"))
     with pytest.raises(MapLimitError, match="PANOLOC_MAX_MAPS"):
-        asyncio.run(registry.add(record("map_a")))
+        await registry.add(record("map_a"))

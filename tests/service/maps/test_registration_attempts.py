@@ -1,7 +1,6 @@
 """A scan that ends the service each time it is registered is given up; one that waits its turn is not."""
 
 import asyncio
-from collections.abc import Coroutine
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -17,6 +16,8 @@ from panoloc.service.maps.registrations import Registrations
 from panoloc.service.maps.registry import MapRegistry
 from panoloc.service.metrics import Metrics
 from panoloc.service.storage import FolderStorage
+
+pytestmark = pytest.mark.anyio
 
 REVISION = Revision(1, "maps/m/1/scan.ply", "scan.ply", 5_000_000, "00", RegisterOptions())
 RECORD = MapRecord("m", "m", "2026-01-01T00:00:00.000000Z", "2026-01-01T00:00:00.000000Z", REVISION)
@@ -77,10 +78,6 @@ class Service:
             await asyncio.sleep(0.005)
 
 
-def run(scenario: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 60))
-
-
 async def killed(service: Service) -> None:
     """Let a service begin its registrations and be gone without a word."""
     await service.begin()
@@ -89,63 +86,48 @@ async def killed(service: Service) -> None:
     await asyncio.gather(*service.registrations._running.values(), return_exceptions=True)
 
 
-def test_a_scan_that_ends_the_service_each_time_has_failed_after_some_attempts(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        pool = Pool()
-        for attempt in range(MAX_ATTEMPTS):
-            await killed(service := Service(tmp_path, pool))
-            assert (service.newest.status, service.newest.num_attempts) == ("queued", attempt + 1)
+async def test_a_scan_that_ends_the_service_each_time_has_failed_after_some_attempts(tmp_path: Path) -> None:
+    pool = Pool()
+    for attempt in range(MAX_ATTEMPTS):
         await killed(service := Service(tmp_path, pool))
-        assert len(pool.jobs) == MAX_ATTEMPTS
-        assert service.newest.status == "failed"
-        assert service.newest.error is not None
-        assert service.newest.error["type"] == "/problems/registration-limit"
-
-    run(scenario())
+        assert (service.newest.status, service.newest.num_attempts) == ("queued", attempt + 1)
+    await killed(service := Service(tmp_path, pool))
+    assert len(pool.jobs) == MAX_ATTEMPTS
+    assert service.newest.status == "failed"
+    assert service.newest.error is not None
+    assert service.newest.error["type"] == "/problems/registration-limit"
 
 
 @pytest.mark.parametrize("orderly", [True, False])
-def test_neither_a_wait_for_others_nor_an_orderly_stop_is_an_attempt(tmp_path: Path, orderly: bool) -> None:
-    async def scenario() -> None:
-        service = Service(tmp_path, Pool(busy=not orderly))
-        await service.begin()
-        await (service.registrations.stop() if orderly else killed(service))
-        assert (service.newest.status, service.newest.num_attempts) == ("queued", 0)
-
-    run(scenario())
+async def test_neither_a_wait_for_others_nor_an_orderly_stop_is_an_attempt(tmp_path: Path, orderly: bool) -> None:
+    service = Service(tmp_path, Pool(busy=not orderly))
+    await service.begin()
+    await (service.registrations.stop() if orderly else killed(service))
+    assert (service.newest.status, service.newest.num_attempts) == ("queued", 0)
 
 
-def test_an_orderly_stop_takes_back_no_attempt_that_had_not_begun(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        await killed(Service(tmp_path, Pool()))
-        service = Service(tmp_path, Pool(busy=True))
-        await service.begin()
-        await service.registrations.stop()
-        assert service.newest.num_attempts == 1
-
-    run(scenario())
+async def test_an_orderly_stop_takes_back_no_attempt_that_had_not_begun(tmp_path: Path) -> None:
+    await killed(Service(tmp_path, Pool()))
+    service = Service(tmp_path, Pool(busy=True))
+    await service.begin()
+    await service.registrations.stop()
+    assert service.newest.num_attempts == 1
 
 
-def test_a_registration_whose_process_keeps_dying_is_tried_so_often_and_no_more(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        pool = Pool(fails=True)
-        service = Service(tmp_path, pool)
-        await service.begin()
-        assert len(pool.jobs) == MAX_ATTEMPTS
-        assert service.newest.status == "failed"
-
-    run(scenario())
+async def test_a_registration_whose_process_keeps_dying_is_tried_so_often_and_no_more(tmp_path: Path) -> None:
+    pool = Pool(fails=True)
+    service = Service(tmp_path, pool)
+    await service.begin()
+    assert len(pool.jobs) == MAX_ATTEMPTS
+    assert service.newest.status == "failed"
 
 
 @pytest.mark.parametrize(("unpacked_bytes", "counted_mb"), [(None, 5), (50_000_000, 50)])
-def test_the_time_of_a_registration_grows_with_its_scan_and_with_what_an_archive_unpacks_to(
+async def test_the_time_of_a_registration_grows_with_its_scan_and_with_what_an_archive_unpacks_to(
     tmp_path: Path, unpacked_bytes: int | None, counted_mb: int
 ) -> None:
-    async def scenario() -> None:
-        service = Service(tmp_path, pool := Pool())
-        await service.registry.add(replace(RECORD, newest=replace(REVISION, unpacked_bytes=unpacked_bytes)))
-        await killed(service)
-        limits = RegistrationLimits()
-        assert [job.time_limit_s for job in pool.jobs] == [limits.time_s + counted_mb * limits.time_s_per_mb]
-
-    run(scenario())
+    service = Service(tmp_path, pool := Pool())
+    await service.registry.add(replace(RECORD, newest=replace(REVISION, unpacked_bytes=unpacked_bytes)))
+    await killed(service)
+    limits = RegistrationLimits()
+    assert [job.time_limit_s for job in pool.jobs] == [limits.time_s + counted_mb * limits.time_s_per_mb]

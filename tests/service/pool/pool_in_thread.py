@@ -4,7 +4,7 @@ import asyncio
 import json
 import threading
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ from panoloc.service.jobs import (
 from panoloc.service.pool.process_pool import ProcessPool
 from panoloc.service.settings import Settings
 from panoloc.service.worker.plan import WorkerPlan, WorkerSettings
+from tests.integration.running_service import eventually
 
 Result = TypeVar("Result")
 
@@ -36,16 +37,13 @@ def scripted_plan(folder: Path) -> WorkerPlan:
 class PoolInThread:
     """A started pool. folder: where scripted workers leave their traces."""
 
-    def __init__(self, folder: Path, build: Callable[[], ProcessPool]) -> None:
+    def __init__(self, folder: Path, pool: ProcessPool) -> None:
         self.folder = folder
+        self.pool = pool
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        self.pool = self.run(self._built(build))
         self.run(self.pool.start())
-
-    async def _built(self, build: Callable[[], ProcessPool]) -> ProcessPool:
-        return build()
 
     def begin(self, work: Coroutine[Any, Any, Result]) -> "Future[Result]":
         return asyncio.run_coroutine_threadsafe(work, self._loop)
@@ -54,19 +52,13 @@ class PoolInThread:
         return self.begin(work).result(timeout_s)
 
     def wait_until_ready(self, within_s: float = 240) -> None:
-        deadline = time.monotonic() + within_s
-        while not self.pool.state().ready:
-            assert time.monotonic() < deadline, self.pool.state()
-            time.sleep(0.02)
+        assert eventually(lambda: self.pool.state().ready, within_s), self.pool.state()
 
     def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         return self.run(self.pool.localize(job))
 
-    def localize_all(self, jobs: list[LocalizeJob]) -> list[LocalizeOutcome | BaseException]:
-        async def together() -> list[LocalizeOutcome | BaseException]:
-            return await asyncio.gather(*(self.pool.localize(job) for job in jobs), return_exceptions=True)
-
-        return self.run(together())
+    def begin_localizing(self, *jobs: LocalizeJob) -> "list[Future[LocalizeOutcome]]":
+        return [self.begin(self.pool.localize(job)) for job in jobs]
 
     def stop(self, drain_s: float = 5) -> None:
         self.run(self.pool.stop(drain_s))

@@ -6,21 +6,6 @@ from panoloc.service.errors import QueueFullError
 from panoloc.service.pool.admission import Admission
 
 
-def test_as_many_are_admitted_as_run_and_wait() -> None:
-    admission = Admission(queue_limit=2)
-    with admission.admit(), admission.admit(), admission.admit():
-        assert admission.queue_depth == 2
-        with pytest.raises(QueueFullError, match="2 requests are waiting"), admission.admit():
-            pass
-    assert admission.num_admitted == 0
-
-
-def test_without_a_queue_one_request_per_worker_still_runs() -> None:
-    admission = Admission(queue_limit=0)
-    with admission.admit(), pytest.raises(QueueFullError), admission.admit():
-        pass
-
-
 def test_a_failed_request_gives_its_place_back() -> None:
     admission = Admission(queue_limit=0)
     with pytest.raises(ZeroDivisionError), admission.admit():
@@ -48,18 +33,21 @@ def test_nobody_is_told_to_come_back_at_once_or_never() -> None:
         assert admission.retry_after_s == 60
 
 
-@pytest.mark.parametrize("num_workers", [0, 1, 3])
-def test_a_place_is_counted_for_each_worker_and_one_where_there_is_none_yet(num_workers: int) -> None:
-    admission = Admission(queue_limit=1)
+@pytest.mark.parametrize(("num_workers", "queue_limit"), [(0, 1), (1, 0), (1, 2), (3, 1)])
+def test_as_many_are_admitted_as_run_and_wait_and_one_runs_where_there_is_no_worker_yet(
+    num_workers: int, queue_limit: int
+) -> None:
+    admission = Admission(queue_limit)
     admission.set_num_workers(num_workers)
     with ExitStack() as held:
-        for number in range(max(1, num_workers) + 1):
+        for number in range(max(1, num_workers) + queue_limit):
             assert admission.num_admitted == number
             held.enter_context(admission.admit())
-        assert admission.queue_depth == 1
-        with pytest.raises(QueueFullError) as refused, admission.admit():
+        assert admission.queue_depth == queue_limit
+        with pytest.raises(QueueFullError, match=f"{queue_limit} requests are waiting") as refused, admission.admit():
             pass
         assert refused.value.retry_after_s == admission.retry_after_s
+    assert admission.num_admitted == 0
 
 
 def test_before_anything_was_measured_a_request_is_taken_to_last_a_second() -> None:

@@ -1,7 +1,10 @@
 """What every pool promises, with real processes and a scripted worker: the local one, and one whose workers are on a Ray cluster."""
 
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,18 +12,21 @@ from pathlib import Path
 import pytest
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
-from panoloc.lab.process_memory import descendants
+from panoloc.lab.process_memory import command_of, descendants
 from panoloc.service.errors import NoWorkerError, QueueFullError, RegistrationLimitError
 from panoloc.service.jobs import LocalizeOutcome
-from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.ray.bridge_pool import bridge_pool
 from panoloc.service.settings import Settings
 from tests.integration.ray_cluster import RayClusterOfOthers
-from tests.integration.running_service import eventually, is_running
+from tests.integration.running_service import ROOT, eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, registration, scripted_plan
-from tests.service.pool.ray_cluster_with_workers import deploy
 
 pytestmark = [pytest.mark.integration, pytest.mark.filterwarnings("ignore::ResourceWarning"), pytest.mark.timeout(900)]
+
+
+_DEPLOY = "import pickle, sys; from panoloc.service.ray.application import deploy"
+_DEPLOY += "; deploy(sys.argv[1], pickle.loads(bytes.fromhex(sys.argv[2])))"
 
 
 @pytest.fixture(scope="module", params=["local", "ray"])
@@ -31,15 +37,17 @@ def running(request: pytest.FixtureRequest) -> Iterator[PoolInThread]:
         plan = scripted_plan(folder)
         if request.param == "local":
             settings = Settings(data_dir=folder, queue_limit=10, num_workers=1)
-            running = PoolInThread(folder, lambda: local_pool(settings, plan))
+            running = PoolInThread(folder, local_pool(settings, plan))
             running.wait_until_ready()
             yield running
             running.stop()
             return
         with RayClusterOfOthers() as cluster:
-            deploy(cluster.address, plan)
+            # In a process of its own, as `panoloc workers` does it.
+            command = [sys.executable, "-c", _DEPLOY, cluster.address, pickle.dumps(plan).hex()]
+            subprocess.run(command, cwd=ROOT, check=True, timeout=240)
             settings = Settings(data_dir=folder, queue_limit=10, ray_address=cluster.address)
-            running = PoolInThread(folder, lambda: bridge_pool(settings, plan))
+            running = PoolInThread(folder, bridge_pool(settings, plan))
             running.wait_until_ready()
             yield running
             running.stop()
@@ -56,7 +64,7 @@ def test_a_query_is_answered_by_another_process(running: PoolInThread) -> None:
 def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: PoolInThread) -> None:
     pid = running.localize(query("before-kill")).answer.search["pid"]
     jobs = [query(f"kill-{number}", until="go") for number in range(8)]
-    begun = [running.begin(running.pool.localize(each)) for each in jobs]
+    begun = running.begin_localizing(*jobs)
     assert eventually(lambda: any(running.folder.glob("kill-*.started")), 30)
     os.kill(pid, signal.SIGKILL)
     (running.folder / "go").touch()
@@ -66,9 +74,12 @@ def test_a_worker_killed_with_eight_queries_under_way_costs_no_answer(running: P
     assert running.pool.state().num_retries >= 1
 
 
-def test_a_query_that_kills_its_worker_is_tried_again_and_given_up_where_it_always_does(running: PoolInThread) -> None:
+def test_a_query_that_kills_its_worker_is_tried_again_and_given_up_where_it_always_does(
+    running: PoolInThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert running.localize(query("crash", crash_once=True)).answer.search["request_id"] == "crash"
-    with pytest.raises(NoWorkerError, match="workers in a row were lost"):
+    monkeypatch.setattr("panoloc.service.pool.process_pool._MAX_ATTEMPTS", 2)  # Ray takes seconds for each
+    with pytest.raises(NoWorkerError, match="2 workers in a row were lost"):
         running.localize(query("crash-always", crash=True))
     assert running.localize(query("after-crashes")).answer.status == "localized"
 
@@ -80,7 +91,7 @@ def test_what_the_worker_raises_on_purpose_is_raised_here_as_well(running: PoolI
 
 def test_a_full_queue_turns_the_next_query_away(running: PoolInThread) -> None:
     (running.folder / "full-go").unlink(missing_ok=True)
-    begun = [running.begin(running.pool.localize(query(f"full-{number}", until="full-go"))) for number in range(15)]
+    begun = running.begin_localizing(*(query(f"full-{number}", until="full-go") for number in range(15)))
     assert eventually(lambda: sum(each.done() for each in begun) == 4, 30)
     (running.folder / "full-go").touch()
     outcomes = [each.exception(60) or each.result() for each in begun]
@@ -91,7 +102,7 @@ def test_a_full_queue_turns_the_next_query_away(running: PoolInThread) -> None:
 
 
 def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(running: PoolInThread) -> None:
-    first = [running.begin(running.pool.localize(query(f"slow-{number}", until="slow-go"))) for number in range(2)]
+    first = running.begin_localizing(*(query(f"slow-{number}", until="slow-go") for number in range(2)))
     assert eventually(lambda: any(running.folder.glob("slow-*.started")), 30)
     for _ in range(60):  # earlier queries took so long that the late one would be refused at the door
         running.pool.admission.note_duration(0.01, "fast")
@@ -107,8 +118,8 @@ def test_a_query_past_its_deadline_fails_and_what_had_not_begun_is_dropped(runni
 @pytest.mark.parametrize("map_id", ["map_lost", "map_crash_once"])
 def test_a_lost_index_is_built_once_for_all_who_wait(running: PoolInThread, map_id: str) -> None:
     jobs = [query(f"{map_id}-{number}", maps=(map_id,), needs_index=True) for number in range(5)]
-    outcomes = running.localize_all(jobs)
-    assert all(isinstance(outcome, LocalizeOutcome) for outcome in outcomes), outcomes
+    for each in running.begin_localizing(*jobs):
+        assert each.result(240).answer.status == "localized"
     # One build that ends its process is begun once more.
     assert len(list(running.folder.glob(f"{map_id}-*.rebuilt"))) == (2 if map_id == "map_crash_once" else 1)
 
@@ -150,7 +161,7 @@ def process_of_registration(running: PoolInThread, map_id: str) -> bool:
 
 
 def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: PoolInThread) -> None:
-    under_way = running.begin(running.pool.localize(query("last", until="last-go")))
+    (under_way,) = running.begin_localizing(query("last", until="last-go"))
     assert eventually((running.folder / "last.started").exists, 30)
     running.pool.begin_drain()
     with pytest.raises(NoWorkerError, match="shutting down"):
@@ -159,7 +170,3 @@ def test_a_draining_pool_refuses_what_comes_and_ends_its_processes(running: Pool
     running.run(running.pool.stop(drain_s=60))
     assert under_way.result(1).answer.status == "localized"
     assert not [pid for pid in descendants(os.getpid()) if "panoloc.service.pool" in command_of(pid)]
-
-
-def command_of(pid: int) -> str:
-    return Path(f"/proc/{pid}/cmdline").read_text(errors="replace")

@@ -2,10 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,10 +10,10 @@ import pytest
 
 from panoloc.lab.process_memory import command_of, descendants
 from panoloc.service.errors import NoWorkerError
-from panoloc.service.pool import local_workers, worker_process
-from panoloc.service.pool.local_workers import local_pool
+from panoloc.service.pool import process_pool, worker_process
+from panoloc.service.pool.process_pool import local_pool
 from panoloc.service.settings import Settings
-from tests.integration.running_service import ROOT, eventually, is_running
+from tests.integration.running_service import eventually, is_running
 from tests.service.pool.pool_in_thread import PoolInThread, query, scripted_plan
 
 pytestmark = [pytest.mark.integration, pytest.mark.filterwarnings("ignore::ResourceWarning")]
@@ -26,26 +22,21 @@ pytestmark = [pytest.mark.integration, pytest.mark.filterwarnings("ignore::Resou
 @contextmanager
 def running_pool(folder: Path, num_workers: int | None = 1) -> Iterator[PoolInThread]:
     settings = Settings(data_dir=folder, num_workers=num_workers)
-    running = PoolInThread(folder, lambda: local_pool(settings, scripted_plan(folder)))
+    running = PoolInThread(folder, local_pool(settings, scripted_plan(folder)))
     try:
         yield running
     finally:
         running.stop(0)
 
 
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="pl-") as name:
-        yield Path(name)
-
-
 def workers() -> list[int]:
     return [pid for pid in descendants(os.getpid()) if command_of(pid).endswith("panoloc.service.pool.child")]
 
 
-def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_hangs_past_its_deadline_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_pool, "_WATCH_PERIOD_S", 0.05)
     monkeypatch.setattr(worker_process, "OVERDUE_S", 0.3)
-    with running_pool(folder) as running:
+    with running_pool(tmp_path) as running:
         running.wait_until_ready()
         (hung,) = workers()
         with pytest.raises(Exception, match="no answer within"):
@@ -55,58 +46,59 @@ def test_a_worker_that_hangs_past_its_deadline_is_replaced(folder: Path, monkeyp
 
 
 def test_a_worker_beyond_its_memory_is_replaced_and_its_query_repeated_until_it_is_given_up(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local_workers, "usable_memory_bytes", lambda: 250 << 20)
-    with running_pool(folder) as running:
+    monkeypatch.setattr(process_pool, "_WATCH_PERIOD_S", 0.05)
+    monkeypatch.setattr(process_pool, "usable_memory_bytes", lambda: 250 << 20)
+    with running_pool(tmp_path) as running:
         running.wait_until_ready()
         with pytest.raises(NoWorkerError, match="GiB of memory"):
-            running.localize(query("greedy", take_mb=500, until="never"))
+            running.localize(query("greedy", take_mb=300, until="never"))
         assert running.pool.state().num_retries == 3
         assert running.localize(query("modest")).answer.status == "localized"
 
 
-def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(folder: Path) -> None:
-    (folder / "no-worker-starts").touch()
-    with running_pool(folder) as running:
+def test_workers_that_do_not_start_are_told_with_their_reason_until_they_do(tmp_path: Path) -> None:
+    (tmp_path / "no-worker-starts").touch()
+    with running_pool(tmp_path) as running:
         assert eventually(lambda: "no worker starts in this folder" in (running.pool.state().waiting_for or ""), 30)
         with pytest.raises(NoWorkerError, match="no worker starts in this folder"):
             running.localize(query("refused"))
-        (folder / "no-worker-starts").unlink()
+        (tmp_path / "no-worker-starts").unlink()
         running.wait_until_ready(60)
         assert running.localize(query("answered")).answer.status == "localized"
 
 
-def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(folder: Path) -> None:
-    with running_pool(folder) as running:
+def test_queries_that_wait_are_refused_when_the_next_worker_does_not_start(tmp_path: Path) -> None:
+    with running_pool(tmp_path) as running:
         running.wait_until_ready()
-        waiting = [running.begin(running.pool.localize(query(f"w-{number}", until="never"))) for number in range(3)]
-        assert eventually(lambda: any(folder.glob("w-*.started")), 30)
-        (folder / "no-worker-starts").touch()
+        waiting = running.begin_localizing(*(query(f"w-{number}", until="never") for number in range(3)))
+        assert eventually(lambda: any(tmp_path.glob("w-*.started")), 30)
+        (tmp_path / "no-worker-starts").touch()
         os.kill(workers()[0], signal.SIGKILL)
         for each in waiting:
             assert isinstance(each.exception(60), NoWorkerError)
 
 
-def test_of_two_workers_one_answers_while_the_other_one_is_replaced(folder: Path) -> None:
-    with running_pool(folder, num_workers=2) as running:
+def test_of_two_workers_one_answers_while_the_other_one_is_replaced(tmp_path: Path) -> None:
+    with running_pool(tmp_path, num_workers=2) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
         pids = set(workers())
-        both = [running.begin(running.pool.localize(query(f"b-{number}", until="go"))) for number in range(2)]
-        assert eventually(lambda: len(list(folder.glob("b-*.started"))) == 2, 30)
+        both = running.begin_localizing(*(query(f"b-{number}", until="go") for number in range(2)))
+        assert eventually(lambda: len(list(tmp_path.glob("b-*.started"))) == 2, 30)
         os.kill(min(pids), signal.SIGKILL)
-        (folder / "go").touch()
+        (tmp_path / "go").touch()
         assert [each.result(60).answer.status for each in both] == ["localized"] * 2
         assert eventually(lambda: running.pool.state().num_workers == 2 and len(pids & set(workers())) == 1, 30)
 
 
-def test_a_query_goes_to_the_worker_that_has_its_maps(folder: Path) -> None:
-    with running_pool(folder, num_workers=2) as running:
+def test_a_query_goes_to_the_worker_that_has_its_maps(tmp_path: Path) -> None:
+    with running_pool(tmp_path, num_workers=2) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
-        first = running.begin(running.pool.localize(query("a-1", maps=("map_a",), until="go")))
-        assert eventually((folder / "a-1.started").exists, 30)
+        (first,) = running.begin_localizing(query("a-1", maps=("map_a",), until="go"))
+        assert eventually((tmp_path / "a-1.started").exists, 30)
         at_b = running.localize(query("b-1", maps=("map_b",))).answer.search["pid"]
-        (folder / "go").touch()
+        (tmp_path / "go").touch()
         at_a = first.result(60).answer.search["pid"]
         assert at_a != at_b
         for number in range(3):
@@ -114,46 +106,10 @@ def test_a_query_goes_to_the_worker_that_has_its_maps(folder: Path) -> None:
             assert running.localize(query(f"b-{number}-again", maps=("map_b",))).answer.search["pid"] == at_b
 
 
-def test_every_gpu_has_a_worker_which_sees_no_other(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_gpu_has_a_worker_which_sees_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,3")
-    with running_pool(folder, num_workers=None) as running:
+    with running_pool(tmp_path, num_workers=None) as running:
         assert eventually(lambda: running.pool.state().num_workers == 2, 30)
         variables = [Path(f"/proc/{pid}/environ").read_bytes().split(b"\0") for pid in workers()]
         devices = [each for of_one in variables for each in of_one if each.startswith(b"CUDA_VISIBLE_DEVICES=")]
         assert sorted(devices) == [b"CUDA_VISIBLE_DEVICES=1", b"CUDA_VISIBLE_DEVICES=3"]
-
-
-_A_POOL_THAT_IS_KILLED = """
-import sys, time
-sys.path.insert(0, sys.argv[2])
-from pathlib import Path
-from panoloc.service.pool.local_workers import local_pool
-from panoloc.service.settings import Settings
-from tests.service.pool.pool_in_thread import PoolInThread, scripted_plan
-folder = Path(sys.argv[1])
-PoolInThread(folder, lambda: local_pool(Settings(data_dir=folder, num_workers=1), scripted_plan(folder))).wait_until_ready()
-print("ready", flush=True)
-time.sleep(600)
-"""
-
-
-def test_workers_end_with_a_service_that_is_killed(folder: Path) -> None:
-    command = [sys.executable, "-c", _A_POOL_THAT_IS_KILLED, str(folder), str(ROOT)]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as service:
-        assert service.stdout is not None
-        assert service.stdout.readline() == b"ready\n"
-        (worker,) = descendants(service.pid)
-        service.kill()
-    assert eventually(lambda: not is_running(worker), 10)
-
-
-def test_a_worker_finds_the_code_of_its_service_beside_somebody_elses_core(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (folder / "core").mkdir()
-    (folder / "core" / "__init__.py").write_text("raise RuntimeError('somebody else')")
-    monkeypatch.chdir(folder)
-    with running_pool(folder) as running:
-        began = time.monotonic()
-        running.wait_until_ready(30)
-        assert running.localize(query("beside")).answer.status == "localized", time.monotonic() - began

@@ -3,16 +3,14 @@
 import asyncio
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
 import redis
 
 from panoloc.service.errors import CacheDownError, StorageReadOnlyError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.sharing.leases import LeaseLocks
 from panoloc.service.sharing.locks import FolderLocks, HeldLock, Locks, OwnLocks
 
@@ -36,32 +34,11 @@ asyncio.run(hold())
 """
 
 
-@pytest.fixture(scope="session")
-def anyio_backend() -> str:
-    return "asyncio"
-
-
-@pytest.fixture(scope="module")
-def redis_url() -> Iterator[str]:
-    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        server = EmbeddedRedis(Path(folder), max_memory_bytes=64 * 2**20)
-        server.start()
-        yield server.url
-        server.stop()
-
-
-@pytest.fixture
-def client(redis_url: str) -> Iterator["redis.Redis"]:
-    with redis.Redis.from_url(redis_url, decode_responses=True) as client:
-        client.flushall()
-        yield client
-
-
 Both = tuple[Locks, Locks]
 
 
 @pytest.fixture
-async def leases(redis_url: str, client: "redis.Redis", anyio_backend: str) -> AsyncIterator[Both]:
+async def leases(redis_url: str, anyio_backend: str) -> AsyncIterator[Both]:
     """Leases of two processes."""
     one, other = LeaseLocks(redis_url, LEASE_S), LeaseLocks(redis_url, LEASE_S)
     yield one, other
@@ -82,7 +59,7 @@ async def taken(locks: Locks, name: str = "map-a") -> HeldLock:
 
 
 async def test_a_lock_has_one_holder_for_as_long_as_it_is_held(
-    both: Both, client: "redis.Redis", tmp_path: Path
+    both: Both, redis_client: "redis.Redis", tmp_path: Path
 ) -> None:
     one, other = both
     first = await taken(one)
@@ -99,7 +76,7 @@ async def test_a_lock_has_one_holder_for_as_long_as_it_is_held(
     beside.release()
     for locks in both:
         await locks.close()
-    assert client.keys("*") == []
+    assert redis_client.keys("*") == []
     assert list(tmp_path.iterdir()) == []
 
 
@@ -139,7 +116,7 @@ async def test_a_caller_that_gives_up_waiting_leaves_the_lock_free(both: Both) -
 @pytest.mark.slow
 @pytest.mark.parametrize("both", ["folder", "leases"], indirect=True)
 async def test_a_killed_process_holds_nothing_for_long(
-    both: Both, tmp_path: Path, redis_url: str, client: "redis.Redis"
+    both: Both, tmp_path: Path, redis_url: str, redis_client: "redis.Redis"
 ) -> None:
     is_lease = isinstance(both[0], LeaseLocks)
     command = [sys.executable, "-c", _HOLDER, redis_url if is_lease else str(tmp_path)]
@@ -147,8 +124,8 @@ async def test_a_killed_process_holds_nothing_for_long(
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"True\n"
         if is_lease:  # it is renewed
-            assert await until(lambda: 0 < client.pttl(KEY) < 900)
-            assert await until(lambda: client.pttl(KEY) > 900)
+            assert await until(lambda: 0 < redis_client.pttl(KEY) < 900)
+            assert await until(lambda: redis_client.pttl(KEY) > 900)
         assert await both[0].try_hold("map-a") is None
         holder.kill()
         holder.wait()
@@ -163,38 +140,38 @@ async def until(holds: Callable[[], bool]) -> bool:
     return True
 
 
-async def test_leases_come_back_after_redis_has_lost_them(leases: Both, client: "redis.Redis") -> None:
+async def test_leases_come_back_after_redis_has_lost_them(leases: Both, redis_client: "redis.Redis") -> None:
     one, other = leases
     await taken(one)
-    client.flushall()
-    assert await until(lambda: bool(client.exists(KEY)))
+    redis_client.flushall()
+    assert await until(lambda: bool(redis_client.exists(KEY)))
     assert await other.try_hold("map-a") is None
     assert one.is_sure("map-a")
 
 
 async def test_a_holder_learns_that_another_has_its_lease_and_leaves_it_alone(
-    leases: Both, client: "redis.Redis"
+    leases: Both, redis_client: "redis.Redis"
 ) -> None:
     lock = await taken(leases[0])
     lost = asyncio.Event()
     lock.when_lost = lost.set
-    client.set(KEY, "of another", px=60_000)
+    redis_client.set(KEY, "of another", px=60_000)
     async with asyncio.timeout(10):
         await lost.wait()
     assert not leases[0].is_sure("map-a")
     lock.release()
     await leases[0].close()
-    assert client.get(KEY) == "of another"
+    assert redis_client.get(KEY) == "of another"
 
 
 async def test_a_holder_that_releases_late_leaves_the_lease_of_another_alone(
-    leases: Both, client: "redis.Redis"
+    leases: Both, redis_client: "redis.Redis"
 ) -> None:
     lock = await taken(leases[0])
-    client.set(KEY, "of another", px=60_000)  # which this process does not know yet
+    redis_client.set(KEY, "of another", px=60_000)  # which this process does not know yet
     lock.release()
     await leases[0].close()
-    assert client.get(KEY) == "of another"
+    assert redis_client.get(KEY) == "of another"
 
 
 async def test_a_lease_that_was_not_renewed_in_time_is_not_sure(leases: Both) -> None:

@@ -21,9 +21,8 @@ from panoloc.service.errors import (
 from panoloc.service.storage import BucketAccess, open_storage
 from panoloc.service.storage.bucket import BucketStorage
 from panoloc.service.storage.bucket_client import open_client
-from panoloc.service.storage.bucket_errors import bucket_errors
-from panoloc.service.storage.bucket_objects import BucketObjects
-from panoloc.service.storage.start_check import StorageUnusableError, check_at_start
+from panoloc.service.storage.bucket_objects import BucketObjects, bucket_errors
+from panoloc.service.storage.claim import BucketUnusableError, check_bucket
 from tests.service.storage.bucket_server import BUCKET, BucketServer
 
 
@@ -321,7 +320,7 @@ def test_readiness_learns_within_seconds_that_a_bucket_hangs(
 def test_a_key_that_opens_nothing_is_reported_before_the_service_starts(
     bucket: BucketStorage, bucket_server: BucketServer, prefix: str
 ) -> None:
-    check_at_start(bucket, is_shared=True)
+    check_bucket(bucket, is_shared=True)
     assert keys_in(bucket_server, prefix) == []
     bucket_server.refuse_strangers()
     try:
@@ -331,8 +330,8 @@ def test_a_key_that_opens_nothing_is_reported_before_the_service_starts(
             bucket.put("a", b"x")
         with pytest.raises(StorageAwayError, match="can be read, got InvalidAccessKeyId"):
             bucket.read("a")
-        with pytest.raises(StorageUnusableError, match="the key and its rights") as found:
-            check_at_start(bucket, is_shared=False)
+        with pytest.raises(BucketUnusableError, match="the key and its rights") as found:
+            check_bucket(bucket, is_shared=False)
     finally:
         bucket_server.refuse_strangers(False)
     assert "\n" not in str(found.value)
@@ -343,9 +342,9 @@ def test_a_bucket_that_does_not_exist_is_reported_before_the_service_starts(
     bucket_server: BucketServer, tmp_path: Path
 ) -> None:
     access = BucketAccess(str(tmp_path), 0, bucket_server.variables)
-    storage = open_storage("s3://no-such-bucket", access)
-    with pytest.raises(StorageUnusableError, match=r"NoSuchBucket.*correct PANOLOC_STORAGE"):
-        check_at_start(storage, is_shared=False)
+    storage = BucketStorage("s3://no-such-bucket", access)
+    with pytest.raises(BucketUnusableError, match=r"NoSuchBucket.*correct PANOLOC_STORAGE"):
+        check_bucket(storage, is_shared=False)
     with pytest.raises(StorageAwayError):
         storage.read("a")
 
@@ -355,9 +354,9 @@ def test_a_bucket_that_takes_writes_over_what_has_changed_serves_no_several_api_
 ) -> None:
     replace = BucketStorage.replace
     monkeypatch.setattr(BucketStorage, "replace", lambda self, key, data, over=None: replace(self, key, data))
-    check_at_start(bucket, is_shared=False)
-    with pytest.raises(StorageUnusableError, match=r"If-Match.*without PANOLOC_SHARED"):
-        check_at_start(bucket, is_shared=True)
+    check_bucket(bucket, is_shared=False)
+    with pytest.raises(BucketUnusableError, match=r"If-Match.*without PANOLOC_SHARED"):
+        check_bucket(bucket, is_shared=True)
 
 
 @pytest.mark.parametrize(
@@ -387,8 +386,6 @@ def test_a_storage_is_named_by_a_url(tmp_path: Path, bucket_server: BucketServer
             open_storage(url, access)
     with pytest.raises(ValueError, match="expected no key in the URL"):
         open_storage("s3://id:secret@bucket", access)
-    with pytest.raises(ValueError, match="expected a folder for uploads"):
-        open_storage("s3://bucket")
 
 
 @pytest.mark.parametrize(

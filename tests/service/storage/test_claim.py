@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from panoloc.service.storage.bucket import BucketStorage
-from panoloc.service.storage.claim import BucketClaim, BucketInUseError
+from panoloc.service.storage.claim import BucketClaim, BucketUnusableError
 from tests.service.storage.bucket_server import BucketServer
 
 # Long enough for a busy machine to renew in.
@@ -46,7 +46,7 @@ def kill(claim: BucketClaim) -> None:
 @pytest.mark.parametrize(("first", "second"), [(False, False), (False, True), (True, False)])
 def test_a_service_keeps_out_who_does_not_share_with_it(claim: Claims, first: bool, second: bool) -> None:
     claim("one", first).take()
-    with pytest.raises(BucketInUseError, match=r"the service with process id \d+ on .* is using it"):
+    with pytest.raises(BucketUnusableError, match=r"the service with process id \d+ on .* is using it"):
         claim("two", second).take()
 
 

@@ -20,6 +20,16 @@ class PowerCutError(BaseException):
     """The process is gone."""
 
 
+def raising(error: BaseException) -> Callable[..., None]:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+FULL = OSError(28, "No space left on device")
+
+
 def adopt(storage: FolderStorage, key: str, data: bytes) -> None:
     upload = storage.spool_folder() / "upload"
     upload.write_bytes(data)
@@ -34,12 +44,8 @@ def test_a_crash_while_writing_leaves_the_old_bytes(
     storage: FolderStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
     storage.replace("maps/m/map.json", b"old")
-
-    def cut(*_: object, **__: object) -> None:
-        raise PowerCutError
-
     with monkeypatch.context() as patch:
-        patch.setattr(os if moment == "fsync" else Path, moment, cut)
+        patch.setattr(os if moment == "fsync" else Path, moment, raising(PowerCutError()))
         # Nothing of ours runs any more once the process is gone.
         patch.setattr(Path, "unlink", lambda *_, **__: None)
         with pytest.raises(PowerCutError):
@@ -104,10 +110,7 @@ def test_no_crash_leaves_a_file_that_nothing_would_check(
 def test_a_write_to_a_full_disk_leaves_nothing_behind(
     storage: FolderStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", raising(FULL))
     with pytest.raises(StorageFullError, match="the disk is full"):
         storage.replace("map.json", b"data")
     assert list(tmp_path.iterdir()) == []
@@ -129,11 +132,7 @@ def test_readiness_learns_that_the_disk_takes_nothing(
     storage: FolderStorage, monkeypatch: pytest.MonkeyPatch, number: int, raised: type[Exception]
 ) -> None:
     storage.check_writable()
-
-    def refuse(*_: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(Path, "write_bytes", refuse)
+    monkeypatch.setattr(Path, "write_bytes", raising(OSError(number, os.strerror(number))))
     with pytest.raises(raised):
         storage.check_writable()
     assert list(storage.spool_folder().iterdir()) == []
@@ -143,11 +142,7 @@ def test_a_map_can_be_deleted_from_a_disk_without_room_for_a_folder(
     storage: FolderStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     storage.put("maps/m/map.json", b"record")
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "mkdir", full)
+    monkeypatch.setattr(Path, "mkdir", raising(FULL))
     storage.delete_all("maps/m")
     assert storage.names("maps") == []
     assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.results import Localization, SearchSummary
-from panoloc.service.worker.change_cells import change_cells
+from panoloc.service.worker.answers import change_cells
 
 POSITIONS = np.array([[0.05, 0.05, 0.05]] * 4 + [[1.0, -1.0, 0.5]] * 4 + [[2.0, 2.0, 2.0]] * 2, np.float32)
 INDEX = cast(MapIndex, SimpleNamespace(positions=torch.from_numpy(POSITIONS)))

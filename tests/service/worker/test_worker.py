@@ -7,7 +7,6 @@ import pickle
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -34,13 +33,12 @@ from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.service.answer import Localization
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import StorageFullError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions, RegisterJob, RegisterOptions
 from panoloc.service.maps.record import MapRecord, Revision, key_of, write_record
 from panoloc.service.settings import Settings
 from panoloc.service.storage import FolderStorage
 from panoloc.service.worker.localization_worker import LocalizationWorker
-from panoloc.service.worker.map_catalog import MapCatalog
+from panoloc.service.worker.map_catalog import store_index, stored_index
 from panoloc.service.worker.plan import WorkerSettings
 from panoloc.service.worker.registrar import Registrar
 from panoloc.service.worker.reply import WorkerReply
@@ -70,7 +68,6 @@ class MadeUpLocalizer:
 class Place:
     registrar: Registrar
     worker: LocalizationWorker
-    catalog: MapCatalog
     cache: WorkerCache
     localizer: MadeUpLocalizer
     redis: "redis.Redis"
@@ -83,29 +80,16 @@ class Place:
         return list(self.folder.rglob("*.plmi"))
 
 
-@pytest.fixture(scope="module")
-def redis_url() -> Iterator[str]:
-    # pytest's own folders are too long for a socket.
-    with tempfile.TemporaryDirectory(prefix="pl-") as name:
-        server = EmbeddedRedis(Path(name))
-        server.start()
-        yield server.url
-        server.stop()
-
-
 @pytest.fixture
 def place(tmp_path: Path, redis_url: str) -> Iterator[Place]:
     torch.set_num_threads(1)
     storage = FolderStorage(tmp_path)
     settings = WorkerSettings.of(Settings(data_dir=tmp_path), redis_url)
-    cache, catalog, localizer = WorkerCache(redis_url, index_lifetime_s=60), MapCatalog(storage), MadeUpLocalizer()
-    worker = LocalizationWorker(settings, localizer, catalog, cache)  # type: ignore[arg-type]
+    cache, localizer = WorkerCache(redis_url, index_lifetime_s=60), MadeUpLocalizer()
+    worker = LocalizationWorker(settings, localizer, storage, cache)  # type: ignore[arg-type]
     with redis.Redis.from_url(redis_url) as client:
-        client.flushall()
         job = store_box(storage)
-        yield Place(
-            Registrar(settings, catalog, cache), worker, catalog, cache, localizer, client, storage, tmp_path, job
-        )
+        yield Place(Registrar(settings, storage, cache), worker, cache, localizer, client, storage, tmp_path, job)
     cache.close()
 
 
@@ -120,7 +104,7 @@ def registered(place: Place, encoded: bytes) -> Place:
     """Return a place with the index of the box in Redis and its copy in storage."""
     digest = index_config_digest(OPTIONS.index)
     place.cache.put_index(MAP, digest, encoded)
-    place.catalog.store_index(MAP, digest, encoded)
+    store_index(place.storage, MAP, digest, encoded)
     return place
 
 
@@ -308,9 +292,9 @@ def test_a_scan_of_a_handful_of_points_is_no_map(place: Place) -> None:
 
 def test_a_copy_of_an_index_replaces_those_of_other_configurations(place: Place) -> None:
     for digest in ("0123", "4567"):
-        place.catalog.store_index(MAP, digest, digest.encode())
-    assert place.catalog.stored_index(MAP, "4567") == b"4567"
-    assert place.catalog.stored_index(MAP, "0123") is None
+        store_index(place.storage, MAP, digest, digest.encode())
+    assert stored_index(place.storage, MAP, "4567") == b"4567"
+    assert stored_index(place.storage, MAP, "0123") is None
     assert len(place.copies()) == 1
 
 
@@ -341,7 +325,7 @@ def test_the_limits_of_the_process_grow_with_the_scan(place: Place) -> None:
     given: list[tuple[int, float]] = []
     settings = WorkerSettings.of(Settings(registration_memory_bytes=2**28), "redis://")
     few_points(place)
-    Registrar(settings, place.catalog, place.cache, lambda *limits: given.append(limits)).register(place.job)
+    Registrar(settings, place.storage, place.cache, lambda *limits: given.append(limits)).register(place.job)
     scan_bytes = len(place.storage.read(place.job.scan_key))
     ((num_bytes, cpu_s),) = given
     assert num_bytes == 2**28 + 8 * scan_bytes
