@@ -10,12 +10,10 @@ from panoloc.service.host.service_version import service_version
 from panoloc.service.host_names import host_names
 from panoloc.service.http.error_handlers import install_error_handlers
 from panoloc.service.http.guards.early_refusals import CallerRateCheck, QueueCheck
-from panoloc.service.http.guards.head_requests import HeadRequests
 from panoloc.service.http.guards.host_check import HostCheck
 from panoloc.service.http.guards.slow_clients import SlowClients
 from panoloc.service.http.openapi import install_openapi
-from panoloc.service.http.recent_errors import RecentErrors
-from panoloc.service.http.request_context import RequestContext
+from panoloc.service.http.request_context import RecentErrors, RequestContext
 from panoloc.service.http.routes import QUERY_ROUTES, ROUTERS
 from panoloc.service.jobs import WorkerPool
 from panoloc.service.services import Services
@@ -58,7 +56,6 @@ def create_app(
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()
-    app.add_middleware(HeadRequests)
     app.add_middleware(QueueCheck, services=services, routes=QUERY_ROUTES)
     app.add_middleware(CallerRateCheck, rates=services.rates)
     app.add_middleware(

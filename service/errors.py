@@ -197,12 +197,6 @@ class InvalidOptionsError(RequestError):
         return cls(f"{field}: {message}", [{"field": field, "message": message}])
 
 
-class UnwantedPartError(InvalidOptionsError):
-    """The upload has a part that nobody takes, or one too many; the rest of it is not read."""
-
-    problem = INVALID
-
-
 class TryAgainError(ServiceError):
     """Nothing is wrong with the request; it is worth sending again after `retry_after_s` seconds."""
 

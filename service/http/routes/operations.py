@@ -1,4 +1,4 @@
-"""For operators and their tools: health, metrics, and what each kind of problem means."""
+"""For operators and newcomers: health, metrics, what each kind of problem means, and a synthetic room to try."""
 
 import asyncio
 import time
@@ -11,7 +11,8 @@ from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFull
 from panoloc.service.host.service_version import service_version
 from panoloc.service.http.access import caller_of, require
 from panoloc.service.http.error_handlers import plain_problem_response
-from panoloc.service.http.schemas import Health, Liveness, Readiness
+from panoloc.service.http.openapi import file_response
+from panoloc.service.http.schemas.operations import Health, Liveness, Readiness
 from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from panoloc.service.services import Services, services_of
 
@@ -99,6 +100,30 @@ async def problem(request: Request, slug: str) -> Response:
         detail = f"expected the end of a problem's type, got {slug[:80]!r}; one of {', '.join(known_problems())}"
         return plain_problem_response(HTTP_PROBLEMS[404], detail, request)
     return JSONResponse({"type": found.type, "title": found.title, "status": found.status, "advice": found.advice})
+
+
+@router.get(
+    "/demo/room.ply",
+    summary="The scan of a synthetic room",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses=file_response("A coloured point cloud.", ("application/ply",), 401, 403, 503),
+)
+async def get_room(request: Request) -> Response:
+    """Return a scan to register. The first request generates it, which takes some seconds."""
+    return Response(await services_of(request).demo_room.file("room.ply"), media_type="application/ply")
+
+
+@router.get(
+    "/demo/panorama.jpg",
+    summary="A panorama of the synthetic room, taken after furniture was moved",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses=file_response("An equirectangular panorama.", ("image/jpeg",), 401, 403, 503),
+)
+async def get_panorama(request: Request) -> Response:
+    """Return a panorama to localize in the map of that scan."""
+    return Response(await services_of(request).demo_room.file("panorama.jpg"), media_type="image/jpeg")
 
 
 async def _details(services: Services, tenant: str | None) -> dict[str, object]:

@@ -15,7 +15,7 @@ from panoloc.core.panorama.session import Photo
 from panoloc.core.results import Candidate, FoundImage, Localization, SearchSummary
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import NoWorkerError, QueueFullError
-from panoloc.service.http.schemas.maps import MAP_EXAMPLE
+from panoloc.service.http.schemas.examples import MAP_EXAMPLE
 from panoloc.service.jobs import (
     LocalizeJob,
     LocalizeOutcome,

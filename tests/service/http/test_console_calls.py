@@ -8,8 +8,8 @@ import pytest
 
 from panoloc.core.errors import ScanFormatError
 from panoloc.service.host import demo_room
-from panoloc.service.http.schemas import Health
-from panoloc.service.http.schemas.changes import MapChanges
+from panoloc.service.http.schemas.maps import MapChanges
+from panoloc.service.http.schemas.operations import Health
 from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
 from tests.service.http.running_service import RunningService, png_of
 from tests.service.maps.test_changes import seen

@@ -18,9 +18,10 @@ from panoloc.core.errors import (
     PanoramaTooLargeError,
     ScanContentError,
 )
+from panoloc.service.answer import Localization
 from panoloc.service.errors import QueueFullError, StoredFileMissingError, WorkerError
 from panoloc.service.http.routes.localize import checked_options
-from panoloc.service.http.schemas import Localization, LocalizeOptions, PendingLocalization
+from panoloc.service.http.schemas.queries import LocalizeOptions, PendingLocalization
 from panoloc.service.jobs import ARTIFACTS, QueryImage
 from panoloc.service.settings import Settings
 from tests.service.http.fake_pool import PNG, no_worker

@@ -15,7 +15,7 @@ import httpx
 import pytest
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
-from panoloc.service.http.schemas import Health
+from panoloc.service.http.schemas.operations import Health
 from panoloc.service.limits.wrong_keys import WrongKeys
 from tests.service.http.running_service import RunningService, running_service
 

@@ -3,8 +3,9 @@
 from typing import Any
 
 from panoloc.core.options import Hints, IndexOptions, ScanOptions
-from panoloc.service.http.schemas import LocalizeOptions, MapOptions
-from panoloc.service.http.schemas import ScanOptions as ScanSchema
+from panoloc.service.http.schemas.maps import MapOptions
+from panoloc.service.http.schemas.maps import ScanOptions as ScanSchema
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.jobs import RegisterOptions
 
 BOX = {"min": [0, 0, 0], "max": [4, 5, 2.5]}

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
-from panoloc.service.http.schemas import LocalizeOptions, MapOptions
-from panoloc.service.http.schemas.localization_examples import OPTIONS_EXAMPLE
-from panoloc.service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
+from panoloc.service.http.schemas.examples import MAP_OPTIONS_EXAMPLE, OPTIONS_EXAMPLE
+from panoloc.service.http.schemas.maps import MapOptions, name_of_file
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.http.validation import parse_json
 from panoloc.service.keys.caller import ALL_SCOPES
 from panoloc.service.keys.key_ring import KeyRing

@@ -11,8 +11,8 @@ from panoloc.core.options import MAX_IMAGES, SessionOptions, TrackedPose
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.query_images import query_images
-from panoloc.service.http.schemas import LocalizeOptions
-from panoloc.service.http.schemas.localization_examples import SESSION_EXAMPLE
+from panoloc.service.http.schemas.examples import SESSION_EXAMPLE
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import QueryImage
 from tests.service.http.running_service import RunningService, png_of

@@ -3,8 +3,8 @@
 import pytest
 
 from panoloc.service.errors import InvalidOptionsError
-from panoloc.service.http.schemas import LocalizeOptions, MapOptions
-from panoloc.service.http.schemas.map_options import MapPatch
+from panoloc.service.http.schemas.maps import MapOptions, MapPatch
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.http.validation import parse_json
 
 
