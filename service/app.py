@@ -39,9 +39,7 @@ def create_app(
         if settings.redis_url is None:
             raise ValueError("expected settings with a redis_url, or a cache; got neither")
         cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
-    services = Services.build(
-        settings, pool, cache, storage or open_storage(settings.storage_url, settings.bucket_access)
-    )
+    services = Services(settings, pool, cache, storage or open_storage(settings.storage_url, settings.bucket_access))
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

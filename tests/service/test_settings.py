@@ -20,10 +20,11 @@ def test_replicas_that_share_a_folder_may_join_one_cluster() -> None:
     assert (settings.shared, settings.ray_address) == (True, "head:6379")
 
 
-def test_a_storage_is_a_bucket_or_a_folder(tmp_path: Path) -> None:
+def test_a_storage_is_a_bucket_or_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Settings(data_dir=tmp_path)
     assert (plain.storage_url, plain.has_bucket, plain.bucket_access) == (str(tmp_path), False, None)
-    assert Settings(data_dir=tmp_path, storage="").storage_url == str(tmp_path)
+    monkeypatch.setenv("PANOLOC_STORAGE", "")
+    assert Settings(data_dir=tmp_path).storage_url == str(tmp_path)
     bucket = Settings(data_dir=tmp_path / "data", storage="s3://scans/panoloc")
     assert (bucket.storage_url, bucket.has_bucket) == ("s3://scans/panoloc", True)
     assert bucket.bucket_access is not None

@@ -130,8 +130,7 @@ async def _details(services: Services, tenant: str | None) -> dict[str, object]:
     """Return the details of health. tenant: whose maps are counted, None for all."""
     pool = services.pool.state()
     redis_is_up = await _redis_is_up(services)
-    waiting_for = [] if services.started else ["the end of the start-up"]
-    waiting_for += [] if redis_is_up else ["Redis"]
+    waiting_for = [] if redis_is_up else ["Redis"]
     lack = await _lack_of_storage(services)
     waiting_for += [] if lack is None else [lack]
     waiting_for += [] if pool.ready else [pool.waiting_for or "workers"]
