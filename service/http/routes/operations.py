@@ -12,7 +12,7 @@ from panoloc.service.host.service_version import service_version
 from panoloc.service.http.access import caller_of, require
 from panoloc.service.http.error_handlers import plain_problem_response
 from panoloc.service.http.openapi import file_response
-from panoloc.service.http.schemas.operations import Health, Liveness, Readiness
+from panoloc.service.http.schemas.operations import Health, Liveness, PoolHealth, Readiness
 from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from panoloc.service.services import Services, services_of
 
@@ -141,13 +141,7 @@ async def _details(services: Services, tenant: str | None) -> dict[str, object]:
         "uptime_s": round(time.monotonic() - services.began, 1),
         "redis": "up" if redis_is_up else "down",
         "storage": "writable" if lack is None else "not_writable",
-        "workers": {
-            "ready": pool.ready,
-            "waiting_for": pool.waiting_for,
-            "num_workers": pool.num_workers,
-            "queue_depth": pool.queue_depth,
-            "resident_bytes": pool.resident_bytes,
-        },
+        "workers": {name: getattr(pool, name) for name in PoolHealth.model_fields},
         "maps": dict(services.registry.num_by_status(tenant)),
     }
 

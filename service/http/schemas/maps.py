@@ -21,14 +21,6 @@ from panoloc.service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
 _PRINTABLE = rf"^[^{_CONTROL}]*$"
 
-_COORDINATE_SYSTEM = (
-    "Projected coordinate system of the map's positions, by EPSG code such as `EPSG:25832` or by WKT; "
-    "null: from the scan's file."
-)
-_GEOID_UNDULATION = (
-    "Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose if the heights of the "
-    "`coordinate_system` are above the geoid, or if their reference is unknown."
-)
 Name = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
 ]
@@ -98,28 +90,37 @@ def _recognised(text: str) -> str:
 CoordinateSystem = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_DEFINITION), AfterValidator(_recognised)
 ]
-# On Earth it lies between -107 and 86 m.
-GeoidUndulation = Annotated[float, Field(ge=-200, le=200)]
 
 
-class MapOptions(ScanOptions):
+class PlaceOnEarth(RequestModel):
+    """Where a map is on Earth."""
+
+    georeference: Georeference | None = None
+    coordinate_system: CoordinateSystem | None = Field(
+        None,
+        description="Projected coordinate system of the map's positions, by EPSG code such as `EPSG:25832` or by WKT; "
+        "null: from the scan's file.",
+    )
+    # On Earth it lies between -107 and 86 m.
+    geoid_undulation_m: Annotated[float, Field(ge=-200, le=200)] | None = Field(
+        None,
+        description="Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose if the heights "
+        "of the `coordinate_system` are above the geoid, or if their reference is unknown.",
+    )
+
+
+class MapOptions(ScanOptions, PlaceOnEarth):
     """The part `options` of `POST /maps`."""
 
     name: Name | None = Field(None, description="Display name; default: the file's name.")
     tags: Tags = Field(default_factory=list, description="A query can name a tag instead of maps.")
-    georeference: Georeference | None = None
-    coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
-    geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
 
 
-class MapPatch(RequestModel):
+class MapPatch(PlaceOnEarth):
     """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth."""
 
     name: Name = ""
     tags: Tags = Field(default_factory=list)
-    georeference: Georeference | None = None
-    coordinate_system: CoordinateSystem | None = Field(None, description=_COORDINATE_SYSTEM)
-    geoid_undulation_m: GeoidUndulation | None = Field(None, description=_GEOID_UNDULATION)
     shared_with: Tags = Field(
         default_factory=list, description="Other tenants that can view the map and localize in it; `*` for all."
     )
