@@ -6,8 +6,8 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -48,6 +48,26 @@ class RunningService:
         assert (await self.settled(map_id))["status"] == "ready"
         return map_id
 
+    async def replace_scan(self, map_id: str, name: str = "new.ply", **data: str) -> httpx.Response:
+        """PUT a new scan of a map."""
+        return await self.client.put(f"/maps/{map_id}/scan", files={"file": (name, SCAN)}, data=data)
+
+    async def post_batch(self, map_id: str, *names: str, **data: Any) -> httpx.Response:
+        """POST a batch of panoramas of these names."""
+        files = [("image", (name, png_of(8, 4))) for name in names]
+        return await self.client.post("/batches", files=files, data={"map_id": map_id, **data})
+
+    async def done(self, batch_id: str) -> dict[str, Any]:
+        """Return a batch once it is done."""
+        return await self.eventually(f"/batches/{batch_id}", lambda body: body["status"] == "done")
+
+    async def placed(self, *names: str) -> tuple[str, str]:
+        """Return the ids of a map, and of a batch whose images were localized in it."""
+        map_id = await self.ready_map()
+        batch_id = (await self.post_batch(map_id, *names)).json()["id"]
+        await self.done(batch_id)
+        return map_id, batch_id
+
     async def settled(self, map_id: str) -> dict[str, Any]:
         """Return a map once it is ready or failed."""
         return await self.eventually(f"/maps/{map_id}", lambda body: body["status"] in ("ready", "failed"))
@@ -68,6 +88,10 @@ class RunningService:
         data |= {name: request.pop(name) for name in ("options", "tag") if name in request}
         files = {"image": ("photo.png", png_of(8, 4) if image is None else image), **request.pop("files", {})}
         return await self.client.post("/localize", data=data, files=files, **request)
+
+
+Serve = Callable[..., AbstractAsyncContextManager[RunningService]]
+Listen = Callable[..., AbstractContextManager[str]]
 
 
 @asynccontextmanager

@@ -54,8 +54,7 @@ async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kep
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
     asking = asyncio.create_task(running.localize(map_id))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
+    await running.pool.asked.wait()
     assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
     running.pool.localize_gate.set()
     assert (await asking).status_code == 200

@@ -2,7 +2,6 @@
 
 import base64
 import json
-from pathlib import Path
 from typing import Any, get_args
 
 import httpx
@@ -10,12 +9,11 @@ import numpy as np
 import pytest
 
 from panoloc.core.options import Frame, Status
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http.schemas.geopose import CameraReading
 from tests.core.exports.tours import GOLDEN
 from tests.service.http import geopose_schemas
 from tests.service.http.fake_pool import outcome_of
-from tests.service.http.running_service import RunningService, png_of, running_service
+from tests.service.http.running_service import RunningService, png_of
 
 pytestmark = pytest.mark.anyio
 
@@ -160,15 +158,15 @@ NO_REQUESTS: list[tuple[Any, int, str]] = [
 ]
 
 
-async def test_an_invalid_request_is_refused(tmp_path: Path, redis_server: EmbeddedRedis, redis_client: object) -> None:
-    async with running_service(tmp_path, redis_server.url, max_image_bytes=2000) as running:
-        await placed_map(running)
-        for body, status, words in NO_REQUESTS:
-            content = body if isinstance(body, bytes) else json.dumps(body).encode()
-            reply = await running.client.post("/geopose", content=content)
-            assert (reply.status_code, words in reply.json()["detail"]) == (status, True), reply.text
-            assert reply.headers["content-type"] == "application/problem+json"
-        assert running.pool.jobs == []
+@pytest.mark.settings(max_image_bytes=2000)
+async def test_an_invalid_request_is_refused(running: RunningService, redis_client: object) -> None:
+    await placed_map(running)
+    for body, status, words in NO_REQUESTS:
+        content = body if isinstance(body, bytes) else json.dumps(body).encode()
+        reply = await running.client.post("/geopose", content=content)
+        assert (reply.status_code, words in reply.json()["detail"]) == (status, True), reply.text
+        assert reply.headers["content-type"] == "application/problem+json"
+    assert running.pool.jobs == []
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,9 @@
 """HEAD: what GET answers, without its body."""
 
-from pathlib import Path
-
 import httpx
 import pytest
 
-from panoloc.service.host.embedded_redis import EmbeddedRedis
-from tests.service.http.running_service import RunningService, listening
+from tests.service.http.running_service import Listen, RunningService
 
 pytestmark = pytest.mark.anyio
 
@@ -27,8 +24,8 @@ async def test_what_only_takes_uploads_has_none(running: RunningService) -> None
     assert (refused.status_code, refused.headers["allow"], refused.content) == (405, "POST", b"")
 
 
-def test_over_a_socket_the_connection_goes_on_after_a_head(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
-    with listening(tmp_path, redis_server.url) as url, httpx.Client(base_url=url, timeout=60) as client:
+def test_over_a_socket_the_connection_goes_on_after_a_head(listen: Listen) -> None:
+    with listen() as url, httpx.Client(base_url=url, timeout=60) as client:
         for _ in range(2):
             head = client.head("/health")
             assert head.status_code == 200

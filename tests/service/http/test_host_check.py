@@ -1,12 +1,10 @@
 """The page of another site cannot use a browser to reach a service that asks for no key."""
 
 import socket
-from pathlib import Path
 
 import pytest
 
-from panoloc.service.host.embedded_redis import EmbeddedRedis
-from tests.service.http.running_service import SCAN, RunningService, running_service
+from tests.service.http.running_service import SCAN, RunningService, Serve
 
 pytestmark = pytest.mark.anyio
 
@@ -75,8 +73,8 @@ async def test_a_page_of_the_service_itself_may_change_maps(running: RunningServ
     ids=str,
 )
 async def test_names_that_the_operator_allows_are_served_and_keys_make_names_harmless(
-    tmp_path: Path, redis_server: EmbeddedRedis, changes: dict[str, str]
+    serve: Serve, changes: dict[str, str]
 ) -> None:
-    async with running_service(tmp_path, redis_server.url, **changes) as running:
+    async with serve(**changes) as running:
         headers = {"Host": "Maps.Example:443", "X-API-Key": "the-reader"}
         assert (await running.client.get("/maps", headers=headers)).status_code == 200

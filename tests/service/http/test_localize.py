@@ -25,7 +25,7 @@ from panoloc.service.http.schemas.queries import LocalizeOptions, PendingLocaliz
 from panoloc.service.jobs import ARTIFACTS, QueryImage
 from panoloc.service.settings import Settings
 from tests.service.http.fake_pool import PNG, no_worker
-from tests.service.http.running_service import SCAN, RunningService, png_of
+from tests.service.http.running_service import RunningService, png_of
 
 pytestmark = pytest.mark.anyio
 
@@ -201,9 +201,8 @@ async def test_a_query_whose_revision_was_replaced_is_repeated(running: RunningS
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
     asking = asyncio.create_task(running.localize(map_id))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.pool.asked.wait()
+    await running.replace_scan(map_id)
     await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
     running.pool.fail_localize = [StoredFileMissingError("the scan is gone")]
     running.pool.localize_gate.set()
@@ -232,8 +231,7 @@ async def test_a_caller_who_disconnects_cancels_the_query(running: RunningServic
         "headers": [(b"content-type", b"multipart/form-data; boundary=x")],
     }  # fmt: skip
     asking = asyncio.create_task(running.app(scope, received.get, send))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
+    await running.pool.asked.wait()
     received.put_nowait({"type": "http.disconnect"})
     await asking
     assert running.pool.ended == ["localize"]

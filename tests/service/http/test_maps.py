@@ -166,7 +166,7 @@ async def test_the_replaced_revision_leaves_storage_and_cache(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
     map_id = await running.ready_map()
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.replace_scan(map_id)
     await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
     await running.eventually("/health", lambda body: not redis_client.keys(f"index:{map_id}:1:*"))
     assert running.storage.names(f"maps/{map_id}") == ["2", "map.json"]
@@ -205,7 +205,7 @@ async def test_a_map_deleted_while_a_new_scan_comes_in_stays_deleted(running: Ru
 async def test_a_new_scan_that_fails_leaves_the_old_one_serving(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.fail_register = [ScanDamagedError("cut off")]
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.replace_scan(map_id)
     body = await running.settled(map_id)
     assert (body["status"], body["serving_revision"], body["revision"]) == ("failed", 1, 2)
     assert (await running.localize(map_id)).status_code == 200

@@ -17,7 +17,7 @@ import pytest
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http.schemas.operations import Health
 from panoloc.service.limits.wrong_keys import WrongKeys
-from tests.service.http.running_service import RunningService, running_service
+from tests.service.http.running_service import RunningService, Serve, running_service
 
 pytestmark = pytest.mark.anyio
 
@@ -93,62 +93,60 @@ async def test_a_fault_of_the_service_is_a_problem_too(
 
 
 @pytest.mark.slow
-async def test_keys_are_asked_for_and_scopes_kept(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
-    async with running_service(tmp_path, redis_server.url, api_keys="the-writer,the-reader:read") as running:
-        reply = await running.upload()
-        assert (reply.status_code, reply.json()["type"]) == (401, "/problems/key-missing")
-        assert reply.headers["www-authenticate"].startswith("Bearer")
-        running.client.headers["Authorization"] = "Bearer wrong-key"
-        assert (await running.client.get("/maps")).status_code == 401
-        running.client.headers["Authorization"] = "Bearer the-reader"
-        assert (await running.client.get("/maps")).status_code == 200
-        assert (await running.upload()).status_code == 403
-        del running.client.headers["Authorization"]
-        running.client.headers["X-API-Key"] = "the-writer"
-        assert (await running.upload()).status_code == 202
-        running.client.headers.clear()
-        for path in ("/health/live", "/health/ready", "/"):
-            assert (await running.client.get(path)).status_code == 200
+@pytest.mark.settings(api_keys="the-writer,the-reader:read")
+async def test_keys_are_asked_for_and_scopes_kept(running: RunningService) -> None:
+    reply = await running.upload()
+    assert (reply.status_code, reply.json()["type"]) == (401, "/problems/key-missing")
+    assert reply.headers["www-authenticate"].startswith("Bearer")
+    running.client.headers["Authorization"] = "Bearer wrong-key"
+    assert (await running.client.get("/maps")).status_code == 401
+    running.client.headers["Authorization"] = "Bearer the-reader"
+    assert (await running.client.get("/maps")).status_code == 200
+    assert (await running.upload()).status_code == 403
+    del running.client.headers["Authorization"]
+    running.client.headers["X-API-Key"] = "the-writer"
+    assert (await running.upload()).status_code == 202
+    running.client.headers.clear()
+    for path in ("/health/live", "/health/ready", "/"):
+        assert (await running.client.get(path)).status_code == 200
 
 
 @pytest.mark.parametrize("path", ["/health", "/metrics", "/openapi.json", "/docs"])
-async def test_with_keys_set_what_tells_of_the_service_asks_for_one(
-    tmp_path: Path, redis_server: EmbeddedRedis, path: str
-) -> None:
+async def test_with_keys_set_what_tells_of_the_service_asks_for_one(serve: Serve, path: str) -> None:
     key = {"Authorization": "Bearer the-reader"}
-    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
+    async with serve(api_keys="the-reader:read") as running:
         assert (await running.client.get(path)).status_code == 401
         assert (await running.client.get(path, headers=key)).status_code == 200
 
 
-async def test_a_probe_without_a_key_learns_one_word(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
-    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
-        assert (await running.client.get("/health/ready")).json() == {"status": "ready"}
-        running.pool.is_ready = False
-        reply = await running.client.get("/health/ready")
-        assert (reply.status_code, reply.json()) == (503, {"status": "not_ready"})
-        details = (await running.client.get("/health/ready", headers={"X-API-Key": "the-reader"})).json()
-        assert details["waiting_for"] == ["workers"]
+@pytest.mark.settings(api_keys="the-reader:read")
+async def test_a_probe_without_a_key_learns_one_word(running: RunningService) -> None:
+    assert (await running.client.get("/health/ready")).json() == {"status": "ready"}
+    running.pool.is_ready = False
+    reply = await running.client.get("/health/ready")
+    assert (reply.status_code, reply.json()) == (503, {"status": "not_ready"})
+    details = (await running.client.get("/health/ready", headers={"X-API-Key": "the-reader"})).json()
+    assert details["waiting_for"] == ["workers"]
 
 
 @pytest.mark.slow
+@pytest.mark.settings(api_keys="the-reader:read")
 async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones_at_once(
-    tmp_path: Path, redis_server: EmbeddedRedis
+    running: RunningService,
 ) -> None:
-    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
-        running.app.state.services.wrong_keys = WrongKeys(pause_s=0.1, most_waiting=3)
-        began = time.monotonic()
-        guesses = [
-            asyncio.create_task(running.client.get("/maps", headers={"X-API-Key": f"guess-number-{number}"}))
-            for number in range(6)
-        ]
-        await asyncio.sleep(0.05)
-        assert (await running.client.get("/maps", headers={"X-API-Key": "the-reader"})).status_code == 200
-        assert not all(guess.done() for guess in guesses)
-        replies = [await guess for guess in guesses]
-        assert time.monotonic() - began > 0.25
-        assert sorted(reply.status_code for reply in replies) == [401, 401, 401, 429, 429, 429]
-        assert all(reply.headers["retry-after"] for reply in replies if reply.status_code == 429)
+    running.app.state.services.wrong_keys = WrongKeys(pause_s=0.1, most_waiting=3)
+    began = time.monotonic()
+    guesses = [
+        asyncio.create_task(running.client.get("/maps", headers={"X-API-Key": f"guess-number-{number}"}))
+        for number in range(6)
+    ]
+    await asyncio.sleep(0.05)
+    assert (await running.client.get("/maps", headers={"X-API-Key": "the-reader"})).status_code == 200
+    assert not all(guess.done() for guess in guesses)
+    replies = [await guess for guess in guesses]
+    assert time.monotonic() - began > 0.25
+    assert sorted(reply.status_code for reply in replies) == [401, 401, 401, 429, 429, 429]
+    assert all(reply.headers["retry-after"] for reply in replies if reply.status_code == 429)
 
 
 async def test_the_type_of_a_problem_leads_to_its_meaning(running: RunningService) -> None:
@@ -192,12 +190,12 @@ async def test_redis_away_is_503_and_back_is_200_without_a_restart(tmp_path: Pat
         assert (await running.settled(waiting))["status"] == "ready"
 
 
-async def test_an_unfinished_registration_goes_on_after_a_restart(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
-    async with running_service(tmp_path, redis_server.url) as running:
+async def test_an_unfinished_registration_goes_on_after_a_restart(serve: Serve) -> None:
+    async with serve() as running:
         ready = await running.ready_map()
         running.pool.register_gate.clear()
         unfinished = (await running.upload()).json()["id"]
-    async with running_service(tmp_path, redis_server.url) as running:
+    async with serve() as running:
         assert (await running.settled(unfinished))["status"] == "ready"
         assert (await running.settled(ready))["status"] == "ready"
         assert [job.map.id for job in running.pool.registrations] == [unfinished]

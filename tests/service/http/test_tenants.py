@@ -171,11 +171,10 @@ async def test_every_change_has_its_line_with_key_and_request(house: House) -> N
 
 
 async def test_a_key_that_is_made_while_the_service_runs_closes_it_to_all_others(
-    tmp_path: Path, redis_server: EmbeddedRedis
+    running: RunningService, tmp_path: Path
 ) -> None:
-    async with running_service(tmp_path, redis_server.url) as running:
-        running.app.state.services.settings.keys._look_s = 0.0
-        assert (await running.client.get("/maps")).status_code == 200
-        _, text = KeyFile(tmp_path).make("reader", ["read"])
-        assert (await running.client.get("/maps")).status_code == 401
-        assert (await running.client.get("/maps", headers={"X-API-Key": text})).status_code == 200
+    running.app.state.services.settings.keys._look_s = 0.0
+    assert (await running.client.get("/maps")).status_code == 200
+    _, text = KeyFile(tmp_path).make("reader", ["read"])
+    assert (await running.client.get("/maps")).status_code == 401
+    assert (await running.client.get("/maps", headers={"X-API-Key": text})).status_code == 200
