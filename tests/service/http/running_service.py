@@ -8,7 +8,7 @@ import time
 import zlib
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -34,6 +34,21 @@ class RunningService:
     pool: FakePool
     storage: Storage
     data_dir: Path
+
+    def by(self, key: str) -> "RunningService":
+        """Return the same service for a caller with this key or token."""
+        headers = {"Authorization": f"Bearer {key}"}
+        transport = httpx.ASGITransport(self.app)
+        client = httpx.AsyncClient(transport=transport, base_url=self.client.base_url, headers=headers)
+        return replace(self, client=client)
+
+    async def status(self, method: str, path: str, **request: Any) -> int:
+        """Return the status of the answer to a request."""
+        return (await self.client.request(method, path, **request)).status_code
+
+    async def json(self, path: str, **query: Any) -> Any:
+        """Return the JSON behind a path."""
+        return (await self.client.get(path, params=query)).json()
 
     async def upload(self, scan: bytes = SCAN, name: str = "office.ply", options: str | None = None) -> httpx.Response:
         """POST a scan."""

@@ -10,31 +10,28 @@ from panoloc.core.errors import ScanFormatError
 from panoloc.service.host import demo_room
 from panoloc.service.http.schemas.maps import MapChanges
 from panoloc.service.http.schemas.operations import Health
-from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
+from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of
 from tests.service.maps.test_changes import seen
 
 pytestmark = pytest.mark.anyio
 
 
-async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = running.pool.localize
-    jobs: list[LocalizeJob] = []
+def sees_changes(running: RunningService) -> None:
+    """Let workers see one of two cells changed."""
+    cells = seen((0, 0, 0), (1, 1, 1), changed=((1, 1, 1),))
+    running.pool.outcome_of = lambda job: replace(outcome_of(job), change_cells=cells)
 
-    async def with_cells(job: LocalizeJob) -> LocalizeOutcome:
-        jobs.append(job)
-        return replace(await found(job), change_cells=seen((0, 0, 0), (1, 1, 1), changed=((1, 1, 1),)))
 
-    monkeypatch.setattr(running.pool, "localize", with_cells)
+async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it(running: RunningService) -> None:
+    sees_changes(running)
     map_id = await running.ready_map()
     empty = (await running.client.get(f"/maps/{map_id}/changes")).json()
     assert (empty["answers"], empty["cells"], empty["cell_m"]) == ([], [], None)
     answer = (await running.localize(map_id)).json()
     changes = (await running.client.get(f"/maps/{map_id}/changes")).json()
     MapChanges.model_validate(changes)
-    assert jobs[0].with_change_cells
+    assert running.pool.jobs[0].with_change_cells
     assert [each["id"] for each in changes["answers"]] == [answer["id"]]
     assert [cell["center_m"] for cell in changes["cells"]] == [[0.75, 0.75, 0.75]]
     assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
@@ -42,15 +39,8 @@ async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it
     assert (await running.client.get(f"/maps/{map_id}/changes")).status_code == 404
 
 
-async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kept(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = running.pool.localize
-
-    async def with_cells(job: LocalizeJob) -> LocalizeOutcome:
-        return replace(await found(job), change_cells=seen((0, 0, 0), changed=()))
-
-    monkeypatch.setattr(running.pool, "localize", with_cells)
+async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kept(running: RunningService) -> None:
+    sees_changes(running)
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
     asking = asyncio.create_task(running.localize(map_id))

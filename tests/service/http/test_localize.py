@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 import redis
 
-from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.errors import (
     DeadlineExceededError,
     OptionsError,
@@ -41,21 +40,6 @@ async def test_an_answer_has_links_to_its_pictures_and_the_time_that_its_caller_
     }
     assert {"queue", "decode", "search", "total"} == body["timings_s"].keys()
     assert body["timings_s"]["total"] >= body["timings_s"]["queue"] >= 0
-
-
-async def test_a_heading_counts_from_true_north_in_a_map_that_has_a_georeference(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    before = (await running.localize(map_id)).json()["pose"]
-    assert (before["heading_deg"], before["north"]) == (90, "map")
-    change: dict[str, Any] = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3, "heading_deg": 12.5}}
-    assert (await running.client.patch(f"/maps/{map_id}", json=change)).status_code == 200
-    after = (await running.localize(map_id)).json()["pose"]
-    assert (after["heading_deg"], after["north"]) == (102.5, "true")
-    in_grid = {"georeference": None, "coordinate_system": "EPSG:25831"}
-    assert (await running.client.patch(f"/maps/{map_id}", json=in_grid)).status_code == 200
-    grid = (await running.localize(map_id)).json()["pose"]
-    # The corner of the zone's grid lies on the equator, where grid and true north are one.
-    assert (grid["heading_deg"], grid["north"]) == (pytest.approx(90.0, abs=1e-3), "true")
 
 
 async def test_answer_and_pictures_can_be_fetched_for_a_while(
@@ -114,15 +98,6 @@ def test_a_query_without_a_timeout_has_the_time_that_its_method_takes(
 ) -> None:
     given = LocalizeOptions.model_validate(options)
     assert checked_options(given, Settings(**settings)).timeout_s == timeout_s
-
-
-async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningService) -> None:
-    camera = {"model": "opencv", "width_px": 1920, "height_px": 1440, "fx_px": 1450, "distortion": [0.1, -0.2, 0, 0]}
-    reply = await running.localize(await running.ready_map(), options=json.dumps({"cameras": [camera]}))
-    assert reply.status_code == 200, reply.text
-    wanted = CameraDescription("opencv", 1920, 1440, fx_px=1450.0, distortion=(0.1, -0.2, 0.0, 0.0))
-    (image,) = running.pool.jobs[0].images
-    assert image.camera == wanted
 
 
 async def test_panorama_and_mask_reach_the_worker_unchanged(running: RunningService) -> None:
