@@ -50,6 +50,15 @@ class RunningService:
         """Return the JSON behind a path."""
         return (await self.client.get(path, params=query)).json()
 
+    async def pages(self, path: str) -> list[dict[str, Any]]:
+        """Return all items of a list, read in pages of two."""
+        items, query = list[dict[str, Any]](), {"limit": "2"}
+        while "cursor" not in query or query["cursor"] is not None:
+            page = await self.json(path, **query)
+            assert len(page["items"]) <= 2
+            items, query["cursor"] = items + page["items"], page["next_cursor"]
+        return items
+
     async def upload(self, scan: bytes = SCAN, name: str = "office.ply", options: str | None = None) -> httpx.Response:
         """POST a scan."""
         data = {} if options is None else {"options": options}
@@ -76,9 +85,9 @@ class RunningService:
         """Return a batch once it is done."""
         return await self.eventually(f"/batches/{batch_id}", lambda body: body["status"] == "done")
 
-    async def placed(self, *names: str) -> tuple[str, str]:
-        """Return the ids of a map, and of a batch whose images were localized in it."""
-        map_id = await self.ready_map()
+    async def placed(self, *names: str, map_id: str | None = None) -> tuple[str, str]:
+        """Return the ids of a map, a new one if none is given, and of a batch whose images were localized in it."""
+        map_id = map_id or await self.ready_map()
         batch_id = (await self.post_batch(map_id, *names)).json()["id"]
         await self.done(batch_id)
         return map_id, batch_id

@@ -237,25 +237,22 @@ async def test_an_upload_over_the_limit_is_not_read_to_its_end(serve: Serve, mon
         assert read <= 1
 
 
-def test_a_client_that_sends_first_and_reads_later_learns_why_it_was_refused(listen: Listen) -> None:
-    with listen(max_upload_bytes=100_000) as url:
-        body = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.xyz"\r\n\r\n' + bytes(20_000_000)
-        headers = {"Content-Type": "multipart/form-data; boundary=x"}
-        with pytest.raises(urllib.error.HTTPError) as caught:
-            urllib.request.urlopen(urllib.request.Request(f"{url}/maps", body, headers))
-        assert caught.value.code == 413
-        assert b"PANOLOC_MAX_UPLOAD_BYTES" in caught.value.read()
-
-
-def test_a_client_that_sends_many_images_too_many_learns_of_the_limit(listen: Listen) -> None:
-    head = b'--x\r\nContent-Disposition: form-data; name="image"; filename="a.png"\r\n\r\n'
-    with listen() as url:
-        body = (head + png_of(8, 8) + bytes(1_000_000) + b"\r\n") * 50 + b"--x--\r\n"
-        headers = {"Content-Type": "multipart/form-data; boundary=x"}
-        with pytest.raises(urllib.error.HTTPError) as caught:
-            urllib.request.urlopen(urllib.request.Request(f"{url}/localize", body, headers))
-        assert caught.value.code == 422
-        assert b"at most 32 parts" in caught.value.read()
+@pytest.mark.parametrize(
+    ("path", "part", "times", "status", "said"),
+    [
+        ("/maps", b'name="file"; filename="a.xyz"\r\n\r\n' + bytes(20_000_000), 1, 413, b"PANOLOC_MAX_UPLOAD_BYTES"),
+        ("/localize", b'name="image"; filename="a.png"\r\n\r\n' + bytes(1_000_000), 50, 422, b"at most 32 parts"),
+    ],
+)
+def test_a_client_that_sends_first_and_reads_later_learns_why_it_was_refused(
+    listen: Listen, path: str, part: bytes, times: int, status: int, said: bytes
+) -> None:
+    body = (b"--x\r\nContent-Disposition: form-data; " + part + b"\r\n") * times + b"--x--\r\n"
+    headers = {"Content-Type": "multipart/form-data; boundary=x"}
+    with listen(max_upload_bytes=100_000) as url, pytest.raises(urllib.error.HTTPError) as caught:
+        urllib.request.urlopen(urllib.request.Request(f"{url}{path}", body, headers))
+    assert caught.value.code == status
+    assert said in caught.value.read()
 
 
 async def test_a_scan_with_too_many_points_is_the_same_problem_at_the_upload_and_in_the_worker(

@@ -76,12 +76,10 @@ async def test_a_zip_is_unpacked_and_what_is_no_image_is_named(running: RunningS
 
 async def test_batches_are_listed_page_by_page_oldest_first(running: RunningService) -> None:
     made = [(await running.placed(f"{number}.png"))[1] for number in range(3)]
-    first = (await running.client.get("/batches", params={"limit": 2})).json()
-    BatchPage.model_validate(first)
-    second = (await running.client.get("/batches", params={"limit": 2, "cursor": first["next_cursor"]})).json()
-    assert [each["id"] for each in first["items"] + second["items"]] == made
-    assert second["next_cursor"] is None
-    assert {(each["status"], each["progress"], each["num_images"]) for each in first["items"]} == {("done", 1.0, 1)}
+    BatchPage.model_validate(await running.json("/batches"))
+    listed = await running.pages("/batches")
+    assert [each["id"] for each in listed] == made
+    assert {(each["status"], each["progress"], each["num_images"]) for each in listed} == {("done", 1.0, 1)}
     await running.client.delete(f"/batches/{made[0]}")
     assert [each["id"] for each in (await running.client.get("/batches")).json()["items"]] == made[1:]
     wrong = await running.client.get("/batches", params={"cursor": "x"})
@@ -89,16 +87,9 @@ async def test_batches_are_listed_page_by_page_oldest_first(running: RunningServ
 
 
 async def test_images_come_page_by_page(running: RunningService) -> None:
-    _, batch_id = await running.placed(*(f"{number}.png" for number in range(5)))
-    names, cursor = [], None
-    while True:
-        query: dict[str, Any] = {"limit": 2} | ({"cursor": cursor} if cursor else {})
-        page = (await running.client.get(f"/batches/{batch_id}", params=query)).json()
-        names += [item["name"] for item in page["items"]]
-        cursor = page["next_cursor"]
-        if cursor is None:
-            break
-    assert names == [f"{number}.png" for number in range(5)]
+    names = [f"{number}.png" for number in range(5)]
+    _, batch_id = await running.placed(*names)
+    assert [item["name"] for item in await running.pages(f"/batches/{batch_id}")] == names
     counts = (await running.client.get(f"/batches/{batch_id}", params={"limit": 0})).json()
     assert (counts["items"], counts["counts"]["localized"]) == ([], 5)
     wrong = await running.client.get(f"/batches/{batch_id}", params={"cursor": "x"})
@@ -355,8 +346,7 @@ async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: 
     for options, name in ((None, "the station"), ('{"unit": "cm"}', "map")):
         map_id = (await running.upload(scan, "station.e57", options)).json()["id"]
         await running.settled(map_id)
-        batch_id = (await running.post_batch(map_id, "a.png")).json()["id"]
-        await running.done(batch_id)
+        _, batch_id = await running.placed("a.png", map_id=map_id)
         (await export(running, batch_id, "e57")).extractall(tmp_path / name)
         found = E57(str(tmp_path / name / "tour.e57"))
         assert found.root["data3D"][0]["name"].value() == name
@@ -365,8 +355,7 @@ async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: 
     # A name alone makes no E57.
     map_id = (await running.upload(SCAN, "room.e57")).json()["id"]
     await running.settled(map_id)
-    batch_id = (await running.post_batch(map_id, "a.png")).json()["id"]
-    await running.done(batch_id)
+    _, batch_id = await running.placed("a.png", map_id=map_id)
     assert (await export(running, batch_id, "e57")).namelist()[0] == "tour.e57"
 
 

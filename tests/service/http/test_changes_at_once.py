@@ -55,14 +55,6 @@ async def test_a_scan_replaced_when_it_is_almost_a_map_leaves_neither_files_nor_
     await running.eventually("/health", lambda _: len(redis_client.keys("index:*")) == 1)
 
 
-async def test_of_two_uploads_for_which_there_is_one_place_one_leaves_nothing(running: RunningService) -> None:
-    running.app.state.services.registry._max_maps = 1
-    replies = await asyncio.gather(running.upload(), running.upload())
-    assert sorted(reply.status_code for reply in replies) == [202, 409]
-    (stored,) = [reply.json()["id"] for reply in replies if reply.status_code == 202]
-    assert running.storage.names("maps") == [stored]
-
-
 async def test_a_map_deleted_while_a_new_scan_is_stored_is_gone(
     running: RunningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:

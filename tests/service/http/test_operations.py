@@ -1,4 +1,4 @@
-"""Health, metrics, request ids, keys, pages for people; Redis that goes away; the service that starts again."""
+"""Health, metrics, request ids, keys, HEAD; Redis that goes away; the service that starts again."""
 
 import asyncio
 import os
@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -17,7 +17,7 @@ import pytest
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http.schemas.operations import Health
 from panoloc.service.limits.wrong_keys import WrongKeys
-from tests.service.http.running_service import RunningService, Serve, running_service
+from tests.service.http.running_service import Listen, RunningService, Serve, running_service
 
 pytestmark = pytest.mark.anyio
 
@@ -216,15 +216,26 @@ def test_the_application_loads_without_torch_ray_and_open3d() -> None:
     assert not {"torch", "ray", "open3d", "pyproj"} & loaded
 
 
-async def test_a_body_in_pieces_is_read_like_one(running: RunningService) -> None:
-    request = httpx.Request("POST", "http://panoloc/maps", files={"file": ("a.ply", b"ply\nformat ascii 1.0\n")})
-    body = request.read()
+@pytest.mark.slow
+async def test_what_can_be_read_has_a_head(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    for path in ("/", "/maps", f"/maps/{map_id}", f"/maps/{map_id}/preview.png", "/health/ready", "/metrics", "/docs"):
+        whole, head = await running.client.get(path), await running.client.head(path)
+        assert (head.status_code, head.content) == (whole.status_code, b"")
+        assert head.headers["content-type"] == whole.headers["content-type"]
+        assert whole.status_code == 200
+    assert (await running.client.head("/maps/map_none")).status_code == 404
 
-    async def in_pieces() -> AsyncIterator[bytes]:
-        for byte in body:
-            yield bytes([byte])
 
-    headers = {"content-type": request.headers["content-type"]}
-    reply = await running.client.post("/maps", headers=headers, content=in_pieces())
-    assert reply.status_code == 202
-    assert running.storage.read(f"maps/{reply.json()['id']}/1/scan.ply") == b"ply\nformat ascii 1.0\n"
+async def test_what_only_takes_uploads_has_none(running: RunningService) -> None:
+    refused = await running.client.head("/localize")
+    assert (refused.status_code, refused.headers["allow"], refused.content) == (405, "POST", b"")
+
+
+def test_over_a_socket_the_connection_goes_on_after_a_head(listen: Listen) -> None:
+    with listen() as url, httpx.Client(base_url=url, timeout=60) as client:
+        for _ in range(2):
+            head = client.head("/health")
+            assert head.status_code == 200
+            assert int(head.headers["content-length"]) > 10
+            assert client.get("/health/live").status_code == 200

@@ -60,6 +60,28 @@ def taking_nothing_up(replica: RunningService) -> Iterator[None]:
     replica.pool.is_ready = True
 
 
+async def registering(replicas: Replicas) -> str:
+    """Let the first register a map without end, and return its id."""
+    first, second = replicas
+    first.pool.register_gate.clear()
+    with taking_nothing_up(second):
+        map_id = str((await first.upload()).json()["id"])
+        await until(lambda: bool(first.pool.registrations))
+    return map_id
+
+
+async def localizing(replicas: Replicas, *names: str) -> str:
+    """Let the first work at a batch without end, and return its id."""
+    first, second = replicas
+    map_id = await first.ready_map()
+    first.pool.localize_gate.clear()
+    with taking_nothing_up(second):
+        batch = str((await first.post_batch(map_id, *names)).json()["id"])
+        assert (await second.json(f"/batches/{batch}"))["num_images"] == len(names)
+        await first.pool.asked.wait()
+    return batch
+
+
 async def until(holds: Callable[[], bool]) -> None:
     """Wait until it holds, for as long as a busy machine may take."""
     async with asyncio.timeout(90):
@@ -141,19 +163,6 @@ async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_oth
 
 
 @pytest.mark.parametrize("opened", ["folder"], indirect=True)
-async def test_changes_at_once_of_different_fields_all_hold(replicas: Replicas) -> None:
-    map_id = await replicas[0].ready_map()
-    changes = [{"name": "named"}, {"tags": ["a"]}, {"coordinate_system": "EPSG:25832"}]
-    replies = await asyncio.gather(
-        *(replica.client.patch(f"/maps/{map_id}", json=change) for change in changes for replica in replicas)
-    )
-    assert {reply.status_code for reply in replies} == {200}
-    for replica in replicas:
-        shown = await replica.eventually(f"/maps/{map_id}", lambda body: body["version"] >= 6)
-        assert (shown["name"], shown["tags"], shown["coordinate_system"]) == ("named", ["a"], "EPSG:25832")
-
-
-@pytest.mark.parametrize("opened", ["folder"], indirect=True)
 async def test_a_version_that_is_none_is_refused(replicas: Replicas) -> None:
     map_id = await replicas[0].ready_map()
     reply = await replicas[1].client.patch(f"/maps/{map_id}", json={"name": "x"}, headers={"If-Match": '"abc"'})
@@ -194,10 +203,7 @@ async def test_a_replica_that_leaves_hands_its_registrations_over(opened: Opened
 
 async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
     first, second = replicas
-    first.pool.register_gate.clear()
-    with taking_nothing_up(second):
-        map_id = (await first.upload()).json()["id"]
-        await until(lambda: bool(first.pool.registrations))
+    map_id = await registering(replicas)
     assert (await second.client.delete(f"/maps/{map_id}")).status_code == 204
     await until(lambda: first.pool.ended == ["register"])
     await until(lambda: first.storage.names("maps") == [])
@@ -236,13 +242,7 @@ async def test_one_that_starts_leaves_what_others_are_storing(opened: Opened) ->
 @pytest.mark.slow
 async def test_a_batch_is_worked_on_by_one_and_shown_by_both(replicas: Replicas) -> None:
     first, second = replicas
-    map_id = await first.ready_map()
-    names = [f"{number}.png" for number in range(6)]
-    first.pool.localize_gate.clear()
-    with taking_nothing_up(second):
-        batch = (await first.post_batch(map_id, *names)).json()["id"]
-        assert (await second.client.get(f"/batches/{batch}")).json()["num_images"] == 6
-        await until(lambda: bool(first.pool.jobs))
+    batch = await localizing(replicas, *(f"{number}.png" for number in range(6)))
     await asyncio.sleep(3 * _LOOK_S)
     first.pool.localize_gate.set()
     shown = await second.done(batch)
@@ -272,12 +272,7 @@ async def test_a_batch_of_a_replica_that_leaves_goes_on_where_it_was(opened: Ope
 @pytest.mark.slow
 async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
     first, second = replicas
-    map_id = await first.ready_map()
-    names = [f"{number}.png" for number in range(4)]
-    first.pool.localize_gate.clear()
-    with taking_nothing_up(second):
-        batch = (await first.post_batch(map_id, *names)).json()["id"]
-        await until(lambda: bool(first.pool.jobs))
+    batch = await localizing(replicas, *(f"{number}.png" for number in range(4)))
     assert (await second.client.delete(f"/batches/{batch}")).status_code == 204
     await until(lambda: first.pool.ended == ["localize"])
     await until(lambda: not first.app.state.services.batches.has(batch))
