@@ -22,7 +22,7 @@ from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import Services, services_of
 
 Made = TypeVar("Made")
-router = APIRouter(tags=["batches"])
+router = APIRouter(tags=["batches"], dependencies=[Depends(require("localize"))])
 
 _MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100
@@ -37,7 +37,6 @@ _ZIP = "A zip with the files of the format, `unplaced.txt` and `export.json`."
 @router.get(
     "/batches/{batch_id}",
     summary="Show a batch and the results of its images",
-    dependencies=[Depends(require("localize"))],
     responses=json_response(Batch, BATCH_EXAMPLE, 401, 403, 404, 422),
 )
 async def get_batch(
@@ -59,7 +58,6 @@ async def get_batch(
 @router.get(
     "/batches/{batch_id}/images/{number}",
     summary="Fetch an image of a batch",
-    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response("The bytes as uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
 )
@@ -82,7 +80,6 @@ async def get_image(
 @router.get(
     "/batches/{batch_id}/export",
     summary="Fetch the placed photos in the format of another system",
-    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response(_ZIP, ("application/zip",), 401, 403, 404, 422),
 )
@@ -115,7 +112,6 @@ async def get_export(
 @router.get(
     "/batches/{batch_id}/plan.png",
     summary="The scan from above, with the photos placed so far",
-    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response("The picture.", ("image/png",), 401, 403, 404, 422),
 )
@@ -141,7 +137,6 @@ async def get_plan(
 @router.delete(
     "/batches/{batch_id}",
     summary="Delete a batch with its images; a running batch is cancelled",
-    dependencies=[Depends(require("localize"))],
     status_code=204,
     responses=nothing_left(401, 403, 404),
 )

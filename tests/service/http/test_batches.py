@@ -81,7 +81,7 @@ async def test_batches_are_listed_page_by_page_oldest_first(running: RunningServ
     assert [each["id"] for each in listed] == made
     assert {(each["status"], each["progress"], each["num_images"]) for each in listed} == {("done", 1.0, 1)}
     await running.client.delete(f"/batches/{made[0]}")
-    assert [each["id"] for each in (await running.client.get("/batches")).json()["items"]] == made[1:]
+    assert [each["id"] for each in (await running.json("/batches"))["items"]] == made[1:]
     wrong = await running.client.get("/batches", params={"cursor": "x"})
     assert (wrong.status_code, wrong.json()["fields"][0]["field"]) == (422, "cursor")
 
@@ -158,11 +158,11 @@ async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
         first.pool.localize_gate.clear()
         second_id = (await first.post_batch(map_id, "b.png", "c.png")).json()["id"]
         await asyncio.sleep(0.1)
-        first_answer = (await first.client.get(f"/batches/{batch_id}")).json()
+        first_answer = await first.json(f"/batches/{batch_id}")
     # An upload that was cut off by a crash: images without a record.
     (tmp_path / "batches" / "batch_cut" / "images").mkdir(parents=True)
     async with serve() as again:
-        assert (await again.client.get(f"/batches/{batch_id}")).json() == first_answer
+        assert await again.json(f"/batches/{batch_id}") == first_answer
         body = await again.done(second_id)
         assert body["counts"]["localized"] == 2
         assert len(again.pool.jobs) == 2
@@ -186,12 +186,12 @@ async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(tmp_path:
 async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(tmp_path: Path, serve: Serve) -> None:
     async with serve() as first:
         _, batch_id = await first.placed("a.png", "b.png", "c.png")
-        as_it_was = (await first.client.get(f"/batches/{batch_id}")).json()
+        as_it_was = await first.json(f"/batches/{batch_id}")
     results = tmp_path / "batches" / batch_id / "results"
     (results / "00001.json").write_bytes((results / "00001.json").read_bytes().replace(b"0.93", b"0.39"))
     (results / "00002.json").write_bytes(b'{"sta')
     async with serve(is_held=True) as again:
-        page = (await again.client.get(f"/batches/{batch_id}")).json()
+        page = await again.json(f"/batches/{batch_id}")
         assert [item["status"] for item in page["items"]] == ["localized", "waiting", "waiting"]
         again.pool.localize_gate.set()
         body = await again.done(batch_id)
@@ -199,7 +199,7 @@ async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(tmp_path: 
         assert body["items"][0] == as_it_was["items"][0]
         assert {item["answer"]["confidence"] for item in body["items"]} == {0.93}
         (results / "00000.json").write_bytes(b"[]")
-        assert (await again.client.get(f"/batches/{batch_id}/export?format=tum")).status_code == 200
+        assert await again.status("GET", f"/batches/{batch_id}/export?format=tum") == 200
         await again.done(batch_id)
         assert len(again.pool.jobs) == 3
 
@@ -250,7 +250,7 @@ async def test_a_disk_that_fails_for_a_while_ends_no_batch(
     running.pool.localize_gate.set()
     await running.done(batch_id)
     assert left["replace"] == 0
-    body = (await running.client.get(f"/batches/{batch_id}")).json()
+    body = await running.json(f"/batches/{batch_id}")
     assert body["counts"]["localized"] == 2
 
 
@@ -259,7 +259,7 @@ async def test_deleting_a_batch_cancels_it_and_leaves_nothing(running: RunningSe
     running.pool.localize_gate.clear()
     batch_id = (await running.post_batch(map_id, "a.png", "b.png")).json()["id"]
     await asyncio.sleep(0.1)
-    assert (await running.client.delete(f"/batches/{batch_id}")).status_code == 204
+    assert await running.status("DELETE", f"/batches/{batch_id}") == 204
     assert running.pool.ended == ["localize"]
     assert not (running.data_dir / "batches" / batch_id).exists()
     for call in ("get", "delete"):
@@ -275,7 +275,7 @@ async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_wha
     map_id, batch_id = await running.placed("a.png")
     running.pool.localize_gate.clear()
     later = (await running.post_batch(map_id, "b.png", "c.png", "d.png")).json()["id"]
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
     body = await running.done(later)
     failed = [item["error"] for item in body["items"] if item["status"] == "failed"]
@@ -311,7 +311,7 @@ async def test_the_plan_of_a_batch_is_a_picture(running: RunningService) -> None
     assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png"), reply.text
     assert reply.content.startswith(b"\x89PNG")
     assert list((running.data_dir / "uploads").iterdir()) == []
-    assert (await running.client.get("/batches/batch_none/plan.png")).status_code == 404
+    assert await running.status("GET", "/batches/batch_none/plan.png") == 404
 
 
 @pytest.mark.slow
@@ -329,7 +329,7 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     assert (await running.client.patch(f"/maps/{map_id}", json=grid)).status_code == 200
     found = json.loads((await export(running, batch_id, "stac")).read("items.json"))
     assert found["features"][0]["properties"]["pers:crs"] == 25832
-    assert (await running.client.get(f"/batches/{batch_id}/export", params={"format": "kml"})).status_code == 422
+    assert await running.status("GET", f"/batches/{batch_id}/export", params={"format": "kml"}) == 422
 
 
 @pytest.mark.slow

@@ -115,8 +115,8 @@ async def test_a_scan_beyond_the_bytes_is_taken_and_the_next_request_refused_unr
     assert (refused.status_code, refused.json()["type"]) == (429, "/problems/too-often")
     assert refused.headers["connection"] == "close"
     assert "smaller images" in refused.json()["detail"]
-    assert (await running.client.get("/maps")).status_code == 200
-    map_id = (await running.client.get("/maps")).json()["items"][0]["id"]
+    assert await running.status("GET", "/maps") == 200
+    map_id = (await running.json("/maps"))["items"][0]["id"]
     assert (await running.client.patch(f"/maps/{map_id}", json={"name": "hall"})).status_code == 200
 
 

@@ -128,7 +128,7 @@ async def test_an_answer_that_comes_after_its_map_was_deleted_is_not_kept(
     running.pool.localize_gate.clear()
     asking = asyncio.create_task(running.localize(map_id, options='{"artifacts": ["overlay"]}'))
     await running.pool.asked.wait()
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
     await asking
     assert redis_client.keys("*") == []

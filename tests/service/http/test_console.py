@@ -46,7 +46,7 @@ async def test_browsers_that_look_for_an_icon_by_themselves_find_the_mark(
     found = await running.client.get("/favicon.ico")
     assert (found.status_code, found.text, found.headers["content-type"]) == (200, "<svg/>", "image/svg+xml")
     monkeypatch.setattr(pages, "BUILT", built / "none")
-    assert (await running.client.get("/favicon.ico")).status_code == 204
+    assert await running.status("GET", "/favicon.ico") == 204
 
 
 @pytest.mark.parametrize("name", ["none.js", "..%2Findex.html", "..%2F.sources", ".sources", "index-1a2b.js%00"])
@@ -63,19 +63,19 @@ async def test_without_a_console_the_page_says_how_to_build_it(
     assert page.status_code == 200
     assert "scripts/install" in page.text
     assert 'href="/docs"' in page.text
-    assert (await running.client.get("/maps")).status_code == 200
+    assert await running.status("GET", "/maps") == 200
 
 
 @pytest.mark.settings(api_keys="the-reader:read")
 async def test_the_console_asks_for_no_key_and_browsers_keep_its_scripts(running: RunningService, built: Path) -> None:
-    assert (await running.client.get("/")).status_code == 200
+    assert await running.status("GET", "/") == 200
     script = await running.client.get("/console/index-1a2b.js")
     assert (script.text, script.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
     assert "immutable" in script.headers["cache-control"]
 
 
 async def test_every_request_is_described_without_anything_from_elsewhere(running: RunningService) -> None:
-    document = (await running.client.get("/openapi.json")).json()
+    document = await running.json("/openapi.json")
     reply = await running.client.get("/docs")
     assert (reply.status_code, reply.headers["content-type"]) == (200, "text/html; charset=utf-8")
     for path, item in document["paths"].items():

@@ -129,7 +129,7 @@ async def test_who_may_not_ask_is_told_so_first(tmp_path: Path, serve: Serve) ->
         statuses = []
         for key in (None, keys["read"], keys["localize"]):
             headers = {} if key is None else {"X-API-Key": key}
-            statuses.append((await running.client.post("/localize", headers=headers)).status_code)
+            statuses.append(await running.status("POST", "/localize", headers=headers))
     assert statuses == [401, 403, 429]
 
 
@@ -145,8 +145,8 @@ async def test_a_place_and_other_paths_leave_everything_as_it_is(running: Runnin
     assert (await running.localize(map_id)).status_code == 200
     running.pool.full = FULL
     assert (await running.localize(map_id)).status_code == 429
-    assert (await running.client.get("/localize")).status_code == 405
-    assert (await running.client.post("/localized")).status_code == 404
+    assert await running.status("GET", "/localize") == 405
+    assert await running.status("POST", "/localized") == 404
     assert (await running.upload()).status_code == 202
 
 

@@ -37,13 +37,13 @@ async def test_two_names_are_none(running: RunningService, names: tuple[str, str
 
 async def test_of_two_origins_both_count(running: RunningService) -> None:
     headers = [("Host", "localhost"), ("Origin", "http://localhost"), ("Origin", "http://evil.example")]
-    assert (await running.client.delete("/maps/map_none", headers=headers)).status_code == 403
-    assert (await running.client.delete("/maps/map_none", headers=headers[:2])).status_code == 404
+    assert await running.status("DELETE", "/maps/map_none", headers=headers) == 403
+    assert await running.status("DELETE", "/maps/map_none", headers=headers[:2]) == 404
 
 
 @pytest.mark.parametrize("host", OWN)
 async def test_addresses_and_names_of_this_machine_are_served(running: RunningService, host: str) -> None:
-    assert (await running.client.get("/maps", headers={"Host": host})).status_code == 200
+    assert await running.status("GET", "/maps", headers={"Host": host}) == 200
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ async def test_the_page_of_another_site_changes_nothing(running: RunningService,
         await running.client.delete(f"/maps/{map_id}", headers=headers),
     ):
         assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
-    assert (await running.client.get(f"/maps/{map_id}", headers=headers)).status_code == 200
+    assert await running.status("GET", f"/maps/{map_id}", headers=headers) == 200
 
 
 async def test_a_page_of_the_service_itself_may_change_maps(running: RunningService) -> None:
@@ -77,4 +77,4 @@ async def test_names_that_the_operator_allows_are_served_and_keys_make_names_har
 ) -> None:
     async with serve(**changes) as running:
         headers = {"Host": "Maps.Example:443", "X-API-Key": "the-reader"}
-        assert (await running.client.get("/maps", headers=headers)).status_code == 200
+        assert await running.status("GET", "/maps", headers=headers) == 200

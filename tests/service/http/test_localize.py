@@ -47,7 +47,7 @@ async def test_answer_and_pictures_can_be_fetched_for_a_while(
 ) -> None:
     options = json.dumps({"artifacts": ARTIFACTS})
     body = (await running.localize(await running.ready_map(), options=options)).json()
-    assert (await running.client.get(f"/localizations/{body['id']}")).json() == body
+    assert await running.json(f"/localizations/{body['id']}") == body
     assert list(body["artifacts"]) == list(ARTIFACTS)
     for name, path in body["artifacts"].items():
         picture = await running.client.get(path)
@@ -62,7 +62,7 @@ async def test_a_picture_that_the_query_did_not_ask_for_is_404(running: RunningS
     reply = await running.client.get(f"/localizations/{body['id']}/score-map-3d.png")
     assert reply.status_code == 404
     assert "artifacts" in reply.json()["detail"]
-    assert (await running.client.get("/localizations/loc_none/overlay.png")).status_code == 404
+    assert await running.status("GET", "/localizations/loc_none/overlay.png") == 404
 
 
 async def test_the_worker_gets_every_option_and_a_deadline(running: RunningService) -> None:
@@ -251,7 +251,7 @@ async def test_a_query_that_was_lost_with_the_service_has_failed(
 ) -> None:
     state = {"id": "loc_x", "status": "running", "created_at": "2026-01-01T00:00:00Z", "error": None, "due_unix_s": 1.0}
     redis_client.set("localization:loc_x", json.dumps(state))
-    body = (await running.client.get("/localizations/loc_x")).json()
+    body = await running.json("/localizations/loc_x")
     assert (body["status"], body["error"]["status"]) == ("failed", 504)
 
 

@@ -136,7 +136,7 @@ async def test_a_new_scan_is_built_while_the_old_one_serves(running: RunningServ
     body = await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
     assert (body["revision"], body["serving_revision"]) == (2, 1)
     assert body["stats"] is not None
-    assert (await running.client.get(f"/maps/{map_id}/preview.png")).status_code == 200
+    assert await running.status("GET", f"/maps/{map_id}/preview.png") == 200
     running.pool.register_gate.set()
     body = await running.settled(map_id)
     assert (body["revision"], body["serving_revision"]) == (2, 2)
@@ -174,7 +174,7 @@ async def test_a_map_deleted_while_a_new_scan_comes_in_stays_deleted(running: Ru
 
     async def interrupted() -> AsyncIterator[bytes]:
         yield body[:50]
-        assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+        assert await running.status("DELETE", f"/maps/{map_id}") == 204
         yield body[50:]
 
     headers = {"content-type": request.headers["content-type"]}
@@ -197,19 +197,19 @@ async def test_deleting_a_map_leaves_nothing_of_it(running: RunningService, redi
     map_id = await running.ready_map()
     answer = (await running.localize(map_id, options='{"artifacts": ["overlay"]}')).json()
     assert redis_client.keys("index:*")
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     assert redis_client.keys("*") == []
     assert not (running.data_dir / "maps" / map_id).exists()
     for path in (f"/maps/{map_id}", answer["artifacts"]["overlay"], f"/localizations/{answer['id']}"):
-        assert (await running.client.get(path)).status_code == 404
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 404
+        assert await running.status("GET", path) == 404
+    assert await running.status("DELETE", f"/maps/{map_id}") == 404
 
 
 async def test_deleting_a_map_ends_its_registration(running: RunningService) -> None:
     running.pool.register_gate.clear()
     map_id = (await running.upload()).json()["id"]
     await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     assert running.pool.ended == ["register"]
 
 
@@ -217,7 +217,7 @@ async def test_viewers_get_a_picture_points_and_starts(running: RunningService) 
     map_id = await running.ready_map()
     preview = await running.client.get(f"/maps/{map_id}/preview.png")
     assert (preview.content, preview.headers["content-type"]) == (PNG, "image/png")
-    starts = (await running.client.get(f"/maps/{map_id}/starts")).json()
+    starts = await running.json(f"/maps/{map_id}/starts")
     assert starts["starts"] == [{"position_m": [1.0, 2.0, 1.5], "leaf_size_m": 0.5}]
     assert starts["num_starts"] == 1
 
@@ -243,7 +243,7 @@ async def test_what_viewers_show_is_not_there_before_the_map_is_ready(running: R
     reply = await running.client.get(f"/maps/{map_id}/{name}")
     assert reply.status_code == 409
     assert int(reply.headers["retry-after"]) >= 1
-    assert (await running.client.get(f"/maps/map_none/{name}")).status_code == 404
+    assert await running.status("GET", f"/maps/map_none/{name}") == 404
 
 
 async def test_the_limit_of_maps_is_said_before_the_upload_is_read(running: RunningService) -> None:

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[3]
 
 async def test_live_is_200_whatever_is_missing(running: RunningService) -> None:
     running.pool.is_ready = False
-    assert (await running.client.get("/health/live")).json() == {"status": "live"}
+    assert await running.json("/health/live") == {"status": "live"}
 
 
 async def test_ready_says_what_it_waits_for(running: RunningService) -> None:
@@ -37,7 +37,7 @@ async def test_ready_says_what_it_waits_for(running: RunningService) -> None:
     reply = await running.client.get("/health/ready")
     assert (reply.status_code, reply.json()["waiting_for"]) == (503, ["workers"])
     assert reply.headers["retry-after"]
-    assert (await running.client.get("/health")).status_code == 200
+    assert await running.status("GET", "/health") == 200
 
 
 async def test_metrics_count_requests_by_route_and_never_by_path(running: RunningService) -> None:
@@ -99,29 +99,29 @@ async def test_keys_are_asked_for_and_scopes_kept(running: RunningService) -> No
     assert (reply.status_code, reply.json()["type"]) == (401, "/problems/key-missing")
     assert reply.headers["www-authenticate"].startswith("Bearer")
     running.client.headers["Authorization"] = "Bearer wrong-key"
-    assert (await running.client.get("/maps")).status_code == 401
+    assert await running.status("GET", "/maps") == 401
     running.client.headers["Authorization"] = "Bearer the-reader"
-    assert (await running.client.get("/maps")).status_code == 200
+    assert await running.status("GET", "/maps") == 200
     assert (await running.upload()).status_code == 403
     del running.client.headers["Authorization"]
     running.client.headers["X-API-Key"] = "the-writer"
     assert (await running.upload()).status_code == 202
     running.client.headers.clear()
     for path in ("/health/live", "/health/ready", "/"):
-        assert (await running.client.get(path)).status_code == 200
+        assert await running.status("GET", path) == 200
 
 
 @pytest.mark.parametrize("path", ["/health", "/metrics", "/openapi.json", "/docs"])
 async def test_with_keys_set_what_tells_of_the_service_asks_for_one(serve: Serve, path: str) -> None:
     key = {"Authorization": "Bearer the-reader"}
     async with serve(api_keys="the-reader:read") as running:
-        assert (await running.client.get(path)).status_code == 401
-        assert (await running.client.get(path, headers=key)).status_code == 200
+        assert await running.status("GET", path) == 401
+        assert await running.status("GET", path, headers=key) == 200
 
 
 @pytest.mark.settings(api_keys="the-reader:read")
 async def test_a_probe_without_a_key_learns_one_word(running: RunningService) -> None:
-    assert (await running.client.get("/health/ready")).json() == {"status": "ready"}
+    assert await running.json("/health/ready") == {"status": "ready"}
     running.pool.is_ready = False
     reply = await running.client.get("/health/ready")
     assert (reply.status_code, reply.json()) == (503, {"status": "not_ready"})
@@ -141,7 +141,7 @@ async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones
         for number in range(6)
     ]
     await asyncio.sleep(0.05)
-    assert (await running.client.get("/maps", headers={"X-API-Key": "the-reader"})).status_code == 200
+    assert await running.status("GET", "/maps", headers={"X-API-Key": "the-reader"}) == 200
     assert not all(guess.done() for guess in guesses)
     replies = [await guess for guess in guesses]
     assert time.monotonic() - began > 0.25
@@ -150,11 +150,11 @@ async def test_wrong_keys_are_answered_slowly_one_after_the_other_and_right_ones
 
 
 async def test_the_type_of_a_problem_leads_to_its_meaning(running: RunningService) -> None:
-    problem = (await running.client.get("/maps/none")).json()
-    meaning = (await running.client.get(problem["type"])).json()
+    problem = await running.json("/maps/none")
+    meaning = await running.json(problem["type"])
     assert meaning["title"] == problem["title"]
     assert meaning["advice"]
-    assert (await running.client.get("/problems/none")).status_code == 404
+    assert await running.status("GET", "/problems/none") == 404
 
 
 @pytest.fixture
@@ -178,11 +178,11 @@ async def test_redis_away_is_503_and_back_is_200_without_a_restart(tmp_path: Pat
             assert (reply.status_code, reply.json()["type"]) == (503, "/problems/cache-down")
             assert int(reply.headers["retry-after"]) >= 1
         assert running.pool.jobs == []  # no worker computes for a caller who gets nothing
-        assert (await running.client.delete(f"/maps/{map_id}")).status_code == 503
-        assert (await running.client.get("/health/ready")).json()["waiting_for"] == ["Redis"]
-        assert (await running.client.get(f"/maps/{map_id}")).json()["status"] == "ready"
+        assert await running.status("DELETE", f"/maps/{map_id}") == 503
+        assert (await running.json("/health/ready"))["waiting_for"] == ["Redis"]
+        assert (await running.json(f"/maps/{map_id}"))["status"] == "ready"
         waiting = (await running.upload()).json()["id"]
-        assert "Redis" in (await running.client.get(f"/maps/{waiting}")).json()["stage"]
+        assert "Redis" in (await running.json(f"/maps/{waiting}"))["stage"]
         own_redis._stopping.clear()
         own_redis._launch()
         own_redis._wait_until_it_answers()
@@ -204,7 +204,7 @@ async def test_an_unfinished_registration_goes_on_after_a_restart(serve: Serve) 
 async def test_maps_outlive_every_key_of_redis(running: RunningService, redis_client: object) -> None:
     map_id = await running.ready_map()
     redis_client.flushall()  # type: ignore[attr-defined]
-    assert (await running.client.get(f"/maps/{map_id}")).json()["status"] == "ready"
+    assert (await running.json(f"/maps/{map_id}"))["status"] == "ready"
     assert (await running.localize(map_id)).status_code == 200
 
 
@@ -224,7 +224,7 @@ async def test_what_can_be_read_has_a_head(running: RunningService) -> None:
         assert (head.status_code, head.content) == (whole.status_code, b"")
         assert head.headers["content-type"] == whole.headers["content-type"]
         assert whole.status_code == 200
-    assert (await running.client.head("/maps/map_none")).status_code == 404
+    assert await running.status("HEAD", "/maps/map_none") == 404
 
 
 async def test_what_only_takes_uploads_has_none(running: RunningService) -> None:

@@ -60,7 +60,7 @@ async def test_an_answer_that_can_only_be_fetched_later_is_refused_at_once(
 async def test_readiness_tries_a_write(
     running: RunningService, keep_nothing: Callable[[str], None], state: str
 ) -> None:
-    assert (await running.client.get("/health/ready")).status_code == 200
+    assert await running.status("GET", "/health/ready") == 200
     keep_nothing(state)
     reply = await running.client.get("/health/ready")
     assert (reply.status_code, reply.json()["waiting_for"]) == (503, ["Redis"])

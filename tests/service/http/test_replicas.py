@@ -92,10 +92,10 @@ async def until(holds: Callable[[], bool]) -> None:
 async def test_a_map_posted_through_one_is_served_by_the_other_at_once(replicas: Replicas) -> None:
     first, second = replicas
     map_id = (await first.upload()).json()["id"]
-    assert (await second.client.get(f"/maps/{map_id}")).status_code == 200
+    assert await second.status("GET", f"/maps/{map_id}") == 200
     assert (await second.settled(map_id))["status"] == "ready"
     assert (await second.localize(map_id)).json()["status"] == "localized"
-    assert [each["id"] for each in (await second.client.get("/maps")).json()["items"]] == [map_id]
+    assert [each["id"] for each in (await second.json("/maps"))["items"]] == [map_id]
 
 
 @pytest.mark.slow
@@ -130,12 +130,12 @@ async def test_what_another_has_just_made_is_found_by_its_id_before_it_is_announ
     map_id = await first.ready_map()
     assert (await second.localize(map_id)).json()["status"] == "localized"
     other_id = await first.ready_map()
-    assert (await second.client.get(f"/maps/{other_id}/preview.png")).status_code == 200
+    assert await second.status("GET", f"/maps/{other_id}/preview.png") == 200
     third_id = await first.ready_map()
     reply = await second.post_batch(third_id, "a.png")
     assert reply.status_code == 202
     batch = (await first.post_batch(map_id, "a.png")).json()["id"]
-    assert (await second.client.get(f"/batches/{batch}")).status_code == 200
+    assert await second.status("GET", f"/batches/{batch}") == 200
 
 
 async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_other_is_notified(
@@ -204,7 +204,7 @@ async def test_a_replica_that_leaves_hands_its_registrations_over(opened: Opened
 async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
     first, second = replicas
     map_id = await registering(replicas)
-    assert (await second.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await second.status("DELETE", f"/maps/{map_id}") == 204
     await until(lambda: first.pool.ended == ["register"])
     await until(lambda: first.storage.names("maps") == [])
     assert first.app.state.services.registry.all() == []
@@ -273,10 +273,10 @@ async def test_a_batch_of_a_replica_that_leaves_goes_on_where_it_was(opened: Ope
 async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
     first, second = replicas
     batch = await localizing(replicas, *(f"{number}.png" for number in range(4)))
-    assert (await second.client.delete(f"/batches/{batch}")).status_code == 204
+    assert await second.status("DELETE", f"/batches/{batch}") == 204
     await until(lambda: first.pool.ended == ["localize"])
     await until(lambda: not first.app.state.services.batches.has(batch))
-    assert (await first.client.get(f"/batches/{batch}")).status_code == 404
+    assert await first.status("GET", f"/batches/{batch}") == 404
     assert first.storage.names("batches") == []
 
 
@@ -316,7 +316,7 @@ async def test_a_registration_whose_lease_another_has_ends_here(
         # As it is after this process has stood still for a minute.
         redis_client.set(f"panoloc:lease:register-{map_id}-1", "of another", px=60_000)
         await until(lambda: first.pool.ended == ["register"])
-        assert (await first.client.get(f"/maps/{map_id}")).json()["status"] not in ("ready", "failed")
+        assert (await first.json(f"/maps/{map_id}"))["status"] not in ("ready", "failed")
     assert redis_client.get(f"panoloc:lease:register-{map_id}-1") == "of another"
     redis_client.delete(f"panoloc:lease:register-{map_id}-1")
     first.pool.register_gate.set()

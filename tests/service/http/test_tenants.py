@@ -72,8 +72,8 @@ async def test_a_shared_map_is_seen_and_asked_but_not_changed(callers: Callers) 
     assert (await school.localize(map_id)).status_code == 200
     assert (await school.localize(None, tag="hall")).status_code == 200
     assert [each["id"] for each in (await school.json("/maps"))["items"]] == [map_id]
-    for method, request in (("DELETE", {}), ("PATCH", {"json": {"name": "mine"}})):
-        reply = await school.client.request(method, f"/maps/{map_id}", **request)
+    mine = await school.client.patch(f"/maps/{map_id}", json={"name": "mine"})
+    for reply in (mine, await school.client.delete(f"/maps/{map_id}")):
         assert (reply.status_code, reply.json()["type"]) == (403, "/problems/scope-missing")
     await museum.client.patch(f"/maps/{map_id}", json={"shared_with": []})
     assert (await school.localize(None, tag="hall")).status_code == 404
@@ -145,7 +145,7 @@ async def test_a_key_that_is_made_while_the_service_runs_closes_it_to_all_others
     running: RunningService, tmp_path: Path
 ) -> None:
     running.app.state.services.settings.keys._look_s = 0.0
-    assert (await running.client.get("/maps")).status_code == 200
+    assert await running.status("GET", "/maps") == 200
     _, text = KeyFile(tmp_path).make("reader", ["read"])
-    assert (await running.client.get("/maps")).status_code == 401
-    assert (await running.client.get("/maps", headers={"X-API-Key": text})).status_code == 200
+    assert await running.status("GET", "/maps") == 401
+    assert await running.status("GET", "/maps", headers={"X-API-Key": text}) == 200

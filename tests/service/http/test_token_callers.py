@@ -82,7 +82,7 @@ async def test_a_token_that_was_made_up_waits_like_a_wrong_key(
     assert refused.status_code == 401
     assert "signature" in refused.json()["detail"]
     assert len(waited) == 1
-    assert (await running.client.get("/maps")).status_code == 401
+    assert await running.status("GET", "/maps") == 401
 
 
 async def test_a_key_that_the_issuer_has_just_published_opens_at_the_first_request(
