@@ -106,6 +106,13 @@ class RunningService:
             await asyncio.sleep(0.01)
         raise AssertionError(f"not within three seconds: {body}")
 
+    async def held_query(self, map_id: str, **request: Any) -> asyncio.Task[httpx.Response]:
+        """Return a query that a worker holds until `pool.localize_gate` opens."""
+        self.pool.localize_gate.clear()
+        asking = asyncio.create_task(self.localize(map_id, **request))
+        await self.pool.asked.wait()
+        return asking
+
     async def localize(self, map_id: str | None, image: bytes | None = None, **request: Any) -> httpx.Response:
         """POST a panorama; `options`, `headers`, `tag` and more `files` as they are given."""
         data: dict[str, Any] = {} if map_id is None else {"map_id": map_id}

@@ -125,9 +125,7 @@ async def test_an_answer_that_comes_after_its_map_was_deleted_is_not_kept(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
     map_id = await running.ready_map()
-    running.pool.localize_gate.clear()
-    asking = asyncio.create_task(running.localize(map_id, options='{"artifacts": ["overlay"]}'))
-    await running.pool.asked.wait()
+    asking = await running.held_query(map_id, options='{"artifacts": ["overlay"]}')
     assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
     await asking

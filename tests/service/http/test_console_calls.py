@@ -1,6 +1,5 @@
 """What the console asks for beside maps and answers: changes, images of batches, the demo room, the last errors."""
 
-import asyncio
 from dataclasses import replace
 from typing import Any
 
@@ -42,9 +41,7 @@ async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it
 async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kept(running: RunningService) -> None:
     sees_changes(running)
     map_id = await running.ready_map()
-    running.pool.localize_gate.clear()
-    asking = asyncio.create_task(running.localize(map_id))
-    await running.pool.asked.wait()
+    asking = await running.held_query(map_id)
     assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
     assert (await asking).status_code == 200

@@ -20,13 +20,10 @@ RULES = {"file": PartRule(10_000, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True), "ta
 SCAN = b"1 2 3 4 5 6\r\n--x\r\n" * 40
 
 
-def body_of(scan: bytes = SCAN) -> tuple[bytes, dict[str, str]]:
-    files: list[tuple[str, tuple[str | None, str | bytes]]] = [
-        ("tag", (None, "ä")),
-        ("file", ("söme scan.XYZ", scan)),
-        ("tag", (None, "")),
-    ]
-    request = httpx.Request("POST", "http://panoloc", files=files)
+def body_of(*parts: tuple[str, tuple[str | None, str | bytes]]) -> tuple[bytes, dict[str, str]]:
+    """Return the bytes of a form, and the headers that go with them."""
+    of_scan = ("tag", (None, "ä")), ("file", ("söme scan.XYZ", SCAN)), ("tag", (None, ""))
+    request = httpx.Request("POST", "http://panoloc", files=[*(parts or of_scan)])
     return request.read(), {"content-type": request.headers["content-type"]}
 
 
@@ -76,9 +73,9 @@ def test_a_body_that_ends_early_is_malformed_and_leaves_nothing(tmp_path: Path, 
 
 
 def test_too_many_parts_are_refused(tmp_path: Path) -> None:
-    request = httpx.Request("POST", "http://panoloc", files=[("tag", (None, "x"))] * 200)
+    body, headers = body_of(*[("tag", (None, "x"))] * 200)
     with pytest.raises(UploadTooLargeError, match="128 parts"):
-        refused([request.read()], {"content-type": request.headers["content-type"]}, tmp_path)
+        refused([body], headers, tmp_path)
 
 
 def test_a_part_without_headers_is_refused(tmp_path: Path) -> None:
@@ -92,9 +89,9 @@ def test_a_boundary_that_is_far_too_long_is_malformed(tmp_path: Path) -> None:
 
 
 def test_a_field_is_not_a_way_to_fill_the_memory(tmp_path: Path) -> None:
-    request = httpx.Request("POST", "http://panoloc", files=[("tag", (None, "x" * 70_000))])
+    body, headers = body_of(*[("tag", (None, "x" * 70_000))])
     with pytest.raises(UploadTooLargeError, match="tag: expected at most 65,536 bytes"):
-        refused([request.read()], {"content-type": request.headers["content-type"]}, tmp_path)
+        refused([body], headers, tmp_path)
 
 
 def test_a_disk_that_fills_up_with_the_last_bytes_is_said_to_be_full_and_nothing_is_left(tmp_path: Path) -> None:
