@@ -67,7 +67,7 @@ async def test_a_scan_that_may_be_one_goes_to_a_worker(running: RunningService, 
     ("image", "status", "says"),
     [
         (b"", 415, "empty file"),
-        (b"this is text", 415, "text"),
+        (b"/home/me/photo.jpg", 415, "got text ('/home/me/photo.jpg'); send the content of the file, not its name"),
         (b"GIF89a........", 415, "JPEG, PNG or WebP"),
         (JPEG_WITHOUT_SIZE, 415, "ends within its header"),
         (png_of(40_000, 20_000), 413, "40,000 x 20,000"),

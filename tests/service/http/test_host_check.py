@@ -19,20 +19,18 @@ OWN = [
 ]
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8000", "localhost.evil.example", "127.0.0.1.evil.example"]
-)
-async def test_a_name_that_was_pointed_here_reaches_nothing(running: RunningService, host: str) -> None:
-    for path in ("/maps", "/", "/health"):
-        reply = await running.client.get(path, headers={"Host": host})
+async def test_a_name_that_was_pointed_here_reaches_nothing(running: RunningService) -> None:
+    for host in ("evil.example", "evil.example:8000", "localhost.evil.example", "127.0.0.1.evil.example"):
+        for path in ("/maps", "/", "/health"):
+            reply = await running.client.get(path, headers={"Host": host})
+            assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
+        assert "PANOLOC_ALLOWED_HOSTS" in reply.json()["detail"]
+
+
+async def test_two_names_are_none(running: RunningService) -> None:
+    for names in (("127.0.0.1", "evil.example"), ("evil.example", "127.0.0.1"), ("localhost",) * 2):
+        reply = await running.client.get("/maps", headers=[("Host", name) for name in names])
         assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
-    assert "PANOLOC_ALLOWED_HOSTS" in reply.json()["detail"]
-
-
-@pytest.mark.parametrize("names", [("127.0.0.1", "evil.example"), ("evil.example", "127.0.0.1"), ("localhost",) * 2])
-async def test_two_names_are_none(running: RunningService, names: tuple[str, str]) -> None:
-    reply = await running.client.get("/maps", headers=[("Host", name) for name in names])
-    assert (reply.status_code, reply.json()["type"]) == (403, "/problems/foreign-page")
 
 
 async def test_of_two_origins_both_count(running: RunningService) -> None:
@@ -41,9 +39,9 @@ async def test_of_two_origins_both_count(running: RunningService) -> None:
     assert await running.status("DELETE", "/maps/map_none", headers=headers[:2]) == 404
 
 
-@pytest.mark.parametrize("host", OWN)
-async def test_addresses_and_names_of_this_machine_are_served(running: RunningService, host: str) -> None:
-    assert await running.status("GET", "/maps", headers={"Host": host}) == 200
+async def test_addresses_and_names_of_this_machine_are_served(running: RunningService) -> None:
+    for host in OWN:
+        assert await running.status("GET", "/maps", headers={"Host": host}) == 200, host
 
 
 @pytest.mark.parametrize(

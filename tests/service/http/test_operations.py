@@ -70,16 +70,13 @@ async def test_metrics_tell_of_pool_stages_and_maps(running: RunningService) -> 
         assert line in text, line
 
 
-@pytest.mark.parametrize("given", ["abc-123", "0af7651916cd43dd8448eb211c80319c"])
-async def test_a_request_id_is_taken_over(running: RunningService, given: str) -> None:
-    reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
-    assert reply.headers["x-request-id"] == reply.json()["request_id"] == given
-
-
-@pytest.mark.parametrize("given", ["", "a b", "x" * 129, 'a"b', "a{b}"])
-async def test_a_request_id_that_would_harm_a_log_is_replaced(running: RunningService, given: str) -> None:
-    reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
-    assert re.fullmatch(r"req_[0-9a-f]{16}", reply.headers["x-request-id"])
+async def test_a_request_id_is_taken_over_unless_it_would_harm_a_log(running: RunningService) -> None:
+    for given in ("abc-123", "0af7651916cd43dd8448eb211c80319c"):
+        reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
+        assert reply.headers["x-request-id"] == reply.json()["request_id"] == given
+    for given in ("", "a b", "x" * 129, 'a"b', "a{b}"):
+        reply = await running.client.get("/maps/none", headers={"X-Request-ID": given})
+        assert re.fullmatch(r"req_[0-9a-f]{16}", reply.headers["x-request-id"])
 
 
 async def test_a_fault_of_the_service_is_a_problem_too(
@@ -111,12 +108,11 @@ async def test_keys_are_asked_for_and_scopes_kept(running: RunningService) -> No
         assert await running.status("GET", path) == 200
 
 
-@pytest.mark.parametrize("path", ["/health", "/metrics", "/openapi.json", "/docs"])
-async def test_with_keys_set_what_tells_of_the_service_asks_for_one(serve: Serve, path: str) -> None:
-    key = {"Authorization": "Bearer the-reader"}
-    async with serve(api_keys="the-reader:read") as running:
+@pytest.mark.settings(api_keys="the-reader:read")
+async def test_with_keys_set_what_tells_of_the_service_asks_for_one(running: RunningService) -> None:
+    for path in ("/health", "/metrics", "/openapi.json", "/docs"):
         assert await running.status("GET", path) == 401
-        assert await running.status("GET", path, headers=key) == 200
+        assert await running.by("the-reader").status("GET", path) == 200
 
 
 @pytest.mark.settings(api_keys="the-reader:read")
