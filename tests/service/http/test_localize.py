@@ -97,7 +97,7 @@ async def test_images_are_kept_only_when_the_setting_says_so(running: RunningSer
     await running.localize(map_id)
     assert running.storage.names("panoramas") == []
     localizations = running.app.state.services.localizations
-    localizations._settings = localizations._settings.model_copy(update={"keep_images": True})
+    localizations.settings = localizations.settings.model_copy(update={"keep_images": True})
     body = (await running.localize(map_id)).json()
     assert running.storage.names("panoramas") == [f"{body['id']}.png"]
 

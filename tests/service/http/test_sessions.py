@@ -175,7 +175,7 @@ async def test_a_file_that_is_no_image_is_named_by_its_number(running: RunningSe
 
 async def test_all_images_of_a_session_are_kept_when_the_setting_says_so(running: RunningService) -> None:
     localizations = running.app.state.services.localizations
-    localizations._settings = localizations._settings.model_copy(update={"keep_images": True})
+    localizations.settings = localizations.settings.model_copy(update={"keep_images": True})
     body = (await ask(running, 2, {"cameras": [entry(), entry()]})).json()
     assert sorted(running.storage.names("panoramas")) == [f"{body['id']}-01.png", f"{body['id']}-02.png"]
 
