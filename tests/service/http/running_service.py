@@ -109,6 +109,7 @@ class RunningService:
     async def held_query(self, map_id: str, **request: Any) -> asyncio.Task[httpx.Response]:
         """Return a query that a worker holds until `pool.localize_gate` opens."""
         self.pool.localize_gate.clear()
+        self.pool.asked.clear()
         asking = asyncio.create_task(self.localize(map_id, **request))
         await self.pool.asked.wait()
         return asking
