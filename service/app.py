@@ -28,17 +28,11 @@ _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
 
 
-def create_app(
-    settings: Settings, pool: WorkerPool, cache: Cache | None = None, storage: Storage | None = None
-) -> FastAPI:
-    """Return the application; its lifespan starts and stops the pool and closes the cache.
-
-    cache, storage: None for those that the settings name, `redis_url` and `storage_url`.
-    """
-    if cache is None:
-        if settings.redis_url is None:
-            raise ValueError("expected settings with a redis_url, or a cache; got neither")
-        cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
+def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = None) -> FastAPI:
+    """Return the application; its lifespan starts and stops the pool. storage: None for that of the settings."""
+    if settings.redis_url is None:
+        raise ValueError("expected settings with a redis_url, got none; start a Redis first")
+    cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
     services = Services(settings, pool, cache, storage or open_storage(settings.storage_url, settings.bucket_access))
 
     @asynccontextmanager

@@ -16,7 +16,7 @@ import httpx
 from fastapi import FastAPI
 
 from panoloc.service.app import create_app
-from panoloc.service.cache import Cache, WorkerCache
+from panoloc.service.cache import WorkerCache
 from panoloc.service.http.server import DrainingServer, server_config
 from panoloc.service.settings import Settings
 from panoloc.service.storage import Storage, open_storage
@@ -135,7 +135,7 @@ async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> Asy
     pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
     if is_held:
         pool.localize_gate.clear()
-    app = create_app(settings, pool, Cache(redis_url, result_lifetime_s=settings.result_ttl_s), storage)
+    app = create_app(settings, pool, storage)
     transport = httpx.ASGITransport(app)
     async with (
         app.router.lifespan_context(app),
