@@ -26,8 +26,7 @@ from panoloc.service.storage.disk import disk_errors
 MAX_PARTS = 128
 """Of one upload, of all names together."""
 _FIELD_BYTES = 64 * 1024
-# Of boundaries and headers around the parts.
-_ENVELOPE_BYTES = 64 * 1024
+_ENVELOPE_BYTES = 64 * 1024  # of boundaries and headers around the parts
 _WRITE_BYTES = 2**20
 
 
@@ -251,7 +250,8 @@ class _FormReader:
         if self._num_parts.total() > self._max_parts:
             raise UploadTooLargeError(f"expected at most {self._max_parts} parts, got more; send fewer")
         if self._num_parts[self._name] > rule.max_parts:
-            raise InvalidOptionsError.of(shown, _too_many(rule))
+            most = "one part" if rule.max_parts == 1 else f"at most {rule.max_parts} parts"
+            raise InvalidOptionsError.of(shown, f"expected {most} of this name, got more; send fewer")
         self._rule, self._value, self._part_bytes = rule, bytearray(), 0
         if rule.spooled:
             assert self._spool_folder is not None
@@ -298,9 +298,3 @@ def _check_length(headers: Mapping[str, str], rules: Mapping[str, PartRule]) -> 
     allowed = sum(rule.max_total_bytes for rule in rules.values()) + _ENVELOPE_BYTES
     if declared.isdigit() and int(declared) > allowed:
         raise largest.too_large(name, f"a request of {int(declared):,}", together=largest.max_full_parts > 1)
-
-
-def _too_many(rule: PartRule) -> str:
-    if rule.max_parts == 1:
-        return "expected one part of this name, got several"
-    return f"expected at most {rule.max_parts} parts of this name, got more; send fewer"
