@@ -71,20 +71,11 @@ class GeoPosition(ResponseModel):
     h: float = Field(description="Metres above the ellipsoid.")
 
 
-class Rotation(ResponseModel):
-    """A unit quaternion."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
 class GeoPose(ResponseModel):
     """OGC GeoPose 1.0, Basic-Quaternion: from camera axes (x forward, y left, z up) to east, north, up."""
 
     position: GeoPosition
-    quaternion: Rotation
+    quaternion: Quaternion
 
 
 class Accuracy(ResponseModel):

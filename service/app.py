@@ -10,12 +10,10 @@ from panoloc.service.cache import Cache
 from panoloc.service.host_names import host_names
 from panoloc.service.http.error_handlers import install_error_handlers
 from panoloc.service.http.guards.early_refusals import CallerRateCheck, QueueCheck
-from panoloc.service.http.guards.head_requests import HeadRequests
 from panoloc.service.http.guards.host_check import HostCheck
 from panoloc.service.http.guards.slow_clients import SlowClients
 from panoloc.service.http.openapi import install_openapi
-from panoloc.service.http.recent_errors import RecentErrors
-from panoloc.service.http.request_context import RequestContext
+from panoloc.service.http.request_context import RecentErrors, RequestContext
 from panoloc.service.http.routes import QUERY_ROUTES, ROUTERS
 from panoloc.service.jobs import WorkerPool
 from panoloc.service.services import Services
@@ -30,20 +28,12 @@ _DESCRIPTION = """Finds where a 360° photo was taken inside a scanned place.
 Positions are metres in the map's own frame, angles degrees, times UTC. Every error is a problem document (RFC 9457)."""
 
 
-def create_app(
-    settings: Settings, pool: WorkerPool, cache: Cache | None = None, storage: Storage | None = None
-) -> FastAPI:
-    """Return the application; its lifespan starts and stops the pool and closes the cache.
-
-    cache, storage: None for those that the settings name, `redis_url` and `storage_url`.
-    """
-    if cache is None:
-        if settings.redis_url is None:
-            raise ValueError("expected settings with a redis_url, or a cache; got neither")
-        cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
-    services = Services.build(
-        settings, pool, cache, storage or open_storage(settings.storage_url, settings.bucket_access)
-    )
+def create_app(settings: Settings, pool: WorkerPool, storage: Storage | None = None) -> FastAPI:
+    """Return the application; its lifespan starts and stops the pool. storage: None for that of the settings."""
+    if settings.redis_url is None:
+        raise ValueError("expected settings with a redis_url, got none; start a Redis first")
+    cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
+    services = Services(settings, pool, cache, storage or open_storage(settings.storage_url, settings.bucket_access))
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -58,7 +48,6 @@ def create_app(
     )
     app.state.services = services
     app.state.recent_errors = RecentErrors()
-    app.add_middleware(HeadRequests)
     app.add_middleware(QueueCheck, services=services, routes=QUERY_ROUTES)
     app.add_middleware(CallerRateCheck, rates=services.rates)
     app.add_middleware(

@@ -39,7 +39,6 @@ class Problem:
 INTERNAL = Problem("internal-error", "The service failed", 500, "Report it with the request id; the log has details.")
 MALFORMED = Problem("malformed-request", "The request cannot be read", 400, "Send what the API's description asks for.")
 INVALID = Problem("invalid-options", "Options are out of their range", 422, "Correct the named fields.")
-_DAMAGED = Problem("storage-damaged", "A stored file cannot be used", 500, "Restore a backup or upload it again.")
 _LATER = "Send it again after Retry-After seconds."
 
 
@@ -51,8 +50,6 @@ class ServiceError(Exception):
 
 class RequestError(ServiceError):
     """The caller has to change the request."""
-
-    problem = MALFORMED
 
 
 class MalformedRequestError(RequestError):
@@ -197,12 +194,6 @@ class InvalidOptionsError(RequestError):
         return cls(f"{field}: {message}", [{"field": field, "message": message}])
 
 
-class UnwantedPartError(InvalidOptionsError):
-    """The upload has a part that nobody takes, or one too many; the rest of it is not read."""
-
-    problem = INVALID
-
-
 class TryAgainError(ServiceError):
     """Nothing is wrong with the request; it is worth sending again after `retry_after_s` seconds."""
 
@@ -284,25 +275,19 @@ class StorageAwayError(TryAgainError):
 class StorageError(ServiceError):
     """What was stored cannot be read back."""
 
-    problem = _DAMAGED
+    problem = Problem("storage-damaged", "A stored file cannot be used", 500, "Restore a backup or upload it again.")
 
 
 class StoredFileMissingError(StorageError):
     """Nothing is stored under this key."""
 
-    problem = _DAMAGED
-
 
 class StoredFileDamagedError(StorageError):
     """The stored bytes do not match their digest."""
 
-    problem = _DAMAGED
-
 
 class StoredFileChangedError(StorageError):
     """Something else is stored than what was to be replaced: another process has been faster."""
-
-    problem = _DAMAGED
 
 
 class ExportFailedError(ServiceError):

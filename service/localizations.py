@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import structlog
 
@@ -46,34 +46,25 @@ class LocalizeRequest:
     request_id: str
 
 
+@dataclass
 class Localizations:
     """Used from one event loop."""
 
-    def __init__(
-        self,
-        settings: Settings,
-        registry: MapRegistry,
-        pool: WorkerPool,
-        cache: Cache,
-        storage: Storage,
-        metrics: Metrics,
-        changes: ChangeLog,
-    ) -> None:
-        self._settings = settings
-        self._registry = registry
-        self._pool = pool
-        self._cache = cache
-        self._storage = storage
-        self._metrics = metrics
-        self._changes = changes
-        self._under_way: set[asyncio.Task[Localization]] = set()
+    settings: Settings
+    registry: MapRegistry
+    pool: WorkerPool
+    cache: Cache
+    storage: Storage
+    metrics: Metrics
+    changes: ChangeLog
+    _under_way: set[asyncio.Task[Localization]] = field(default_factory=set, init=False)
 
     async def answer(self, query: LocalizeRequest) -> Localization:
         """Return the answer. Raises MapNotFoundError, MapNotReadyError, MapUnusableError and the errors of the pool."""
-        await self._registry.find(query.maps.map_ids)
-        chosen = query.maps.resolve(self._registry)
+        await self.registry.find(query.maps.map_ids)
+        chosen = query.maps.resolve(self.registry)
         # Without Redis the answer could not be kept, and a worker may compute for minutes.
-        await self._cache.check()
+        await self.cache.check()
         return await self._answer(query, chosen, new_id("loc"), is_waited_for=True)
 
     async def begin(self, query: LocalizeRequest, when_done: Callable[[], None] = lambda: None) -> Document:
@@ -81,13 +72,13 @@ class Localizations:
 
         when_done: called once the query has ended, if it has begun.
         """
-        await self._registry.find(query.maps.map_ids)
-        chosen = query.maps.resolve(self._registry)
+        await self.registry.find(query.maps.map_ids)
+        chosen = query.maps.resolve(self.registry)
         localization_id = new_id("loc")
         pending = {"id": localization_id, "status": "queued", "created_at": now(), "error": None}
         # By the time that anybody can ask for it, the query runs.
         running = {**pending, "status": "running", "due_unix_s": time.time() + query.options.timeout_s}
-        await self._cache.put_state(localization_id, running, extra_s=query.options.timeout_s)
+        await self.cache.put_state(localization_id, running, extra_s=query.options.timeout_s)
         task = asyncio.create_task(self._answer_later(query, chosen, pending))
         self._under_way.add(task)
         task.add_done_callback(self._under_way.discard)
@@ -100,9 +91,9 @@ class Localizations:
 
     async def get(self, localization_id: str) -> Document:
         """Return an answer or its state. Raises LocalizationNotFoundError."""
-        found = await self._cache.get_localization(localization_id)
+        found = await self.cache.get_localization(localization_id)
         if found is None:
-            raise _unknown(localization_id, self._settings.result_ttl_s)
+            raise _unknown(localization_id, self.settings.result_ttl_s)
         due_unix_s = found.pop("due_unix_s", None)
         if due_unix_s is not None and time.time() > due_unix_s + _OVERDUE_S:
             error = DeadlineExceededError("the service restarted before the answer was ready; localize again")
@@ -111,7 +102,7 @@ class Localizations:
 
     async def picture(self, localization_id: str, name: str) -> bytes:
         """Return a PNG of an answer. Raises LocalizationNotFoundError, also when the query did not ask for it."""
-        data = await self._cache.get_picture(localization_id, name)
+        data = await self.cache.get_picture(localization_id, name)
         if data is None:
             await self.get(localization_id)
             raise LocalizationNotFoundError(
@@ -137,13 +128,13 @@ class Localizations:
             outcome, chosen = await self._outcome(query, chosen, localization_id)
         except EXPECTED_ERRORS as error:
             if isinstance(error, QueueFullError):
-                self._metrics.note_refusal(error.limit)
-            self._metrics.note_localization(query.options.method, problem_of(error).slug, {})
+                self.metrics.note_refusal(error.limit)
+            self.metrics.note_localization(query.options.method, problem_of(error).slug, {})
             raise
         answer = outcome.answer.as_waited_for(time.monotonic() - began, chosen.warnings)
         document = answer.model_dump(mode="json")
         try:
-            await self._cache.put_answer(localization_id, document, outcome.pictures, [ref.id for ref in chosen.refs])
+            await self.cache.put_answer(localization_id, document, outcome.pictures, [ref.id for ref in chosen.refs])
             await self._forget_deleted(chosen)
         except CacheDownError as error:
             if not is_waited_for:
@@ -151,9 +142,9 @@ class Localizations:
             _log.warning("an answer cannot be stored", error=str(error))
             answer = answer.without_copies()
         await self._note_changes(document, outcome, query.images)
-        if self._settings.keep_images:
+        if self.settings.keep_images:
             await self._keep(localization_id, query.images)
-        self._metrics.note_localization(query.options.method, answer.status, answer.timings_s)
+        self.metrics.note_localization(query.options.method, answer.status, answer.timings_s)
         return answer
 
     async def _outcome(
@@ -169,36 +160,36 @@ class Localizations:
                 chosen.refs,
                 query.options,
                 deadline_unix_s,
-                self._registry.georeferences(chosen.refs),
+                self.registry.georeferences(chosen.refs),
             )
             try:
                 async with asyncio.timeout(max(0.0, deadline_unix_s - time.time()) + _OVERDUE_S):
-                    return await self._pool.localize(job), chosen
+                    return await self.pool.localize(job), chosen
             except TimeoutError as error:
                 raise DeadlineExceededError(
                     f"expected an answer within {timeout_s:g} s, got none; allow more time"
                 ) from error
             except EXPECTED_ERRORS:
                 # The revision may have been replaced since the query came.
-                former, chosen = chosen, query.maps.resolve(self._registry)
+                former, chosen = chosen, query.maps.resolve(self.registry)
                 if chosen.refs == former.refs:
                     raise
 
     async def _note_changes(self, answer: Document, outcome: LocalizeOutcome, images: Sequence[QueryImage]) -> None:
         """Store the change cells of an answer; a failure is logged and does not fail the answer."""
         try:
-            await self._changes.note(answer, outcome.change_cells, [image.data for image in images])
+            await self.changes.note(answer, outcome.change_cells, [image.data for image in images])
             map_id = answer["map_id"]
-            if map_id is not None and not self._registry.has(map_id):  # deleted meanwhile
-                await self._changes.forget(map_id)
+            if map_id is not None and not self.registry.has(map_id):  # deleted meanwhile
+                await self.changes.forget(map_id)
         except (ServiceError, OSError) as error:
             _log.warning("change cells cannot be stored", error=str(error))
 
     async def _forget_deleted(self, chosen: ChosenMaps) -> None:
         """Delete the stored answer when one of its maps was deleted meanwhile; its caller still gets it."""
         for ref in chosen.refs:
-            if not self._registry.has(ref.id):
-                await self._cache.forget_map(ref.id)
+            if not self.registry.has(ref.id):
+                await self.cache.forget_map(ref.id)
 
     async def _answer_later(self, query: LocalizeRequest, chosen: ChosenMaps, pending: Document) -> Localization:
         try:
@@ -209,14 +200,14 @@ class Localizations:
             failed = {**pending, "status": "failed", "error": problem_document(error, query.request_id)}
             # Without Redis nobody can read the state either.
             with contextlib.suppress(ServiceError):
-                await self._cache.put_state(pending["id"], failed)
+                await self.cache.put_state(pending["id"], failed)
             raise
 
     async def _keep(self, localization_id: str, images: Sequence[QueryImage]) -> None:
         for number, image in enumerate(images, 1):
             name = localization_id if len(images) == 1 else f"{localization_id}-{number:02}"
             kind = read_image_header(image.data).kind
-            await asyncio.to_thread(self._storage.put, f"panoramas/{name}.{kind}", image.data)
+            await asyncio.to_thread(self.storage.put, f"panoramas/{name}.{kind}", image.data)
 
 
 def _unknown(localization_id: str, lifetime_s: int) -> LocalizationNotFoundError:

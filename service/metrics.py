@@ -103,10 +103,13 @@ class _PoolCollector:
     def collect(self) -> Iterator[Metric]:
         """Yield what the pool and the registry say now."""
         state = self._pool_state()
-        yield _gauge("panoloc_pool_ready", "1 if workers take queries.", float(state.ready))
-        yield _gauge("panoloc_workers", "Workers that are up.", state.num_workers)
-        yield _gauge("panoloc_queue_depth", "Queries waiting for a worker.", state.queue_depth)
-        yield _gauge("panoloc_resident_index_bytes", "Map indexes in the workers' memory.", state.resident_bytes)
+        for name, help_text, value in (
+            ("panoloc_pool_ready", "1 if workers take queries.", float(state.ready)),
+            ("panoloc_workers", "Workers that are up.", state.num_workers),
+            ("panoloc_queue_depth", "Queries waiting for a worker.", state.queue_depth),
+            ("panoloc_resident_index_bytes", "Map indexes in the workers' memory.", state.resident_bytes),
+        ):
+            yield GaugeMetricFamily(name, help_text, value)
         yield CounterMetricFamily(
             "panoloc_worker_retries", "Queries repeated by another worker after a worker was lost.", state.num_retries
         )
@@ -119,7 +122,3 @@ class _PoolCollector:
         for status in _MAP_STATUSES:
             maps.add_metric((status,), counted.get(status, 0))
         yield maps
-
-
-def _gauge(name: str, help_text: str, value: float) -> Metric:
-    return GaugeMetricFamily(name, help_text, value)

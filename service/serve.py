@@ -6,7 +6,6 @@ import os
 from collections.abc import MutableMapping
 
 from panoloc.service.app import create_app
-from panoloc.service.cache import Cache
 from panoloc.service.errors import TryAgainError
 from panoloc.service.host.embedded_redis import EmbeddedRedis, EmbeddedRedisError
 from panoloc.service.host.logging import configure_logging
@@ -114,8 +113,7 @@ def _serve(settings: Settings, storage: Storage, claim: BucketClaim | None) -> s
     """Run the HTTP process to its end; return what was lost when that made it end."""
     assert settings.redis_url is not None
     pool = build_pool(settings, settings.redis_url)
-    cache = Cache(settings.redis_url, result_lifetime_s=settings.result_ttl_s)
-    app = create_app(settings, pool, cache, storage)
+    app = create_app(settings, pool, storage)
     server = DrainingServer(server_config(app, host=settings.host, port=settings.port), pool, settings.drain_s)
     if claim is not None:
         claim.call_when_lost(server.end)

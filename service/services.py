@@ -2,7 +2,6 @@
 
 import asyncio
 import time
-from dataclasses import dataclass, field
 
 from starlette.requests import HTTPConnection
 
@@ -14,7 +13,7 @@ from panoloc.service.host.redis_watch import watch_redis
 from panoloc.service.jobs import WorkerPool
 from panoloc.service.keys.audit_log import AuditLog
 from panoloc.service.limits.caller_rates import CallerRates, RateLimits
-from panoloc.service.limits.capacity import Capacity, bytes_in_flight, upload_places
+from panoloc.service.limits.capacity import bytes_in_flight, upload_places
 from panoloc.service.limits.wrong_keys import WrongKeys
 from panoloc.service.localizations import Localizations
 from panoloc.service.maps.changes import ChangeLog
@@ -29,85 +28,46 @@ from panoloc.service.sharing.locks import FolderLocks, Locks, OwnLocks
 from panoloc.service.storage import Storage
 
 _MOST_EXPORTS = 2
-# A list of a bucket costs time and money; what was changed is told by Redis, which several front doors on a bucket cannot do without.
+# A list of a bucket costs time and money; Redis, which several API replicas need anyway, publishes what has changed.
 _LOOK_INTO_BUCKET_S = 15.0
 
 
-@dataclass
 class Services:
-    """The collaborators of one application.
+    """The collaborators of one application; nothing runs before `start`.
 
-    shared_folder: None without other front doors. started: whether start-up is over, so that requests can be served. began: monotonic
-    seconds. export_turns: held while an export is written, which takes a process of its own and much of a processor.
+    shared_folder: None without other API replicas. began: monotonic seconds. export_turns: held while an export is
+    written, which takes a process of its own and much of a processor.
     """
 
-    settings: Settings
-    pool: WorkerPool
-    cache: Cache
-    storage: Storage
-    registry: MapRegistry
-    metrics: Metrics
-    registrations: Registrations
-    localizations: Localizations
-    changes: ChangeLog
-    demo_room: DemoRoom
-    batches: BatchStore
-    batch_runs: BatchRuns
-    bytes_in_flight: Capacity
-    rates: CallerRates
-    uploads: Capacity
-    wrong_keys: WrongKeys
-    audit: AuditLog
-    locks: Locks
-    shared_folder: SharedFolder | None = None
-    started: bool = False
-    began: float = field(default_factory=time.monotonic)
-    export_turns: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_MOST_EXPORTS))
-    _watch: asyncio.Task[None] | None = None
-    _issuer_keys: asyncio.Task[None] | None = None
-
-    @classmethod
-    def build(cls, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> "Services":
-        """Put the services of an application together; nothing runs before `start`."""
-        locks = _locks_of(settings)
-        registry = MapRegistry(storage, settings.max_maps, locks)
-        metrics = Metrics(pool.state, registry.num_by_status)
-        changes = ChangeLog(storage)
-        localizations = Localizations(settings, registry, pool, cache, storage, metrics, changes)
-        batches = BatchStore(storage, MOST_BATCHES, locks)
-        batch_runs = BatchRuns(batches, localizations, pool, settings.max_pixels)
-        registrations = Registrations(registry, pool, cache, metrics, settings.registration_limits)
-        shared_folder = None
+    def __init__(self, settings: Settings, pool: WorkerPool, cache: Cache, storage: Storage) -> None:
+        self.settings, self.pool, self.cache, self.storage = settings, pool, cache, storage
+        self.began = time.monotonic()
+        self.locks = _locks_of(settings)
+        self.registry = MapRegistry(storage, settings.max_maps, self.locks)
+        self.metrics = Metrics(pool.state, self.registry.num_by_status)
+        self.changes = ChangeLog(storage)
+        self.localizations = Localizations(settings, self.registry, pool, cache, storage, self.metrics, self.changes)
+        self.batches = BatchStore(storage, MOST_BATCHES, self.locks)
+        self.batch_runs = BatchRuns(self.batches, self.localizations, pool, settings.max_pixels)
+        self.registrations = Registrations(self.registry, pool, cache, self.metrics, settings.registration_limits)
+        self.demo_room = DemoRoom(storage)
+        refuse = self.metrics.note_refusal
+        self.bytes_in_flight = bytes_in_flight(settings.max_image_bytes, refuse)
+        self.uploads = upload_places(refuse, self.metrics.note_num_uploads)
+        limits = RateLimits(settings.max_requests_per_minute, settings.max_bytes_per_hour)
+        self.rates = CallerRates(settings.redis_url, limits, refuse)
+        self.wrong_keys = WrongKeys()
+        self.audit = AuditLog(settings.data_dir)
+        self.export_turns = asyncio.Semaphore(_MOST_EXPORTS)
+        self.shared_folder: SharedFolder | None = None
         if settings.shared:
             assert settings.redis_url is not None
             signal = ChangeSignal(settings.redis_url)
             look_s = _LOOK_INTO_BUCKET_S if settings.has_bucket else LOOK_S
-            shared_folder = SharedFolder(storage, registry, registrations, batches, batch_runs, signal, look_s)
-        return cls(
-            settings,
-            pool,
-            cache,
-            storage,
-            registry,
-            metrics,
-            registrations,
-            localizations,
-            changes,
-            DemoRoom(storage),
-            batches,
-            batch_runs,
-            bytes_in_flight(settings.max_image_bytes, metrics.note_refusal),
-            CallerRates(
-                settings.redis_url,
-                RateLimits(settings.max_requests_per_minute, settings.max_bytes_per_hour),
-                metrics.note_refusal,
-            ),
-            upload_places(metrics.note_refusal, metrics.note_num_uploads),
-            WrongKeys(),
-            AuditLog(settings.data_dir),
-            locks,
-            shared_folder,
-        )
+            self.shared_folder = SharedFolder(
+                storage, self.registry, self.registrations, self.batches, self.batch_runs, signal, look_s
+            )
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def start(self) -> None:
         """Read maps and batches, begin to bring the workers up, and take up unfinished registrations and batches."""
@@ -119,17 +79,15 @@ class Services:
         if self.shared_folder is not None:
             self.shared_folder.start()
         if self.settings.redis_url is not None:
-            self._watch = asyncio.create_task(watch_redis(self.cache, self.settings.redis_url))
+            self._tasks.append(asyncio.create_task(watch_redis(self.cache, self.settings.redis_url)))
         if (tokens := self.settings.keys.tokens) is not None:
-            self._issuer_keys = asyncio.create_task(tokens.keys.follow())
-        self.started = True
+            self._tasks.append(asyncio.create_task(tokens.keys.follow()))
 
     async def stop(self) -> None:
         """Let queries end within the drain time, then stop everything."""
         deadline = time.monotonic() + self.settings.drain_s
-        for task in (self._watch, self._issuer_keys):
-            if task is not None:
-                task.cancel()
+        for task in self._tasks:
+            task.cancel()
         if self.shared_folder is not None:
             await self.shared_folder.stop()
         await self.registrations.stop()

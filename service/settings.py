@@ -24,7 +24,9 @@ _LOCAL_COPIES_BYTES = 4 * 2**30
 class Settings(BaseSettings):
     """Settings of one service. Arguments win over the environment; raises pydantic.ValidationError."""
 
-    model_config = SettingsConfigDict(env_prefix="PANOLOC_", populate_by_name=True, frozen=True, extra="ignore")
+    model_config = SettingsConfigDict(
+        env_prefix="PANOLOC_", env_ignore_empty=True, populate_by_name=True, frozen=True, extra="ignore"
+    )
 
     host: str = Field("127.0.0.1", description="Address to listen on; `0.0.0.0` for all.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
@@ -133,14 +135,6 @@ class Settings(BaseSettings):
     keep_images: bool = Field(False, description="Keep uploaded images in the data folder, in `panoramas/`.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Log level.")
     log_format: Literal["console", "json"] = Field("console", description="Readable log, or one JSON object per line.")
-
-    @field_validator(
-        "redis_url", "ray_address", "storage", "max_requests_per_minute", "max_bytes_per_hour", "oidc_issuer",
-        "oidc_audience", "oidc_keys", mode="before",
-    )  # fmt: skip
-    @classmethod
-    def _empty_means_unset(cls, value: object) -> object:
-        return None if value == "" else value
 
     @field_validator("storage")
     @classmethod

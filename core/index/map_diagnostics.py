@@ -45,8 +45,8 @@ def _few_points(index: MapIndex) -> Diagnostic | None:
     if index.num_points >= _FEW_POINTS:
         return None
     message = (
-        f"The map has only {index.num_points:,} points; views of a place take tens of thousands. Upload the whole scan, "
-        "not thinned."
+        f"The map has only {index.num_points:,} points; expected at least {_FEW_POINTS:,}, and tens of thousands for good "
+        "poses. Upload the whole scan, not thinned."
     )
     return Diagnostic("few_points", "warning", message)
 

@@ -110,6 +110,8 @@ def read_image_header(data: bytes) -> ImageHeader:
             f"expected an image, got one that ends within its header ({len(data):,} bytes); send the whole file"
         ) from error
     advice = "convert it to one of them" if data else "its content was not saved or not sent; check the file"
+    if _is_text(data):
+        advice = "send the content of the file, not its name (in curl, write @ before the name)"
     raise PanoramaFormatError(f"expected a {KNOWN_FORMATS} image, got {_description(data)}; {advice}")
 
 
@@ -155,12 +157,16 @@ _OTHER_KINDS = {
 }
 
 
+def _is_text(data: bytes) -> bool:
+    return bool(data) and data[:12].isascii() and data[:12].decode().isprintable()
+
+
 def _description(data: bytes) -> str:
     if not data:
         return "an empty file"
     head = data[:12]
-    if head.isascii() and head.decode().isprintable():
-        return f"text ({head!r})"
+    if _is_text(data):
+        return f"text ({data[:80].decode(errors='replace')!r})"
     if head[4:8] == b"ftyp":
         return "a HEIC image or a video"
     named = (kind for beginning, kind in _OTHER_KINDS.items() if head.startswith(beginning))

@@ -12,9 +12,10 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from panoloc.service.answer import Localization
-from panoloc.service.http.schemas import Batch, Georeference, Health, Map, PendingLocalization
-from panoloc.service.http.schemas.batches import BatchOverview
-from panoloc.service.http.schemas.changes import MapChanges
+from panoloc.service.http.schemas.batches import Batch, BatchOverview
+from panoloc.service.http.schemas.maps import Georeference, Map, MapChanges
+from panoloc.service.http.schemas.operations import Health
+from panoloc.service.http.schemas.queries import PendingLocalization
 
 FILE = Path(__file__).parent / "src" / "api" / "schema.ts"
 

@@ -24,7 +24,6 @@ from panoloc.service.problems import HTTP_PROBLEMS, MEDIA_TYPE, document_with, p
 _METHODS = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _log = structlog.get_logger(__name__)
 _CLIENT_CLOSED_REQUEST = 499
-_RETRY_AFTER_S = 2
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -45,8 +44,6 @@ def problem_response(error: BaseException, request_id: str) -> JSONResponse:
     headers: dict[str, str] = {}
     if isinstance(error, TryAgainError | MapNotReadyError):
         headers["Retry-After"] = str(error.retry_after_s)
-    elif problem.status in (429, 503):
-        headers["Retry-After"] = str(_RETRY_AFTER_S)
     if isinstance(error, KeyMissingError):
         headers["WWW-Authenticate"] = 'Bearer realm="panoloc"'
     return JSONResponse(problem_document(error, request_id), problem.status, headers, MEDIA_TYPE)

@@ -1,21 +1,20 @@
-"""The OpenAPI document: FastAPI's own, and the forms and bodies that routes read by themselves."""
+"""The OpenAPI document: FastAPI's own, with the forms and bodies that routes read by themselves, and the answers and
+problems of each path."""
 
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from panoloc.service.http.schemas import (
-    BatchOptions,
-    LocalizeOptions,
-    MapOptions,
-    MapPatch,
-    ProblemDocument,
-    ScanOptions,
-)
+from panoloc.service.http.schemas.batches import BatchOptions
 from panoloc.service.http.schemas.geopose import GeoPoseReply, GeoPoseRequest
+from panoloc.service.http.schemas.maps import MapOptions, MapPatch, ScanOptions
+from panoloc.service.http.schemas.operations import ProblemDocument
+from panoloc.service.http.schemas.queries import LocalizeOptions
+from panoloc.service.problems import error_responses
+
+Responses = dict[int | str, dict[str, Any]]
 
 _REF = "#/components/schemas/{model}"
 # Models of forms and bodies that FastAPI does not know.
@@ -69,14 +68,14 @@ def json_body(model: type[BaseModel], example: Any) -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": content}}
 
 
-def picture_response(description: str) -> dict[str, Any]:
-    """Return the OpenAPI response of a PNG."""
-    return {"description": description, "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}
+def json_response(model: type[BaseModel], example: Any, *errors: int) -> Responses:
+    """Return JSON with status 200. errors: statuses of problems."""
+    return {200: {"model": model, "content": {"application/json": {"example": example}}}, **error_responses(*errors)}
 
 
-def accepted_headers(path_of: str) -> dict[str, Any]:
-    """Return the OpenAPI headers of a 202. path_of: the resource of `Location`."""
-    return {
+def accepted_response(model: type[BaseModel], example: Any, description: str, path_of: str, *errors: int) -> Responses:
+    """Return JSON with status 202. path_of: the name of what `Location` leads to."""
+    headers = {
         "Location": {"description": f"Path of the {path_of}", "required": True, "schema": {"type": "string"}},
         "Retry-After": {
             "description": "Seconds to wait before the first poll",
@@ -84,24 +83,32 @@ def accepted_headers(path_of: str) -> dict[str, Any]:
             "schema": {"type": "integer"},
         },
     }
+    content = {"application/json": {"example": example}}
+    accepted = {"model": model, "description": description, "headers": headers, "content": content}
+    return {202: accepted, **error_responses(*errors)}
+
+
+def file_response(description: str, media_types: tuple[str, ...], *errors: int) -> Responses:
+    """Return bytes of one of these media types with status 200."""
+    content = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in media_types}
+    return {200: {"description": description, "content": content}, **error_responses(*errors)}
+
+
+def nothing_left(*errors: int) -> Responses:
+    """Return the answer to a deletion, with status 204."""
+    return {204: {"description": "Everything of it is deleted."}, **error_responses(*errors)}
 
 
 def install_openapi(app: FastAPI) -> None:
     """Complete the application's OpenAPI document; it is made once, when first requested."""
+    made_by_fastapi = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            document = get_openapi(
-                title=app.title,
-                version=app.version,
-                description=app.description,
-                routes=app.routes,
-                tags=app.openapi_tags,
-            )
+            document = made_by_fastapi()  # which also keeps it
             _add_models(document)
             _remove_default_errors(document)
-            app.openapi_schema = document
-        return app.openapi_schema
+        return app.openapi_schema or {}
 
     app.openapi = openapi  # type: ignore[method-assign]
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from panoloc.core.options import MAX_SESSION_SPAN_M, TrackedPose
 from panoloc.service.errors import InvalidOptionsError
-from panoloc.service.http.schemas.cameras import Camera
-from panoloc.service.http.schemas.localization import LocalizeOptions
+from panoloc.service.http.schemas.queries import Camera, LocalizeOptions
 from panoloc.service.jobs import QueryImage
 
 _POSE = "session_from_camera"

@@ -1,8 +1,12 @@
-"""Around every request: its id, a log line, metrics, and a problem document for heads too large and for unexpected
-faults."""
+"""Around every request: its id, a log line, metrics, HEAD where GET is meant, and a problem document for heads too large
+and for unexpected faults; and the last requests that ended in a problem, for operators."""
 
+import json
 import re
 import time
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
@@ -10,16 +14,47 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from panoloc.service.http.error_handlers import plain_problem_response, problem_response
-from panoloc.service.http.recent_errors import RecentErrors
-from panoloc.service.jobs import new_id
+from panoloc.service.jobs import new_id, now
+from panoloc.service.maps.record import MapRecord
 from panoloc.service.metrics import Metrics
-from panoloc.service.problems import HTTP_PROBLEMS
+from panoloc.service.problems import HTTP_PROBLEMS, MEDIA_TYPE
 
 _log = structlog.get_logger("service.requests")
 _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._~:+/=-]{1,128}")
 _HEADER = "X-Request-ID"
 _UNMATCHED = "unmatched"
 _MOST_HEAD_BYTES = 16 * 1024  # of the path and all headers
+_MOST_ERRORS = 50
+_MOST_BYTES = 8192
+_KEPT = ("type", "title", "status", "detail", "request_id")
+
+
+class RecentErrors:
+    """The newest problems of this process, with their time and request."""
+
+    def __init__(self) -> None:
+        self._errors: deque[dict[str, Any]] = deque(maxlen=_MOST_ERRORS)
+
+    def note(self, method: str, path: str, content_type: str, body: bytes) -> None:
+        """Keep a response when it is a problem document."""
+        # The last piece of an answer may be empty.
+        if content_type != MEDIA_TYPE or not body or len(body) > _MOST_BYTES:
+            return
+        self._errors.appendleft(_entry(now(), method, path, json.loads(body)))
+
+    def newest(self, failed: Iterable[MapRecord] = ()) -> list[dict[str, Any]]:
+        """Return them, newest first.
+
+        failed: maps that could not be built. Their uploads were accepted, so no response reported the failure; they are
+        listed as long as they exist.
+        """
+        of_maps = [_entry(each.updated_at, "POST", f"/maps/{each.id}", each.newest.error or {}) for each in failed]
+        # All times have one format and one zone, so that their order is that of the text.
+        return sorted([*self._errors, *of_maps], key=lambda entry: str(entry["at"]), reverse=True)[:_MOST_ERRORS]
+
+
+def _entry(at: str, method: str, path: str, document: dict[str, Any]) -> dict[str, Any]:
+    return {"at": at, "method": method, "path": path[:200], **{name: document.get(name) for name in _KEPT}}
 
 
 class RequestContext:
@@ -42,6 +77,9 @@ class RequestContext:
         structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(request_id=request_id)
         began, status, content_type = time.monotonic(), 0, ""
+        # Probes and browsers ask with HEAD for what GET would answer, without its body.
+        is_head = scope["method"] == "HEAD"
+        inner = {**scope, "method": "GET"} if is_head else scope
 
         async def send_with_id(message: Message) -> None:
             nonlocal status, content_type
@@ -52,7 +90,7 @@ class RequestContext:
                 content_type = headers.get("content-type", "")
             elif status >= 400:
                 self._errors.note(scope["method"], scope["path"], content_type, message.get("body", b""))
-            await send(message)
+            await send({**message, "body": b""} if is_head and "body" in message else message)
 
         app = self._app
         if _num_head_bytes(scope) > _MOST_HEAD_BYTES:
@@ -61,17 +99,17 @@ class RequestContext:
             detail = f"{expected}; send long values in the body"
             app = plain_problem_response(HTTP_PROBLEMS[431], detail, Request(scope))
         try:
-            await app(scope, receive, send_with_id)
+            await app(inner, receive, send_with_id)
         except Exception as error:
             _log.exception("a request failed unexpectedly")
             if status:
                 raise
             await problem_response(error, request_id)(scope, receive, send_with_id)
         finally:
-            self._note(scope, status, time.monotonic() - began)
+            route = getattr(inner.get("route"), "path", _UNMATCHED)
+            self._note(scope, route, status, time.monotonic() - began)
 
-    def _note(self, scope: Scope, status: int, duration_s: float) -> None:
-        route = getattr(scope.get("route"), "path", _UNMATCHED)
+    def _note(self, scope: Scope, route: str, status: int, duration_s: float) -> None:
         self._metrics.note_request(scope["method"], route, status, duration_s)
         quiet = route.startswith(("/health", "/metrics")) and status < 500
         _log.log(

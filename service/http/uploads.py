@@ -1,78 +1,98 @@
 """Reads multipart uploads while they stream in: passing a limit ends the request at once, with its rest unread.
 
-Scans, archives and the images of a batch go to files in the storage's spool folder, hashed on the way; the images of a
-query and fields stay in memory.
+Scans, archives and the images of a batch go to files in the storage's spool folder, hashed and checked on the way; the
+images of a query and fields stay in memory.
 """
 
 import asyncio
-from collections import Counter
-from collections.abc import AsyncIterator, Mapping
+import contextlib
+import hashlib
+import uuid
+from collections import Counter, defaultdict
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import BinaryIO
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from panoloc.service.errors import InvalidOptionsError, MalformedRequestError, UnwantedPartError, UploadTooLargeError
-from panoloc.service.http.spool import MAX_FIELD_BYTES, PartRule, Spool, SpooledFile
+from panoloc.core.scan.format_detection import HEAD_BYTES
+from panoloc.service.errors import InvalidOptionsError, MalformedRequestError, UploadTooLargeError
 from panoloc.service.limits.capacity import Held
-
-if TYPE_CHECKING:
-    from python_multipart.multipart import MultipartCallbacks
+from panoloc.service.storage.disk import disk_errors
 
 MAX_PARTS = 128
 """Of one upload, of all names together."""
-# Of boundaries and headers around the parts.
-_ENVELOPE_BYTES = 64 * 1024
+_FIELD_BYTES = 64 * 1024
+_ENVELOPE_BYTES = 64 * 1024  # of boundaries and headers around the parts
 _WRITE_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class PartRule:
+    """What parts of one name may be.
+
+    max_bytes: of one part. setting: the name of that limit. spooled: written to a file. max_parts: how often it may
+    come. max_full_parts: how many of them may have `max_bytes`; all together have no more bytes than these. check_head:
+    called with the first bytes of a spooled file and its name; raises for an unwanted format.
+    """
+
+    max_bytes: int = _FIELD_BYTES
+    setting: str | None = None
+    spooled: bool = False
+    max_parts: int = 1
+    max_full_parts: int = 1
+    check_head: Callable[[bytes, str], object] = lambda head, name: None
+
+    @property
+    def max_total_bytes(self) -> int:
+        """Return the bytes of all parts of this name together."""
+        return self.max_bytes * self.max_full_parts
+
+    def too_large(self, name: str, got: str = "more", together: bool = False) -> UploadTooLargeError:
+        """Return the error for a part that is larger than allowed, or for parts of one name that are so together."""
+        most, whose, times = self.max_bytes, "", ""
+        if together:
+            most, whose = self.max_total_bytes, " in all parts of this name together"
+            times = f"{self.max_full_parts} times "
+        limit = f" ({times}{self.setting})" if self.setting else ""
+        return UploadTooLargeError(
+            f"{name}: expected at most {most:,} bytes{whose}{limit}, got {got}; send smaller files"
+        )
+
+
+@dataclass
+class SpooledFile:
+    """A file on its way into the storage. name: at the client; sha256: hexadecimal."""
+
+    name: str
+    path: Path
+    num_bytes: int
+    sha256: str
 
 
 @dataclass
 class Form:
-    """The parts of an upload by name. Leaving its `with` block removes the spooled files that were not taken over."""
+    """The parts of an upload by name, each in the order in which they came."""
 
-    fields: dict[str, list[bytes]] = field(default_factory=dict)
-    files: dict[str, list[SpooledFile]] = field(default_factory=dict)
+    fields: defaultdict[str, list[bytes]] = field(default_factory=lambda: defaultdict(list))
+    files: defaultdict[str, list[SpooledFile]] = field(default_factory=lambda: defaultdict(list))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.discard()
-
-    @property
-    def scan(self) -> SpooledFile | None:
-        """Return the spooled file of a form that has one, None where it did not come."""
-        return next((file for files in self.files.values() for file in files), None)
-
-    def files_of(self, name: str) -> list[SpooledFile]:
-        """Return the spooled parts of this name in their order."""
-        return self.files.get(name, [])
-
-    def discard(self) -> None:
-        """Remove the spooled files."""
-        for files in self.files.values():
-            for file in files:
-                file.path.unlink(missing_ok=True)
-
-    def single(self, name: str) -> bytes | None:
-        """Return the part of this name, None without one."""
-        return next(iter(self.fields.get(name, [])), None)
-
-    def all(self, name: str) -> list[bytes]:
-        """Return the parts of this name in their order."""
-        return self.fields.get(name, [])
+    def options(self) -> bytes | None:
+        """Return the part `options`, None without one."""
+        return next(iter(self.fields["options"]), None)
 
     def texts(self, name: str) -> list[str]:
         """Return all parts of this name as text. Raises InvalidOptionsError when one is not UTF-8."""
         try:
-            return [value.decode() for value in self.fields.get(name, [])]
+            return [value.decode() for value in self.fields[name]]
         except UnicodeDecodeError as error:
             raise InvalidOptionsError.of(name, "expected UTF-8 text, got other bytes; send text") from error
 
 
+@asynccontextmanager
 async def read_form(
     chunks: AsyncIterator[bytes],
     headers: Mapping[str, str],
@@ -80,109 +100,134 @@ async def read_form(
     spool_folder: Path | None = None,
     held: Held | None = None,
     max_parts: int = MAX_PARTS,
-) -> Form:
-    """Read a multipart body part by part. spool_folder: needed where a part is spooled. held: counts what stays in
-    memory. max_parts: of all names together.
+) -> AsyncIterator[Form]:
+    """Read a multipart body part by part. At the end of the `with` block, files that nobody took over are removed.
 
-    Raises MalformedRequestError, UploadTooLargeError, UnwantedPartError, StorageFullError, BytesInFlightError,
-    SlowBodyError, and what `format_of` raises as soon as the head of a scan is there.
+    spool_folder: needed where a part is spooled. held: counts what stays in memory. max_parts: of all names together.
+    Raises MalformedRequestError, UploadTooLargeError, InvalidOptionsError, StorageFullError, BytesInFlightError,
+    SlowBodyError, and what a rule raises as soon as the head of a file is there.
     """
     _check_length(headers, rules)
-    reader = _FormReader(_boundary(headers), rules, spool_folder, held, max_parts)
+    reader = _FormReader(rules, spool_folder, held, max_parts)
     try:
-        async for chunk in chunks:
-            await reader.feed(chunk)
-        return reader.finish()
-    except BaseException:
+        await reader.read(chunks, _boundary(headers))
+        yield reader.form
+    finally:
         reader.discard()
-        raise
 
 
-async def read_body(chunks: AsyncIterator[bytes], max_bytes: int = MAX_FIELD_BYTES) -> bytes:
-    """Return a small body whole. Raises UploadTooLargeError."""
-    data = bytearray()
+async def read_body(
+    chunks: AsyncIterator[bytes], max_bytes: int = _FIELD_BYTES, setting: str | None = None, held: Held | None = None
+) -> bytes:
+    """Return a body whole. setting: the name of the limit. held: counts it. Raises UploadTooLargeError and
+    BytesInFlightError."""
+    data, rule = bytearray(), PartRule(max_bytes, setting)
     async for chunk in chunks:
         data += chunk
         if len(data) > max_bytes:
-            raise UploadTooLargeError(f"expected a body of at most {max_bytes:,} bytes, got more; send less")
+            raise rule.too_large("body")
+        if held is not None:
+            held.take(len(chunk))
     return bytes(data)
+
+
+class Spool:
+    """Writes a part to a file; bytes wait in memory until `write_out`, which may run in another thread."""
+
+    def __init__(self, folder: Path, name: str, rule: PartRule) -> None:
+        self._name, self._check_head = name, rule.check_head
+        self._path = folder / uuid.uuid4().hex
+        with disk_errors():
+            self._file: BinaryIO = self._path.open("wb")
+        self._digest = hashlib.sha256()
+        self._head = b""
+        self._num_bytes = 0
+        self.waiting = bytearray()
+
+    def add(self, data: bytes) -> None:
+        """Take more bytes. Raises what the rule raises as soon as the head is there."""
+        self._num_bytes += len(data)
+        self.waiting += data
+        if not self._head and self._num_bytes >= HEAD_BYTES:
+            self._look_at_head()
+
+    def write_out(self) -> None:
+        """Write and hash what waits. Raises StorageFullError and StorageReadOnlyError."""
+        self._digest.update(self.waiting)
+        with disk_errors():
+            self._file.write(self.waiting)
+        self.waiting.clear()
+
+    def finish(self) -> SpooledFile:
+        """Close the file and return what is in it. Raises as `add` and `write_out` do."""
+        if not self._head:
+            self._look_at_head()
+        self.write_out()
+        with disk_errors():
+            # The last bytes leave the buffer only now.
+            self._file.close()
+        return SpooledFile(self._name, self._path, self._num_bytes, self._digest.hexdigest())
+
+    def discard(self) -> None:
+        """Remove the file."""
+        with contextlib.suppress(OSError):  # of a full disk, once more
+            self._file.close()
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
+
+    def _look_at_head(self) -> None:
+        self._head = bytes(self.waiting[:HEAD_BYTES])
+        self._check_head(self._head, self._name)
 
 
 class _FormReader:
     def __init__(
-        self,
-        boundary: bytes,
-        rules: Mapping[str, PartRule],
-        spool_folder: Path | None,
-        held: Held | None,
-        max_parts: int,
+        self, rules: Mapping[str, PartRule], spool_folder: Path | None, held: Held | None, max_parts: int
     ) -> None:
-        self._rules = rules
-        self._max_parts = max_parts
-        self._spool_folder = spool_folder
-        self._held = held
-        self._form = Form()
-        self._headers: list[tuple[bytes, bytes]] = []
-        self._header_name = b""
-        self._header_value = b""
-        self._num_parts = 0
-        self._num_seen: Counter[str] = Counter()
+        self.form = Form()
+        self._rules, self._spool_folder, self._held, self._max_parts = rules, spool_folder, held, max_parts
+        self._headers: dict[bytes, bytes] = {}
+        self._header_name = self._header_value = b""
+        self._num_parts: Counter[str] = Counter()
         self._num_bytes: Counter[str] = Counter()
-        self._name = ""
-        self._rule = PartRule()
-        self._value = bytearray()
+        # Of the part that is being read.
+        self._name, self._rule, self._value, self._part_bytes = "", PartRule(), bytearray(), 0
         self._spool: Spool | None = None
         self._ended = False
-        self._parser = self._parser_of(boundary)
 
-    async def feed(self, chunk: bytes) -> None:
-        """Take the next bytes of the body. Raises as `read_form` does."""
+    async def read(self, chunks: AsyncIterator[bytes], boundary: bytes) -> None:
+        """Read the whole body. Raises as `read_form` does."""
         try:
-            self._parser.write(chunk)
+            parser = MultipartParser(
+                boundary,
+                {
+                    "on_header_field": self._on_header_field,
+                    "on_header_value": self._on_header_value,
+                    "on_header_end": self._end_header,
+                    "on_headers_finished": self._begin_part,
+                    "on_part_data": self._on_data,
+                    "on_part_end": self._end_part,
+                    "on_end": self._end,
+                },
+            )
+            async for chunk in chunks:
+                parser.write(chunk)
+                if self._spool is not None and len(self._spool.waiting) >= _WRITE_BYTES:
+                    await asyncio.to_thread(self._spool.write_out)
         except FormParserError as error:
             raise MalformedRequestError(f"expected a multipart body, but {error}; send multipart/form-data") from error
-        if self._spool is not None and self._spool.num_waiting >= _WRITE_BYTES:
-            await asyncio.to_thread(self._spool.write_out)
-
-    def finish(self) -> Form:
-        """Return the parts once the body is over. Raises MalformedRequestError when it ended early."""
         if not self._ended:
             raise MalformedRequestError(
                 "expected a multipart body that ends with its boundary, got a truncated one; send it again in full"
             )
-        return self._form
 
     def discard(self) -> None:
         """Remove what has been written of spooled parts."""
         if self._spool is not None:
             self._spool.discard()
-        self._form.discard()
-
-    def _parser_of(self, boundary: bytes) -> MultipartParser:
-        try:
-            return MultipartParser(boundary, self._callbacks())
-        except FormParserError as error:
-            raise MalformedRequestError(
-                f"expected a standard multipart boundary, but {error}; send a shorter one"
-            ) from error
-
-    def _callbacks(self) -> "MultipartCallbacks":
-        return {
-            "on_part_begin": self._begin_part,
-            "on_header_field": self._on_header_field,
-            "on_header_value": self._on_header_value,
-            "on_header_end": self._end_header,
-            "on_headers_finished": self._end_headers,
-            "on_part_data": self._on_data,
-            "on_part_end": self._end_part,
-            "on_end": self._end,
-        }
-
-    def _begin_part(self) -> None:
-        self._headers = []
-        self._num_parts += 1
-        if self._num_parts > self._max_parts:
-            raise UploadTooLargeError(f"expected at most {self._max_parts} parts, got more; send fewer")
+        for files in self.form.files.values():
+            for file in files:
+                file.path.unlink(missing_ok=True)
 
     def _on_header_field(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
@@ -191,44 +236,47 @@ class _FormReader:
         self._header_value += data[start:end]
 
     def _end_header(self) -> None:
-        self._headers.append((self._header_name.lower(), self._header_value))
+        self._headers[self._header_name.lower()] = self._header_value
         self._header_name = self._header_value = b""
 
-    def _end_headers(self) -> None:
-        _, options = parse_options_header(dict(self._headers).get(b"content-disposition"))
+    def _begin_part(self) -> None:
+        _, options = parse_options_header(self._headers.get(b"content-disposition"))
+        self._headers = {}
         self._name = options.get(b"name", b"").decode("utf-8", "replace")
-        rule = self._rules.get(self._name)
+        rule, shown = self._rules.get(self._name), self._name[:80]
         if rule is None:
-            expected = f"expected only the parts {', '.join(self._rules)}, got {self._name[:80]!r}"
-            raise UnwantedPartError.of(self._name[:80], expected)
-        self._num_seen[self._name] += 1
-        if self._num_seen[self._name] > rule.max_parts:
-            raise UnwantedPartError.of(self._name[:80], _too_many(rule))
-        self._rule, self._value = rule, bytearray()
+            raise InvalidOptionsError.of(shown, f"expected only the parts {', '.join(self._rules)}, got {shown!r}")
+        self._num_parts[self._name] += 1
+        if self._num_parts.total() > self._max_parts:
+            raise UploadTooLargeError(f"expected at most {self._max_parts} parts, got more; send fewer")
+        if self._num_parts[self._name] > rule.max_parts:
+            most = "one part" if rule.max_parts == 1 else f"at most {rule.max_parts} parts"
+            raise InvalidOptionsError.of(shown, f"expected {most} of this name, got more; send fewer")
+        self._rule, self._value, self._part_bytes = rule, bytearray(), 0
         if rule.spooled:
             assert self._spool_folder is not None
-            file_name = options.get(b"filename", b"").decode("utf-8", "replace")
-            self._spool = Spool(self._spool_folder, file_name, rule, self._name)
+            self._spool = Spool(self._spool_folder, options.get(b"filename", b"").decode("utf-8", "replace"), rule)
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
-        if self._rule.spooled and self._spool is not None:
-            self._spool.add(data[start:end])
-        else:
-            if self._held is not None:
-                self._held.take(end - start)
-            self._value += data[start:end]
-            if len(self._value) > self._rule.max_bytes:
-                raise self._rule.too_large(self._name)
+        self._part_bytes += end - start
         self._num_bytes[self._name] += end - start
+        if self._part_bytes > self._rule.max_bytes:
+            raise self._rule.too_large(self._name)
         if self._num_bytes[self._name] > self._rule.max_total_bytes:
             raise self._rule.too_large(self._name, together=True)
+        if self._spool is not None:
+            self._spool.add(data[start:end])
+            return
+        if self._held is not None:
+            self._held.take(end - start)
+        self._value += data[start:end]
 
     def _end_part(self) -> None:
-        if self._rule.spooled and self._spool is not None:
-            self._form.files.setdefault(self._name, []).append(self._spool.finish())
-            self._spool = None
+        if self._spool is None:
+            self.form.fields[self._name].append(bytes(self._value))
         else:
-            self._form.fields.setdefault(self._name, []).append(bytes(self._value))
+            self.form.files[self._name].append(self._spool.finish())
+            self._spool = None
 
     def _end(self) -> None:
         self._ended = True
@@ -250,9 +298,3 @@ def _check_length(headers: Mapping[str, str], rules: Mapping[str, PartRule]) -> 
     allowed = sum(rule.max_total_bytes for rule in rules.values()) + _ENVELOPE_BYTES
     if declared.isdigit() and int(declared) > allowed:
         raise largest.too_large(name, f"a request of {int(declared):,}", together=largest.max_full_parts > 1)
-
-
-def _too_many(rule: PartRule) -> str:
-    if rule.max_parts == 1:
-        return "expected one part of this name, got several"
-    return f"expected at most {rule.max_parts} parts of this name, got more; send fewer"

@@ -150,8 +150,8 @@ class Registrar:
             cloud = read_scan(path, reading, lambda share: progress.report("reading", share), unpacking)
         if len(cloud) < MIN_POINTS:
             raise ScanContentError(
-                f"The scan has {len(cloud):,} points; expected at least {MIN_POINTS}, and thousands for a useful map. "
-                "Export the whole scan."
+                f"The scan has too few points: expected at least {MIN_POINTS}, and tens of thousands for good poses, got "
+                f"{len(cloud):,}. Export the whole scan."
             )
         return cloud, build_map_index(cloud, job.options.index, progress=progress.report)
 

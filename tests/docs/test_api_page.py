@@ -18,7 +18,7 @@ def paths() -> dict[str, Any]:
     """Return the paths of the OpenAPI document, with every parameter written as {id}."""
     settings = Settings(redis_url="redis://127.0.0.1:1", data_dir=ROOT / "nowhere")
     # The document is made without a request, so none of these is ever asked for anything.
-    app = create_app(settings, Mock(), Mock(), Mock())
+    app = create_app(settings, Mock(), Mock())
     return {re.sub(r"\{\w+\}", "{id}", path): operations for path, operations in app.openapi()["paths"].items()}
 
 

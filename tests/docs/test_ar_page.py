@@ -9,8 +9,7 @@ import pytest
 from panoloc.core.camera.lens import project_to_image
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame
-from panoloc.service.http.schemas.cameras import Camera
-from panoloc.service.http.schemas.localization import LocalizeOptions
+from panoloc.service.http.schemas.queries import Camera, LocalizeOptions
 from tests.docs.ar_devices import (
     CX,
     CY,

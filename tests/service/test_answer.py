@@ -18,22 +18,10 @@ from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, 
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
 from panoloc.service.worker.answers import answer_of
 from panoloc.service.worker.query_images import Query, photos_of
+from tests.core.exports.tours import GOLDEN
 
 PANORAMA = Panorama(np.zeros((64, 128, 3), np.uint8), np.ones((64, 128), bool))
 MAPS = (MapRef("map_a", 1), MapRef("map_b", 7))
-
-
-# The golden pose of the formats that poses leave in: heading 37.5, elevation -12.25, roll 4.75 in a map of east, north and up.
-GOLDEN = Pose(
-    np.array(
-        [
-            [0.594900605, -0.779932600, 0.194418132],
-            [0.775289563, 0.620609899, 0.117343287],
-            [-0.212177672, 0.080922756, 0.973874809],
-        ]
-    ),
-    np.array([1.25, -2.5, 1.6]),
-)
 
 
 def turned_left(degrees: float) -> np.ndarray[Any, np.dtype[np.float64]]:

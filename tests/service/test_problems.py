@@ -7,7 +7,7 @@ import pytest
 import panoloc.core.errors
 import panoloc.service.errors
 from panoloc.core.errors import CoreError, PanoramaShapeError, PanoramaUnusableError
-from panoloc.service.errors import InvalidOptionsError, QueueFullError, WorkerError
+from panoloc.service.errors import InvalidOptionsError, QueueFullError, RequestError, StorageError, WorkerError
 from panoloc.service.problems import CORE_PROBLEMS, error_responses, known_problems, problem_document, problem_of
 
 TREES = {
@@ -31,7 +31,7 @@ OF_UPLOADS = sorted((kind for kind in KINDS if kind.__name__.startswith(("Mask",
 
 def test_every_exception_has_a_problem_of_its_own() -> None:
     own = {kind for kind in KINDS if "problem" in vars(kind)}
-    assert own | set(CORE_PROBLEMS) == KINDS
+    assert own | set(CORE_PROBLEMS) | set(StorageError.__subclasses__()) | {RequestError} == KINDS
 
 
 def test_a_slug_means_one_thing() -> None:

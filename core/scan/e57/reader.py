@@ -112,7 +112,7 @@ def _scans(image_file: Any) -> list[E57Scan]:
     scans = [E57Scan(libe57, nodes[number]) for number in range(len(nodes))]
     scans = [scan for scan in scans if scan.num_points]
     if not scans:
-        raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
+        raise ScanContentError(f"The E57 file holds no points (scans in it: {len(nodes)}). Export the scan again.")
     return scans
 
 

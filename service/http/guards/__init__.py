@@ -1,2 +1,1 @@
-"""ASGI middleware that stands before the routes: slow clients, hosts and origins, rates and the queue, requests for
-heads."""
+"""ASGI middleware that stands before the routes: slow clients, hosts and origins, rates and the queue."""

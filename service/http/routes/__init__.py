@@ -5,40 +5,22 @@ from fastapi.routing import APIRoute
 
 from panoloc.service.http.routes import (
     batches,
-    demo,
     geopose,
-    localizations,
     localize,
     map_files,
     maps,
     new_batches,
     new_scans,
-    openflame,
     operations,
     pages,
 )
 
-ROUTERS: tuple[APIRouter, ...] = tuple(
-    module.router
-    for module in (
-        maps,
-        new_scans,
-        map_files,
-        localize,
-        localizations,
-        geopose,
-        new_batches,
-        batches,
-        operations,
-        demo,
-        openflame,
-        pages,
-    )
-)
+_GROUPS = (maps, new_scans, map_files, localize, geopose, new_batches, batches, operations, pages)
+ROUTERS: tuple[APIRouter, ...] = tuple(module.router for module in _GROUPS)
 
 QUERY_ROUTES: tuple[APIRoute, ...] = tuple(
     route
-    for module in (localize, geopose, openflame)
+    for module in (localize, geopose)
     for route in module.router.routes
     if isinstance(route, APIRoute) and "POST" in (route.methods or ())
 )

@@ -2,8 +2,8 @@
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Iterable
-from typing import Annotated, Any, BinaryIO, Literal
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from typing import Annotated, Any, BinaryIO, Literal, TypeVar
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
@@ -13,14 +13,16 @@ from panoloc.service.batches.export import ExportRequest, draw_plan, map_of, ope
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import BatchNotFoundError, InvalidOptionsError
 from panoloc.service.http.access import maps_seen, note_change, own_batch, require
-from panoloc.service.http.responses import file_response, json_response, nothing_left
+from panoloc.service.http.openapi import file_response, json_response, nothing_left
 from panoloc.service.http.routes.localize import while_connected
-from panoloc.service.http.schemas.batches import BATCH_EXAMPLE, Batch
+from panoloc.service.http.schemas.batches import Batch
+from panoloc.service.http.schemas.examples import BATCH_EXAMPLE
 from panoloc.service.jobs import Result
 from panoloc.service.maps.record import MapRecord
 from panoloc.service.services import Services, services_of
 
-router = APIRouter(tags=["batches"])
+Made = TypeVar("Made")
+router = APIRouter(tags=["batches"], dependencies=[Depends(require("localize"))])
 
 _MapId = Annotated[str | None, Query(description="Only photos placed in this map.", max_length=80)]
 _MAX_IGNORED = 100
@@ -35,7 +37,6 @@ _ZIP = "A zip with the files of the format, `unplaced.txt` and `export.json`."
 @router.get(
     "/batches/{batch_id}",
     summary="Show a batch and the results of its images",
-    dependencies=[Depends(require("localize"))],
     responses=json_response(Batch, BATCH_EXAMPLE, 401, 403, 404, 422),
 )
 async def get_batch(
@@ -57,7 +58,6 @@ async def get_batch(
 @router.get(
     "/batches/{batch_id}/images/{number}",
     summary="Fetch an image of a batch",
-    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response("The bytes as uploaded.", _IMAGE_TYPES, 401, 403, 404, 422),
 )
@@ -80,7 +80,6 @@ async def get_image(
 @router.get(
     "/batches/{batch_id}/export",
     summary="Fetch the placed photos in the format of another system",
-    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response(_ZIP, ("application/zip",), 401, 403, 404, 422),
 )
@@ -94,17 +93,15 @@ async def get_export(
     map_id: _MapId = None,
 ) -> Response:
     """Return the photos placed so far. Photos without a pose are listed separately, never written with zeros."""
-    services = services_of(request)
-    record = own_batch(request, batch_id)
-
-    async def export() -> BinaryIO:
-        async with services.export_turns:
-            results = await services.batches.results(batch_id, range(len(record.names)))
-            wanted = ExportRequest(record, results, format, map_of(record, results, map_id), include == "ambiguous")
-            place = await _map_seen(request, wanted.map_id)
-            return await open_export(services.storage, wanted, place, _EXPORT_TIME_S)
-
-    file = await while_connected(request, export())
+    storage, ambiguous = services_of(request).storage, include == "ambiguous"
+    file = await _made(
+        request,
+        batch_id,
+        map_id,
+        lambda record, results, of, place: open_export(
+            storage, ExportRequest(record, results, format, of, ambiguous), place, _EXPORT_TIME_S
+        ),
+    )
     headers = {
         "Content-Disposition": f'attachment; filename="{batch_id}-{format}.zip"',
         "Content-Length": str(os.fstat(file.fileno()).st_size),
@@ -115,7 +112,6 @@ async def get_export(
 @router.get(
     "/batches/{batch_id}/plan.png",
     summary="The scan from above, with the photos placed so far",
-    dependencies=[Depends(require("localize"))],
     response_class=Response,
     responses=file_response("The picture.", ("image/png",), 401, 403, 404, 422),
 )
@@ -128,24 +124,19 @@ async def get_plan(
 
     Hollow dots are further places of ambiguous photos.
     """
-    services = services_of(request)
-    record = own_batch(request, batch_id)
-
-    async def draw() -> bytes:
-        async with services.export_turns:
-            results = await services.batches.results(batch_id, range(len(record.names)))
-            drawn = map_of(record, results, map_id)
-            place = await _map_seen(request, drawn)
-            return await draw_plan(services.storage, record, results, drawn, place, _EXPORT_TIME_S)
-
-    picture = await while_connected(request, draw())
+    storage = services_of(request).storage
+    picture = await _made(
+        request,
+        batch_id,
+        map_id,
+        lambda record, results, of, place: draw_plan(storage, record, results, of, place, _EXPORT_TIME_S),
+    )
     return Response(picture, media_type="image/png", headers={"Cache-Control": "private, no-cache"})
 
 
 @router.delete(
     "/batches/{batch_id}",
     summary="Delete a batch with its images; a running batch is cancelled",
-    dependencies=[Depends(require("localize"))],
     status_code=204,
     responses=nothing_left(401, 403, 404),
 )
@@ -189,11 +180,25 @@ async def batch_document(services: Services, record: BatchRecord, numbers: Itera
     }
 
 
-async def _map_seen(request: Request, map_id: str) -> MapRecord | None:
-    """Return a map, None where it was deleted or the caller does not see it."""
-    await services_of(request).registry.find([map_id])
-    maps = maps_seen(request)
-    return maps.get(map_id) if maps.has(map_id) else None
+async def _made(
+    request: Request,
+    batch_id: str,
+    map_id: str | None,
+    make: Callable[[BatchRecord, Mapping[int, Result], str, MapRecord | None], Awaitable[Made]],
+) -> Made:
+    """Return what `make` makes, in its turn, of a batch, its results, a map and the record of the map; None for the
+    record where the map was deleted or the caller does not see it."""
+    services, record = services_of(request), own_batch(request, batch_id)
+
+    async def made() -> Made:
+        async with services.export_turns:
+            results = await services.batches.results(batch_id, range(len(record.names)))
+            of = map_of(record, results, map_id)
+            await services.registry.find([of])
+            maps = maps_seen(request)
+            return await make(record, results, of, maps.get(of) if maps.has(of) else None)
+
+    return await while_connected(request, made())
 
 
 def _item(record: BatchRecord, number: int, result: Result | None) -> dict[str, Any]:

@@ -1,44 +1,53 @@
-"""`POST /geopose`: the GeoPoseProtocol of OSCP, version 2."""
+"""Protocols of others: the GeoPoseProtocol of OSCP (version 2), and OpenFLAME, for which each map is a map server under
+the path of its id."""
 
 import base64
-import binascii
 import time
 from contextlib import ExitStack
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
+from starlette.convertors import StringConvertor, register_url_convertor
 from starlette.responses import JSONResponse, Response
 
-from panoloc.core.panorama.image_header import IMAGE, check_images
+from panoloc.core.panorama.image_header import IMAGE, KNOWN_FORMATS
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
 from panoloc.service.http.access import caller_of, maps_seen, require
-from panoloc.service.http.openapi import json_body, json_part
-from panoloc.service.http.routes.localize import checked_options, while_connected
+from panoloc.service.http.openapi import files_part, json_body, json_part, multipart
+from panoloc.service.http.routes.localize import QUERY_ERRORS, query_of, while_connected
+from panoloc.service.http.schemas.examples import GEOPOSE_REQUEST_EXAMPLE
 from panoloc.service.http.schemas.geopose import (
-    GEOPOSE_REPLY_EXAMPLE,
-    GEOPOSE_REQUEST_EXAMPLE,
     CameraReading,
     GeolocationReading,
     GeoPoseAccuracy,
     GeoPoseReply,
     GeoPoseRequest,
+    OpenFlameAnswer,
+    OpenFlameCapabilities,
 )
-from panoloc.service.http.schemas.localization import LocalizeOptions
-from panoloc.service.http.validation import limited_by, parse_json
-from panoloc.service.jobs import QueryImage
-from panoloc.service.limits.capacity import Held
-from panoloc.service.localizations import LocalizeRequest
+from panoloc.service.http.schemas.queries import LocalizeOptions
+from panoloc.service.http.uploads import PartRule, read_body, read_form
+from panoloc.service.http.validation import parse_json
 from panoloc.service.maps.selection import MapChoice, Place, maps_around
 from panoloc.service.problems import error_responses
 from panoloc.service.services import services_of
-from panoloc.service.settings import Settings
 
 router = APIRouter(tags=["localization"])
 
-_MEDIA_TYPE = "application/vnd.oscp+json; version=2.0"
+_OSCP_TYPE = "application/vnd.oscp+json"
 _ENVELOPE_BYTES = 2**20
 _BASE64 = 4 / 3
+_AFRAME_POSE = "aframe_camera_matrix_world"
+
+
+class _MapIdConvertor(StringConvertor):
+    """Matches ids of maps alone, so that the paths of OpenFLAME hide no other path of the service."""
+
+    regex = "map_[0-9A-Za-z]+"
+
+
+register_url_convertor("map_id", _MapIdConvertor())
 
 
 @router.post(
@@ -47,13 +56,8 @@ _BASE64 = 4 / 3
     dependencies=[Depends(require("localize"))],
     response_model=None,
     responses={
-        200: {
-            "description": "The pose.",
-            "content": {
-                "application/vnd.oscp+json": {"schema": json_part(GeoPoseReply), "example": GEOPOSE_REPLY_EXAMPLE}
-            },
-        },
-        **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504),
+        200: {"description": "The pose.", "content": {_OSCP_TYPE: {"schema": json_part(GeoPoseReply)}}},
+        **error_responses(*QUERY_ERRORS),
     },
     openapi_extra=json_body(GeoPoseRequest, GEOPOSE_REQUEST_EXAMPLE),
 )
@@ -69,62 +73,101 @@ async def post_geopose(
 ) -> Response:
     """Return the GeoPose of one image; 404 unless it is `localized`."""
     services = services_of(request)
+    max_bytes = services.settings.max_image_bytes
     with ExitStack() as stack:
         held = services.bytes_in_flight.hold(caller_of(request).id)
         stack.callback(held.release)
-        asked = parse_json(GeoPoseRequest, await _body(request, services.settings, held), "body")
+        most = int(max_bytes * _BASE64) + _ENVELOPE_BYTES
+        body = await read_body(request.stream(), most, "PANOLOC_MAX_IMAGE_BYTES as base64", held)
+        asked = parse_json(GeoPoseRequest, body, "body")
         reading = asked.sensorReadings.image()
-        image = _image(reading, services.settings)
-        options = LocalizeOptions.model_validate({})
+        camera = reading.camera()
+        options = LocalizeOptions.model_validate({"cameras": None if camera is None else [camera]})
         if map_id or tag:
             maps = MapChoice.from_form(map_id or [], [tag] if tag else [], caller_of(request).tenant)
         else:
-            maps = maps_around(maps_seen(request), _place(asked.sensorReadings.geolocationReadings))
-        query = LocalizeRequest((image,), maps, checked_options(options, services.settings), request.state.request_id)
+            maps = maps_around(maps_seen(request), _place(asked.sensorReadings.geolocationReadings or []))
+        query = query_of(request, [_image(reading, max_bytes)], options, maps)
         answer = await while_connected(request, services.localizations.answer(query))
-    return JSONResponse(_reply(asked, answer).model_dump(mode="json"), media_type=_MEDIA_TYPE)
+    reply = _geopose_reply(asked, answer).model_dump(mode="json")
+    return JSONResponse(reply, media_type=f"{_OSCP_TYPE}; version=2.0")
 
 
-async def _body(request: Request, settings: Settings, held: Held) -> bytes:
-    most = int(settings.max_image_bytes * _BASE64) + _ENVELOPE_BYTES
-    data = bytearray()
-    async for chunk in request.stream():
-        held.take(len(chunk))
-        data += chunk
-        if len(data) > most:
-            raise UploadTooLargeError(
-                f"expected a request of at most {most:,} bytes (PANOLOC_MAX_IMAGE_BYTES as base64), got more; scale the image down"
-            )
-    return bytes(data)
+@router.post(
+    "/{map_id:map_id}/localize/image",
+    summary="Find where an image was taken (OpenFLAME)",
+    dependencies=[Depends(require("localize"))],
+    responses=error_responses(*QUERY_ERRORS),
+    openapi_extra=multipart(
+        {
+            "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}.", 1),
+            _AFRAME_POSE: {"type": "string", "description": "The client's estimate of its pose; not used."},
+        },
+        ["image"],
+    ),
+)
+async def localize_image(request: Request, map_id: str) -> OpenFlameAnswer:
+    """Return the pose of an image, if it is `localized`, else `success: false`."""
+    services = services_of(request)
+    rules = {
+        "image": PartRule(services.settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"),
+        _AFRAME_POSE: PartRule(),
+    }
+    maps = MapChoice((map_id,), None, caller_of(request).tenant)
+    with ExitStack() as stack:
+        held = services.bytes_in_flight.hold(caller_of(request).id)
+        stack.callback(held.release)
+        async with read_form(request.stream(), request.headers, rules, held=held) as form:
+            options = LocalizeOptions.model_validate({"frame": "webxr"})
+            query = query_of(request, form.fields[IMAGE.name], options, maps)
+        answer = await while_connected(request, services.localizations.answer(query))
+    if answer.status != "localized" or answer.pose is None:
+        return OpenFlameAnswer(success=False, pose=None, confidence=0)
+    # From the world of WebXR (x, z, −y of the map) to that of A-Frame (y, z, x); the camera's axes are the same.
+    east, up, south, last = answer.pose.map_from_camera.matrix
+    pose = [[0.0 - value for value in south], up, east, last]
+    return OpenFlameAnswer(success=True, pose=pose, confidence=answer.confidence)
 
 
-def _image(reading: CameraReading, settings: Settings) -> QueryImage:
-    camera = reading.camera()
+@router.get(
+    "/{map_id:map_id}/capabilities",
+    summary="Capabilities of an OpenFLAME map server",
+    dependencies=[Depends(require("read"))],
+    responses=error_responses(401, 403, 404),
+)
+@router.get("/{map_id:map_id}/capabilities/", dependencies=[Depends(require("read"))], include_in_schema=False)
+async def get_capabilities(request: Request, map_id: str) -> OpenFlameCapabilities:
+    """Return the name of the map, its picture, and the URL that localizes images in it."""
+    record = maps_seen(request).get(map_id)
+    service = {"name": "localization", "url": str(request.url_for("localize_image", map_id=map_id)), "types": ["image"]}
+    icon = str(request.url_for("get_preview", map_id=map_id))
+    return OpenFlameCapabilities(commonName=record.name, iconURL=icon, services=[service])
+
+
+def _image(reading: CameraReading, max_bytes: int) -> bytes:
     try:
         # Browsers prepend `data:image/jpeg;base64,`; mail encoders insert line breaks.
         encoded = "".join(reading.imageBytes.rpartition(",")[2].split())
         data = base64.b64decode(encoded, validate=True)
-    except (binascii.Error, ValueError) as error:
+    except ValueError as error:
         at = "sensorReadings.cameraReadings.0.imageBytes"
         raise InvalidOptionsError.of(at, f"expected base64, but {error}; encode the image file") from error
-    if len(data) > settings.max_image_bytes:
+    if len(data) > max_bytes:
         raise UploadTooLargeError(
-            f"image: expected at most {settings.max_image_bytes:,} bytes (PANOLOC_MAX_IMAGE_BYTES), got {len(data):,}; scale it down"
+            f"image: expected at most {max_bytes:,} bytes (PANOLOC_MAX_IMAGE_BYTES), got {len(data):,}; scale it down"
         )
-    with limited_by("PANOLOC_MAX_PIXELS"):
-        check_images([data], IMAGE, settings.max_pixels)
-    return QueryImage(data, camera=None if camera is None else camera.to_options())
+    return data
 
 
-def _place(readings: list[GeolocationReading] | None) -> Place | None:
+def _place(readings: list[GeolocationReading]) -> Place | None:
     """Return the last position of the device."""
-    for reading in reversed(readings or []):
+    for reading in reversed(readings):
         if reading.latitude is not None and reading.longitude is not None:
             return Place(reading.latitude, reading.longitude, reading.accuracy or 0.0)
     return None
 
 
-def _reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
+def _geopose_reply(asked: GeoPoseRequest, answer: Localization) -> GeoPoseReply:
     if answer.status != "localized" or answer.accuracy is None:
         words = "fits several places" if answer.status == "ambiguous" else "fits no place well enough"
         raise NoPoseError(

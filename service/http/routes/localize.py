@@ -1,7 +1,8 @@
-"""`POST /localize`."""
+"""`POST /localize`, and the answers and their pictures as long as they live."""
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
+from contextlib import ExitStack
 from typing import Any, TypeVar
 
 from fastapi import APIRouter, Depends, Header, Request
@@ -11,23 +12,21 @@ from starlette.responses import JSONResponse, Response
 from panoloc.core.options import MAX_IMAGES
 from panoloc.core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
 from panoloc.core.panorama.known_camera import check_known_cameras
-from panoloc.service.answer import Localization
+from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, require
-from panoloc.service.http.openapi import accepted_headers, files_part, json_part, multipart
+from panoloc.service.http.openapi import accepted_response, file_response, files_part, json_part, multipart
 from panoloc.service.http.query_images import query_images
-from panoloc.service.http.schemas import LocalizeOptions, PendingLocalization
-from panoloc.service.http.schemas.localization_examples import (
+from panoloc.service.http.schemas.examples import (
     LOCALIZATION_EXAMPLE,
     OPTIONS_EXAMPLE,
     PENDING_EXAMPLE,
     SESSION_EXAMPLE,
 )
-from panoloc.service.http.spool import PartRule
-from panoloc.service.http.uploads import MAX_PARTS, read_form
+from panoloc.service.http.schemas.queries import LocalizeOptions, PendingLocalization
+from panoloc.service.http.uploads import MAX_PARTS, Form, PartRule, read_form
 from panoloc.service.http.validation import limited_by, parse_json
 from panoloc.service.jobs import QueryOptions
-from panoloc.service.limits.capacity import Held
 from panoloc.service.localizations import LocalizeRequest
 from panoloc.service.maps.selection import MapChoice
 from panoloc.service.problems import error_responses
@@ -36,6 +35,15 @@ from panoloc.service.settings import Settings
 
 router = APIRouter(tags=["localization"])
 Result = TypeVar("Result")
+QUERY_ERRORS = (400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)
+"""Statuses of problems that a query may end in."""
+OPTION_RULES = {"map_id": PartRule(max_parts=MAX_PARTS), "tag": PartRule(), "options": PartRule()}
+"""The parts of a form besides its images, of a query as of a batch."""
+MAP_PARTS = {
+    "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
+    "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
+}
+"""The schemas of the parts that name maps."""
 
 _RETRY_AFTER_S = 1
 # Images of a query that may have the full size: 32 frames of a phone together are smaller.
@@ -51,17 +59,17 @@ _PARTS = {
         "per image in their order.",
         MAX_IMAGES,
     ),
-    "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
-    "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
+    **MAP_PARTS,
     "options": json_part(LocalizeOptions),
 }
-_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
-    202: {
-        "model": PendingLocalization,
-        "description": "With `Prefer: respond-async`: fetch the answer later.",
-        "headers": accepted_headers("answer"),
-        "content": {"application/json": {"example": {**PENDING_EXAMPLE, "status": "queued"}}},
+_ERRORS = (401, 403, 404, 503)
+_STATE: dict[str, Any] = {
+    "description": "The answer; or, while `status` is `queued`, `running` or `failed`, the state of the query.",
+    "model": Localization | PendingLocalization,
+    "content": {
+        "application/json": {
+            "examples": {"done": {"value": LOCALIZATION_EXAMPLE}, "running": {"value": PENDING_EXAMPLE}}
+        }
     },
 }
 
@@ -71,7 +79,16 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     summary="Find where a panorama, a photo or a session was taken",
     dependencies=[Depends(require("localize"))],
     response_model=Localization,
-    responses={**_RESPONSES, **error_responses(400, 401, 403, 404, 408, 409, 413, 415, 422, 429, 503, 504)},
+    responses={
+        200: {"content": {"application/json": {"example": LOCALIZATION_EXAMPLE}}},
+        **accepted_response(
+            PendingLocalization,
+            {**PENDING_EXAMPLE, "status": "queued"},
+            "With `Prefer: respond-async`: fetch the answer later.",
+            "answer",
+            *QUERY_ERRORS,
+        ),
+    },
     openapi_extra=multipart(
         _PARTS,
         ["image"],
@@ -96,39 +113,36 @@ async def localize(
 ) -> Localization | Response:
     """Return the pose of a panorama, a photo or a session. `not_localized` means that no place fits."""
     services = services_of(request)
-    held = services.bytes_in_flight.hold(caller_of(request).id)
-    try:
-        return await _answer(request, prefer, held)
-    except BaseException:
-        held.release()
-        raise
-
-
-async def _answer(request: Request, prefer: str | None, held: Held) -> Localization | Response:
-    services = services_of(request)
-    query = await _query(request, services.settings, held)
-    if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
-        pending = await services.localizations.begin(query, when_done=held.release)
-        headers = {"Location": f"/localizations/{pending['id']}", "Retry-After": str(_RETRY_AFTER_S)}
-        return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
-    answer = await while_connected(request, services.localizations.answer(query))
-    held.release()
-    return answer
-
-
-async def _query(request: Request, settings: Settings, held: Held) -> LocalizeRequest:
-    max_bytes, setting = settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
+    max_bytes, setting = services.settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
     rules = {
-        "image": PartRule(max_bytes, setting, max_parts=MAX_IMAGES, max_full_parts=_MAX_FULL_IMAGES),
-        "mask": PartRule(max_bytes, setting, max_parts=MAX_IMAGES),
-        "map_id": PartRule(max_parts=MAX_PARTS),
-        "tag": PartRule(),
-        "options": PartRule(),
+        IMAGE.name: PartRule(max_bytes, setting, max_parts=MAX_IMAGES, max_full_parts=_MAX_FULL_IMAGES),
+        MASK.name: PartRule(max_bytes, setting, max_parts=MAX_IMAGES),
+        **OPTION_RULES,
     }
-    with await read_form(request.stream(), request.headers, rules, held=held) as form:
-        options = parse_json(LocalizeOptions, form.single("options"), "options")
-        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
-        images, masks = form.all(IMAGE.name), form.all(MASK.name)
+    with ExitStack() as stack:
+        held = services.bytes_in_flight.hold(caller_of(request).id)
+        stack.callback(held.release)
+        async with read_form(request.stream(), request.headers, rules, held=held) as form:
+            options = parse_json(LocalizeOptions, form.options(), "options")
+            query = query_of(request, form.fields[IMAGE.name], options, maps_of(request, form), form.fields[MASK.name])
+        if prefer is not None and "respond-async" in {part.strip().lower() for part in prefer.split(",")}:
+            pending = await services.localizations.begin(query, when_done=held.release)
+            stack.pop_all()
+            headers = {"Location": f"/localizations/{pending['id']}", "Retry-After": str(_RETRY_AFTER_S)}
+            return JSONResponse(pending, 202, {**headers, "Preference-Applied": "respond-async"})
+        return await while_connected(request, services.localizations.answer(query))
+
+
+def maps_of(request: Request, form: Form) -> MapChoice:
+    """Return the maps that a form names. Raises InvalidOptionsError."""
+    return MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
+
+
+def query_of(
+    request: Request, images: Sequence[bytes], options: LocalizeOptions, maps: MapChoice, masks: Sequence[bytes] = ()
+) -> LocalizeRequest:
+    """Put a query together. Raises InvalidOptionsError, and exceptions of `core` for what is no image, or too large."""
+    settings = services_of(request).settings
     query = query_images(images, masks, options)
     with limited_by("PANOLOC_MAX_PIXELS"):
         check_images(images, IMAGE, settings.max_pixels)
@@ -168,3 +182,50 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Result]) -
 async def _disconnected(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
+
+
+@router.get(
+    "/localizations/{localization_id}",
+    summary="Fetch an answer",
+    dependencies=[Depends(require("localize"))],
+    responses={200: _STATE, **error_responses(*_ERRORS)},
+)
+async def get_localization(request: Request, localization_id: str) -> Response:
+    """Return the answer to a query, or its state."""
+    found = await services_of(request).localizations.get(localization_id)
+    waiting = found["status"] in ("queued", "running")
+    return JSONResponse(found, headers={"Retry-After": "1"} if waiting else None)
+
+
+def _offer_picture(name: str, summary: str, description: str) -> None:
+    """Add the path of one picture; `name`: as queries ask for it, see `panoloc.service.jobs.ARTIFACTS`."""
+
+    async def get_picture(request: Request, localization_id: str) -> Response:
+        data = await services_of(request).localizations.picture(localization_id, name)
+        return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600, immutable"})
+
+    router.add_api_route(
+        picture_path("{localization_id}", name),
+        get_picture,
+        name=f"get_{name}",
+        dependencies=[Depends(require("localize"))],
+        summary=summary,
+        description=description,
+        response_class=Response,
+        responses=file_response("The picture.", ("image/png",), *_ERRORS),
+    )
+
+
+_offer_picture(
+    "score_map_2d", "The panorama tinted by its score map", "Return a picture of how well the panorama fits the scan."
+)
+_offer_picture(
+    "score_map_3d",
+    "The scan at the estimated pose, tinted by its score map",
+    "Return a picture of how well the scan fits the panorama.",
+)
+_offer_picture(
+    "overlay",
+    "The panorama above the scan at the estimated pose",
+    "Return a picture for checking the pose by eye.",
+)

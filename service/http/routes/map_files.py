@@ -11,9 +11,9 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from panoloc.service.errors import StoredFileMissingError
 from panoloc.service.http.access import caller_of, maps_seen, require
-from panoloc.service.http.responses import file_response, json_response
-from panoloc.service.http.schemas import MapStarts
-from panoloc.service.http.schemas.changes import CHANGES_EXAMPLE, MapChanges
+from panoloc.service.http.openapi import file_response, json_response
+from panoloc.service.http.schemas.examples import CHANGES_EXAMPLE
+from panoloc.service.http.schemas.maps import MapChanges, MapStarts
 from panoloc.service.jobs import MAX_SAMPLE_POINTS, MapRef
 from panoloc.service.maps.point_sample import PlySample
 from panoloc.service.maps.record import key_of

@@ -11,10 +11,9 @@ from starlette.responses import JSONResponse, Response
 
 from panoloc.service.errors import CacheDownError, InvalidOptionsError, StorageAwayError
 from panoloc.service.http.access import caller_of, maps_seen, note_change, own_map, require
-from panoloc.service.http.openapi import json_body
-from panoloc.service.http.responses import json_response, nothing_left
-from panoloc.service.http.schemas import Map, MapPage, MapPatch
-from panoloc.service.http.schemas.maps import MAP_EXAMPLE
+from panoloc.service.http.openapi import json_body, json_response, nothing_left
+from panoloc.service.http.schemas.examples import MAP_EXAMPLE
+from panoloc.service.http.schemas.maps import Map, MapPage, MapPatch
 from panoloc.service.http.uploads import read_body
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import LONGEST_TAG

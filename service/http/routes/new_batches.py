@@ -1,6 +1,7 @@
 """Upload many images to be localized one by one, and list what was uploaded."""
 
 import asyncio
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
@@ -11,23 +12,15 @@ from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import ArchiveError, InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, require
-from panoloc.service.http.openapi import binary_part, files_part, json_part, multipart
-from panoloc.service.http.responses import accepted_response, json_response
+from panoloc.service.http.openapi import accepted_response, binary_part, files_part, json_part, json_response, multipart
 from panoloc.service.http.routes.batches import batch_document, batch_overview
-from panoloc.service.http.routes.localize import checked_options
-from panoloc.service.http.schemas.batches import (
-    BATCH_PAGE_EXAMPLE,
-    QUEUED_BATCH_EXAMPLE,
-    Batch,
-    BatchOptions,
-    BatchPage,
-)
-from panoloc.service.http.spool import PartRule
-from panoloc.service.http.uploads import MAX_PARTS, Form, read_form
+from panoloc.service.http.routes.localize import MAP_PARTS, OPTION_RULES, checked_options, maps_of
+from panoloc.service.http.schemas.batches import Batch, BatchOptions, BatchPage
+from panoloc.service.http.schemas.examples import BATCH_PAGE_EXAMPLE, QUEUED_BATCH_EXAMPLE
+from panoloc.service.http.uploads import MAX_PARTS, Form, PartRule, read_form
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import new_id, now
 from panoloc.service.maps.known_maps import decode_cursor, encode_cursor
-from panoloc.service.maps.selection import MapChoice
 from panoloc.service.services import Services, services_of
 from panoloc.service.settings import Settings
 from panoloc.service.storage.disk import disk_errors
@@ -80,8 +73,7 @@ async def list_batches(
         {
             "image": files_part(f"A panorama or a photo; {KNOWN_FORMATS}. Repeat the part.", 2000),
             "archive": binary_part("Instead of `image`: a zip of images, optionally in folders."),
-            "map_id": {"type": "array", "items": {"type": "string"}, "description": "Maps to search; repeat the part."},
-            "tag": {"type": "string", "description": "Instead of `map_id`: all maps with this tag."},
+            **MAP_PARTS,
             "options": json_part(BatchOptions),
         },
         [],
@@ -95,29 +87,31 @@ async def list_batches(
 async def post_batch(request: Request) -> Response:
     """Store the images durably, then localize them in the background, without delaying other queries."""
     services = services_of(request)
+    settings = services.settings
     services.batches.check_room()
-    folder = await asyncio.to_thread(services.storage.spool_folder)
-    with await read_form(
-        request.stream(), request.headers, _rules(services.settings), folder, max_parts=_max_parts(services.settings)
-    ) as form:
-        options = _with_all_the_time(parse_json(BatchOptions, form.single("options"), "options"), services.settings)
-        maps = MapChoice.from_form(form.texts("map_id"), form.texts("tag"), caller_of(request).tenant)
+    folder, most_parts = await asyncio.to_thread(services.storage.spool_folder), settings.max_batch_images + MAX_PARTS
+    async with read_form(request.stream(), request.headers, _rules(settings), folder, max_parts=most_parts) as form:
+        options = parse_json(BatchOptions, form.options(), "options")
+        if options.timeout_s is None:
+            # Nobody waits for an image of a batch, and a busy service must not fail it for good.
+            options = options.model_copy(update={"timeout_s": settings.max_timeout_s})
+        maps = maps_of(request, form)
         await services.registry.find(maps.map_ids)
         maps.resolve(services.registry)
-        images, ignored = await _images(form, services)
+        images, ignored = await _images(form, services, folder)
         try:
             record = BatchRecord(
                 id=new_id("batch"),
                 created_at=now(),
                 map_ids=maps.map_ids,
                 tag=maps.tag,
-                options=checked_options(options, services.settings),
+                options=checked_options(options, settings),
                 camera=options.cameras[0].to_options() if options.cameras else None,
                 names=tuple(unique_names(image.name for image in images)),
                 ignored=tuple(ignored),
                 tenant=maps.tenant,
             )
-            await _store(services, record, images)
+            await services.batches.add(record, [(image.path, image.sha256) for image in images])
         finally:
             for image in images:
                 image.path.unlink(missing_ok=True)
@@ -127,19 +121,6 @@ async def post_batch(request: Request) -> Response:
     return JSONResponse(await batch_document(services, record, []), 202, headers)
 
 
-def _with_all_the_time(options: BatchOptions, settings: Settings) -> BatchOptions:
-    """Return the options with as much time as a query may have, where they name none: nobody waits for an image of a
-    batch, and a busy service must not fail it for good.
-    """
-    if options.timeout_s is not None:
-        return options
-    return options.model_copy(update={"timeout_s": settings.max_timeout_s})
-
-
-def _max_parts(settings: Settings) -> int:
-    return settings.max_batch_images + MAX_PARTS
-
-
 def _rules(settings: Settings) -> dict[str, PartRule]:
     max_bytes, setting = settings.max_image_bytes, "PANOLOC_MAX_IMAGE_BYTES"
     return {
@@ -147,21 +128,14 @@ def _rules(settings: Settings) -> dict[str, PartRule]:
             max_bytes,
             setting,
             spooled=True,
-            check_head=_any_head,
             max_parts=settings.max_batch_images,
             max_full_parts=_MAX_FULL_IMAGES,
         ),
         "archive": PartRule(
             max_bytes * _MAX_FULL_IMAGES, f"{_MAX_FULL_IMAGES} times {setting}", spooled=True, check_head=_check_zip
         ),
-        "map_id": PartRule(max_parts=MAX_PARTS),
-        "tag": PartRule(),
-        "options": PartRule(),
+        **OPTION_RULES,
     }
-
-
-def _any_head(head: bytes, name: str) -> None:
-    """Take every file: one that is no image fails alone."""
 
 
 def _check_zip(head: bytes, name: str) -> None:
@@ -171,11 +145,11 @@ def _check_zip(head: bytes, name: str) -> None:
         )
 
 
-async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], list[str]]:
+async def _images(form: Form, services: Services, folder: Path) -> tuple[list[UnpackedImage], list[str]]:
     """Return the images that were sent, one way or the other. Raises InvalidOptionsError, ArchiveError and
     UploadTooLargeError."""
-    archives = form.files_of("archive")
-    images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files_of("image")]
+    archives = form.files["archive"]
+    images = [UnpackedImage(file.name, file.path, file.sha256) for file in form.files["image"]]
     if bool(images) == bool(archives):
         got = "both" if images else "neither"
         message = f"expected either images in parts of this name or a zip as archive, got {got}"
@@ -186,13 +160,8 @@ async def _images(form: Form, services: Services) -> tuple[list[UnpackedImage], 
     limits = UnpackLimits(
         settings.max_batch_images, settings.max_image_bytes, settings.max_image_bytes * _MAX_FULL_IMAGES
     )
-    folder = await asyncio.to_thread(services.storage.spool_folder)
     with disk_errors():
         images, ignored = await asyncio.to_thread(unpack_images, archives[0].path, folder, limits)
     if not images:
         raise ArchiveError("archive: expected images, got a zip without any; image names end in .jpg, .png or .webp")
     return images, ignored
-
-
-async def _store(services: Services, record: BatchRecord, images: list[UnpackedImage]) -> None:
-    await services.batches.add(record, [(image.path, image.sha256) for image in images])

@@ -1,24 +1,23 @@
 """Upload a scan: as a new map, or as a new revision of one."""
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import replace
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from panoloc.core import options
-from panoloc.core.scan.format_detection import KNOWN_FORMATS, extension_of
+from panoloc.core.scan.format_detection import KNOWN_FORMATS, extension_of, format_of
 from panoloc.core.scan.ply.header import check_ply_file
 from panoloc.core.zip_opening import unpacked_bytes
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_map, require
-from panoloc.service.http.openapi import binary_part, json_part, multipart
-from panoloc.service.http.responses import accepted_response
-from panoloc.service.http.schemas import Map, MapOptions, ScanOptions
-from panoloc.service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
-from panoloc.service.http.schemas.maps import QUEUED_MAP_EXAMPLE
-from panoloc.service.http.spool import PartRule, SpooledFile
-from panoloc.service.http.uploads import Form, read_form
+from panoloc.service.http.openapi import accepted_response, binary_part, json_part, multipart
+from panoloc.service.http.schemas.examples import MAP_OPTIONS_EXAMPLE, QUEUED_MAP_EXAMPLE
+from panoloc.service.http.schemas.maps import Map, MapOptions, ScanOptions, name_of_file
+from panoloc.service.http.uploads import Form, PartRule, SpooledFile, read_form
 from panoloc.service.http.validation import limited_by, parse_json
 from panoloc.service.jobs import MapRef, RegisterOptions, new_id, now
 from panoloc.service.limits.registration_limits import MAX_COUNTED_BYTES
@@ -48,8 +47,8 @@ async def post_map(request: Request) -> Response:
     """Store a scan durably, then build a map from it in the background."""
     services = services_of(request)
     services.registry.check_room()
-    with await _read(request, services) as form:
-        options = parse_json(MapOptions, form.single("options"), "options")
+    async with _form(request, services) as form:
+        options = parse_json(MapOptions, form.options(), "options")
         scan = await _checked_scan(form, services)
         ref = MapRef(new_id("map"), 1)
         try:
@@ -89,8 +88,8 @@ async def put_scan(request: Request, map_id: str) -> Response:
     """
     services = services_of(request)
     own_map(request, map_id)
-    with await _read(request, services) as form:
-        given = parse_json(ScanOptions, form.single("options"), "options")
+    async with _form(request, services) as form:
+        given = parse_json(ScanOptions, form.options(), "options")
         scan = await _checked_scan(form, services)
         async with services.registry.new_revision(map_id) as ref:
             options = given.over(services.registry.get(map_id).newest.options)
@@ -121,25 +120,31 @@ async def _replace(services: Services, map_id: str, revision: Revision) -> tuple
     return replaced[0], record
 
 
-async def _read(request: Request, services: Services) -> Form:
+@asynccontextmanager
+async def _form(request: Request, services: Services) -> AsyncIterator[Form]:
+    most = services.settings.max_upload_bytes
     rules = {
-        "file": PartRule(services.settings.max_upload_bytes, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True),
+        "file": PartRule(most, "PANOLOC_MAX_UPLOAD_BYTES", spooled=True, check_head=_check_head),
         "options": PartRule(),
     }
     folder = await asyncio.to_thread(services.storage.spool_folder)
-    return await read_form(request.stream(), request.headers, rules, folder)
+    async with read_form(request.stream(), request.headers, rules, folder) as form:
+        yield form
+
+
+def _check_head(head: bytes, name: str) -> None:
+    format_of(head, extension_of(name))
 
 
 async def _checked_scan(form: Form, services: Services) -> SpooledFile:
-    if form.scan is None:
+    if not form.files["file"]:
         raise InvalidOptionsError.of(
             "file", "expected the scan in a part of this name, got none; send -F file=@scan.ply"
         )
+    scan, reading = form.files["file"][0], options.ScanOptions(max_points=services.settings.max_points)
     with limited_by("PANOLOC_MAX_POINTS"):
-        await asyncio.to_thread(
-            check_ply_file, form.scan.path, options.ScanOptions(max_points=services.settings.max_points)
-        )
-    return form.scan
+        await asyncio.to_thread(check_ply_file, scan.path, reading)
+    return scan
 
 
 async def _store(services: Services, ref: MapRef, scan: SpooledFile, options: RegisterOptions) -> Revision:

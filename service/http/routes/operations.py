@@ -1,4 +1,4 @@
-"""For operators and their tools: health, metrics, and what each kind of problem means."""
+"""For operators and newcomers: health, metrics, what each kind of problem means, and a synthetic room to try."""
 
 import asyncio
 import time
@@ -11,7 +11,8 @@ from starlette.responses import JSONResponse, Response
 from panoloc.service.errors import CacheDownError, StorageAwayError, StorageFullError, StorageReadOnlyError
 from panoloc.service.http.access import caller_of, require
 from panoloc.service.http.error_handlers import plain_problem_response
-from panoloc.service.http.schemas import Health, Liveness, Readiness
+from panoloc.service.http.openapi import file_response
+from panoloc.service.http.schemas.operations import Health, Liveness, PoolHealth, Readiness
 from panoloc.service.problems import HTTP_PROBLEMS, error_responses, known_problems
 from panoloc.service.services import Services, services_of
 
@@ -101,12 +102,35 @@ async def problem(request: Request, slug: str) -> Response:
     return JSONResponse({"type": found.type, "title": found.title, "status": found.status, "advice": found.advice})
 
 
+@router.get(
+    "/demo/room.ply",
+    summary="The scan of a synthetic room",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses=file_response("A coloured point cloud.", ("application/ply",), 401, 403, 503),
+)
+async def get_room(request: Request) -> Response:
+    """Return a scan to register. The first request generates it, which takes some seconds."""
+    return Response(await services_of(request).demo_room.file("room.ply"), media_type="application/ply")
+
+
+@router.get(
+    "/demo/panorama.jpg",
+    summary="A panorama of the synthetic room, taken after furniture was moved",
+    dependencies=[Depends(require("read"))],
+    response_class=Response,
+    responses=file_response("An equirectangular panorama.", ("image/jpeg",), 401, 403, 503),
+)
+async def get_panorama(request: Request) -> Response:
+    """Return a panorama to localize in the map of that scan."""
+    return Response(await services_of(request).demo_room.file("panorama.jpg"), media_type="image/jpeg")
+
+
 async def _details(services: Services, tenant: str | None) -> dict[str, object]:
     """Return the details of health. tenant: whose maps are counted, None for all."""
     pool = services.pool.state()
     redis_is_up = await _redis_is_up(services)
-    waiting_for = [] if services.started else ["the end of the start-up"]
-    waiting_for += [] if redis_is_up else ["Redis"]
+    waiting_for = [] if redis_is_up else ["Redis"]
     lack = await _lack_of_storage(services)
     waiting_for += [] if lack is None else [lack]
     waiting_for += [] if pool.ready else [pool.waiting_for or "workers"]
@@ -117,13 +141,7 @@ async def _details(services: Services, tenant: str | None) -> dict[str, object]:
         "uptime_s": round(time.monotonic() - services.began, 1),
         "redis": "up" if redis_is_up else "down",
         "storage": "writable" if lack is None else "not_writable",
-        "workers": {
-            "ready": pool.ready,
-            "waiting_for": pool.waiting_for,
-            "num_workers": pool.num_workers,
-            "queue_depth": pool.queue_depth,
-            "resident_bytes": pool.resident_bytes,
-        },
+        "workers": {name: getattr(pool, name) for name in PoolHealth.model_fields},
         "maps": dict(services.registry.num_by_status(tenant)),
     }
 

@@ -6,10 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from panoloc.service.answer import Localization, ResponseModel
-from panoloc.service.http.schemas.cameras import Camera
-from panoloc.service.http.schemas.localization import LocalizeOptions
-from panoloc.service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
-from panoloc.service.http.schemas.problem import ProblemDocument
+from panoloc.service.http.schemas.operations import ProblemDocument
+from panoloc.service.http.schemas.queries import Camera, LocalizeOptions
 
 BatchStatus = Literal["queued", "running", "done"]
 ItemStatus = Literal["waiting", "localized", "ambiguous", "not_localized", "failed"]
@@ -80,32 +78,3 @@ class Batch(BatchOverview):
         description="A page of the images, in their order; empty in the answer to `POST /batches`."
     )
     next_cursor: str | None = Field(description="Send it as `cursor` for the next page; null on the last one.")
-
-
-QUEUED_BATCH_EXAMPLE: dict[str, Any] = {
-    "id": "batch_7c1d9e2f4a6b8035",
-    "status": "queued",
-    "created_at": "2026-11-21T12:00:00.000000Z",
-    "map_ids": ["map_2xk7q0v9m3d1c8fa"],
-    "tag": None,
-    "num_images": 2,
-    "progress": 0.0,
-    "counts": {"waiting": 2, "localized": 0, "ambiguous": 0, "not_localized": 0, "failed": 0},
-    "ignored": ["notes.txt"],
-    "items": [],
-    "next_cursor": None,
-}
-BATCH_PAGE_EXAMPLE: dict[str, Any] = {
-    "items": [{name: QUEUED_BATCH_EXAMPLE[name] for name in BatchOverview.model_fields}],
-    "next_cursor": None,
-}
-BATCH_EXAMPLE: dict[str, Any] = {
-    **QUEUED_BATCH_EXAMPLE,
-    "status": "running",
-    "progress": 0.5,
-    "counts": {"waiting": 1, "localized": 1, "ambiguous": 0, "not_localized": 0, "failed": 0},
-    "items": [
-        {"number": 0, "name": "hall.jpg", "status": "localized", "answer": LOCALIZATION_EXAMPLE, "error": None},
-        {"number": 1, "name": "stairs.jpg", "status": "waiting", "answer": None, "error": None},
-    ],
-}

@@ -7,7 +7,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 from panoloc.core.errors import OptionsError
 from panoloc.service.answer import GeoPose, ResponseModel
 from panoloc.service.errors import InvalidOptionsError
-from panoloc.service.http.schemas.cameras import Camera
+from panoloc.service.http.schemas.queries import Camera
 
 _DEPTH = "DEPTH"
 _READINGS = "sensorReadings.cameraReadings"
@@ -162,28 +162,3 @@ def _intrinsics(model: str, numbers: list[float], size: list[int] | None) -> dic
         "cy_px": cy,
         "distortion": distortion if kind != "pinhole" else [],
     }
-
-
-GEOPOSE_EXAMPLE: dict[str, Any] = {
-    "position": {"lat": 47.699977515, "lon": -122.299983346, "h": 13.100000612},
-    "quaternion": {"x": -0.010196979, "y": 0.11383594, "z": 0.435420455, "w": 0.892942567},
-}
-GEOPOSE_REQUEST_EXAMPLE: dict[str, Any] = {
-    "id": "3a6a9c1e-6bf0-4d43-9b0f-1c4b3a0d7f52",
-    "timestamp": 1750939398316,
-    "type": "geopose",
-    "sensors": [{"id": "camera", "type": "camera"}],
-    "sensorReadings": {
-        "cameraReadings": [
-            {"sensorId": "camera", "imageFormat": "RGBA32", "size": [2048, 1024], "imageBytes": "(base64)"}
-        ],
-        "geolocationReadings": [{"latitude": 47.7, "longitude": -122.3, "accuracy": 20}],
-    },
-}
-GEOPOSE_REPLY_EXAMPLE: dict[str, Any] = {
-    "id": "3a6a9c1e-6bf0-4d43-9b0f-1c4b3a0d7f52",
-    "timestamp": 1750939399127,
-    "type": "geopose",
-    "accuracy": {"position": 0.02, "orientation": 0.3},
-    "geopose": GEOPOSE_EXAMPLE,
-}

@@ -1,13 +1,134 @@
-"""Maps in responses."""
+"""Maps: the options of one, what responses say of it, and what changed since its scan."""
 
+import re
+from dataclasses import replace
 from datetime import datetime
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, StringConstraints
 
+from panoloc.core import options
+from panoloc.core.errors import OptionsError
+from panoloc.core.georeference import LONGEST_DEFINITION, coordinate_system
+from panoloc.core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
 from panoloc.service.answer import ResponseModel
-from panoloc.service.http.schemas.geometry import Box, Vector
-from panoloc.service.http.schemas.problem import ProblemDocument
+from panoloc.service.http.schemas.operations import ProblemDocument
+from panoloc.service.http.schemas.queries import Box, RequestModel, Vector
+from panoloc.service.jobs import LONGEST_NAME, LONGEST_TAG, RegisterOptions
+
+# No control characters: names and tags end up in logs, terminals and URLs. Those of Latin-1 also begin escape
+# sequences, and those of Unicode reverse lines.
+_CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069"
+_PRINTABLE = rf"^[^{_CONTROL}]*$"
+
+Name = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_NAME, pattern=_PRINTABLE)
+]
+Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_TAG, pattern=_PRINTABLE)]
+Tags = Annotated[list[Tag], Field(max_length=32), AfterValidator(lambda tags: list(dict.fromkeys(tags)))]
+
+
+def name_of_file(file_name: str) -> str:
+    """Return a file's name as a valid `Name`: without control characters, and cut. May be empty."""
+    return re.sub(rf"[{_CONTROL}]", "", file_name).strip()[:LONGEST_NAME].strip()
+
+
+class StartsOptions(RequestModel):
+    """Start positions of the search."""
+
+    method: StartsMethod = Field(IndexOptions.starts_method, description="`octree` for rooms, `grid` for open spaces.")
+    spacing_m: float | None = Field(
+        None, ge=MIN_SPACING_M, le=MAX_SPACING_M, description="Distance between starts; null: the service chooses."
+    )
+    region: Box | None = Field(None, description="Possible camera positions; null: the whole scanned space.")
+
+
+class ScanOptions(RequestModel):
+    """How to read a scan and what to build from it."""
+
+    unit: Unit = Field(options.ScanOptions.unit, description="Unit of the scan's coordinates.")
+    up_axis: UpAxis = Field(options.ScanOptions.up_axis, description="Axis of the scan that points up.")
+    color_kind: ColorKind = Field(
+        options.ScanOptions.color_kind, description="`labels`: colours encode semantic classes."
+    )
+    starts: StartsOptions = Field(default_factory=lambda: StartsOptions.model_validate({}))
+
+    def to_options(self) -> RegisterOptions:
+        """Return the options for the worker."""
+        region = None if self.starts.region is None else self.starts.region.to_options()
+        return RegisterOptions(
+            options.ScanOptions(self.unit, self.up_axis, self.color_kind),
+            IndexOptions(self.starts.method, self.starts.spacing_m, region, self.color_kind),
+        )
+
+    def over(self, former: RegisterOptions) -> RegisterOptions:
+        """Return what the worker has to know when fields that are left out are as they were."""
+        given, names = self.to_options(), self.model_fields_set
+        scan = replace(former.scan, **{name: getattr(given.scan, name) for name in names - {"starts"}})
+        index = given.index if "starts" in names else former.index
+        return RegisterOptions(scan, replace(index, color_kind=scan.color_kind))
+
+
+class Georeference(RequestModel):
+    """Position of the map's origin on Earth (WGS 84)."""
+
+    latitude_deg: float = Field(ge=-90, le=90)
+    longitude_deg: float = Field(ge=-180, le=180)
+    height_m: float = Field(0.0, ge=-20_000, le=100_000, description="Above the ellipsoid.")
+    heading_deg: float = Field(
+        0.0, ge=-360, le=360, description="Compass heading of the map's y axis, clockwise from north."
+    )
+
+
+def _recognised(text: str) -> str:
+    try:
+        return coordinate_system(text).definition
+    except OptionsError as error:
+        raise ValueError(str(error)) from error
+
+
+CoordinateSystem = Annotated[
+    str, StringConstraints(min_length=1, max_length=LONGEST_DEFINITION), AfterValidator(_recognised)
+]
+
+
+class PlaceOnEarth(RequestModel):
+    """Where a map is on Earth."""
+
+    georeference: Georeference | None = None
+    coordinate_system: CoordinateSystem | None = Field(
+        None,
+        description="Projected coordinate system of the map's positions, by EPSG code such as `EPSG:25832` or by WKT; "
+        "null: from the scan's file.",
+    )
+    # On Earth it lies between -107 and 86 m.
+    geoid_undulation_m: Annotated[float, Field(ge=-200, le=200)] | None = Field(
+        None,
+        description="Height of the geoid above the ellipsoid at the map, metres. Needed for a GeoPose if the heights "
+        "of the `coordinate_system` are above the geoid, or if their reference is unknown.",
+    )
+
+
+class MapOptions(ScanOptions, PlaceOnEarth):
+    """The part `options` of `POST /maps`."""
+
+    name: Name | None = Field(None, description="Display name; default: the file's name.")
+    tags: Tags = Field(default_factory=list, description="A query can name a tag instead of maps.")
+
+
+class MapPatch(PlaceOnEarth):
+    """The body of `PATCH /maps/{id}`: fields left out stay unchanged; null removes a place on Earth."""
+
+    name: Name = ""
+    tags: Tags = Field(default_factory=list)
+    shared_with: Tags = Field(
+        default_factory=list, description="Other tenants that can view the map and localize in it; `*` for all."
+    )
+
+    def changes(self) -> dict[str, Any]:
+        """Return the given fields as JSON."""
+        return self.model_dump(mode="json", include=self.model_fields_set)
+
 
 MapStatus = Literal["queued", "reading", "indexing", "ready", "failed"]
 
@@ -95,43 +216,35 @@ class MapStarts(ResponseModel):
     starts: list[Start]
 
 
-MAP_EXAMPLE = {
-    "id": "map_2xk7q0v9m3d1c8fa",
-    "name": "3rd floor",
-    "tags": ["building 7"],
-    "revision": 1,
-    "serving_revision": 1,
-    "status": "ready",
-    "stage": None,
-    "progress": 1.0,
-    "error": None,
-    "created_at": "2026-11-21T12:00:00.000000Z",
-    "updated_at": "2026-11-21T12:00:02.400000Z",
-    "stats": {
-        "num_points": 1_000_000,
-        "num_points_used": 250_000,
-        "bounds": {"min": [0.0, 0.0, 0.0], "max": [12.4, 8.1, 2.6]},
-        "origin_offset": [0.0, 0.0, 0.0],
-        "num_starts": 412,
-        "index_bytes": 1_830_000,
-        "seconds": {"read": 0.5, "starts": 0.2, "render": 1.1},
-        "coordinate_system": None,
-    },
-    "diagnostics": [
-        {"code": "thinned", "severity": "info", "message": "1,000,000 points were thinned to 250,000."},
-    ],
-    "georeference": None,
-    "coordinate_system": None,
-    "geoid_undulation_m": None,
-    "owner": None,
-    "shared_with": [],
-    "version": 3,
-}
-QUEUED_MAP_EXAMPLE = {
-    **MAP_EXAMPLE,
-    "serving_revision": None,
-    "status": "queued",
-    "progress": 0.0,
-    "stats": None,
-    "diagnostics": [],
-}
+class AnswerWithChange(ResponseModel):
+    """One of the answers in use."""
+
+    id: str | None = Field(
+        description="Id of the localization, whose answer may have expired; null for keys of a tenant, because "
+        "tenants may share the map."
+    )
+    created_at: datetime
+    position_m: Vector = Field(description="Position of the photo.")
+    confidence: float
+    panorama_changed_fraction: float | None
+    map_changed_fraction: float | None
+
+
+class ChangedCell(ResponseModel):
+    """A cube with a change."""
+
+    center_m: Vector
+    num_changed: int = Field(ge=1, description="Answers that saw a change here.")
+    num_seen: int = Field(ge=1, description="Answers that saw this cell at all.")
+    last_changed_at: datetime
+
+
+class MapChanges(ResponseModel):
+    """Changes since the scan, from the answers of the last `lifetime_s` seconds."""
+
+    map_id: str
+    revision: int = Field(description="Serving revision of the scan; answers from other revisions do not count.")
+    lifetime_s: int = Field(description="Seconds for which an answer counts.")
+    cell_m: float | None = Field(description="Edge length of a cell in metres; null without answers.")
+    answers: list[AnswerWithChange] = Field(description="Newest first.")
+    cells: list[ChangedCell] = Field(description="Cells, those with the most changes first.")

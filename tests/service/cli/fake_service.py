@@ -12,8 +12,7 @@ from typing import Any
 
 import httpx
 
-from panoloc.service.http.schemas.localization_examples import LOCALIZATION_EXAMPLE
-from panoloc.service.http.schemas.maps import MAP_EXAMPLE, QUEUED_MAP_EXAMPLE
+from panoloc.service.http.schemas.examples import LOCALIZATION_EXAMPLE, MAP_EXAMPLE, QUEUED_MAP_EXAMPLE
 
 READY_MAP: dict[str, Any] = {**MAP_EXAMPLE, "id": "map_1", "name": "office"}
 POINTS = b"""ply

@@ -8,7 +8,7 @@ import pytest
 
 from panoloc.core.options import MAX_TOP_K
 from panoloc.service.client import PanolocClient
-from panoloc.service.http.schemas import LocalizeOptions
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 

@@ -12,7 +12,7 @@ from PIL import Image
 from panoloc.core.geometry.pose import FRAMES, Pose
 from panoloc.core.options import MAX_IMAGES, Frame
 from panoloc.service.cli.transforms import TransformsError, read_transforms
-from panoloc.service.http.schemas import LocalizeOptions
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 

@@ -1,16 +1,17 @@
-"""One real Redis for all tests of the API, emptied for each, and an application on it."""
+"""An application on an empty Redis, in this event loop or on a port.
+
+The marker `settings` configures the application of the fixture `running`.
+"""
 
 import logging
-import tempfile
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
+from functools import partial
 from pathlib import Path
 
 import pytest
-import redis
 import structlog
 
-from panoloc.service.host.embedded_redis import EmbeddedRedis
-from tests.service.http.running_service import RunningService, running_service
+from tests.service.http.running_service import Listen, RunningService, Serve, listening, running_service
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -26,26 +27,20 @@ def anyio_backend() -> str:
     return "asyncio"
 
 
-@pytest.fixture(scope="session")
-def redis_server() -> Iterator[EmbeddedRedis]:
-    # pytest's own folders are too long for a socket.
-    with tempfile.TemporaryDirectory(prefix="panoloc-") as folder:
-        server = EmbeddedRedis(Path(folder), max_memory_bytes=64 * 2**20)
-        server.start()
-        yield server
-        server.stop()
+@pytest.fixture
+def serve(tmp_path: Path, redis_url: str) -> Serve:
+    """Return what runs an application on the folder and the Redis of the test: `async with serve(max_maps=1)`."""
+    return partial(running_service, tmp_path, redis_url)
 
 
 @pytest.fixture
-def redis_client(redis_server: EmbeddedRedis) -> Iterator["redis.Redis"]:
-    with redis.Redis.from_url(redis_server.url, decode_responses=True) as client:
-        client.flushall()
-        yield client
+def listen(tmp_path: Path, redis_url: str) -> Listen:
+    """Return what serves such an application on a port, and yields its URL."""
+    return partial(listening, tmp_path, redis_url)
 
 
 @pytest.fixture
-async def running(
-    tmp_path: Path, redis_server: EmbeddedRedis, redis_client: "redis.Redis", anyio_backend: str
-) -> AsyncIterator[RunningService]:
-    async with running_service(tmp_path, redis_server.url) as running:
+async def running(request: pytest.FixtureRequest, serve: Serve, anyio_backend: str) -> AsyncIterator[RunningService]:
+    marker = request.node.get_closest_marker("settings")
+    async with serve(**({} if marker is None else marker.kwargs)) as running:
         yield running

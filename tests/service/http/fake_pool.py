@@ -15,7 +15,7 @@ from panoloc.core.panorama.session import Photo
 from panoloc.core.results import Candidate, FoundImage, Localization, SearchSummary
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import NoWorkerError, QueueFullError
-from panoloc.service.http.schemas.maps import MAP_EXAMPLE
+from panoloc.service.http.schemas.examples import MAP_EXAMPLE
 from panoloc.service.jobs import (
     LocalizeJob,
     LocalizeOutcome,
@@ -55,7 +55,8 @@ def outcome_of(job: LocalizeJob, pose: Pose = POSE, status: Status = "localized"
 
 @dataclass
 class FakePool:
-    """`fail_localize` and `fail_register` are raised, in turn, `full` as long as it is set; closed gates hold work, or its end, back."""
+    """`fail_localize` and `fail_register` are raised, in turn, `full` as long as it is set; closed gates hold work, or its end,
+    back. asked: set once a query came."""
 
     worker_cache: WorkerCache
     is_ready: bool = True
@@ -65,6 +66,7 @@ class FakePool:
     localize_gate: asyncio.Event = field(default_factory=asyncio.Event)
     full: QueueFullError | None = None
     end_gate: asyncio.Event = field(default_factory=asyncio.Event)
+    asked: asyncio.Event = field(default_factory=asyncio.Event)
     jobs: list[LocalizeJob] = field(default_factory=list)
     registrations: list[RegisterJob] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
@@ -89,6 +91,7 @@ class FakePool:
 
     async def localize(self, job: LocalizeJob) -> LocalizeOutcome:
         self.jobs.append(job)
+        self.asked.set()
         await self._pass(self.localize_gate, "localize")
         if self.fail_localize:
             raise self.fail_localize.pop(0)

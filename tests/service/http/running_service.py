@@ -6,9 +6,9 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,7 +16,7 @@ import httpx
 from fastapi import FastAPI
 
 from panoloc.service.app import create_app
-from panoloc.service.cache import Cache, WorkerCache
+from panoloc.service.cache import WorkerCache
 from panoloc.service.http.server import DrainingServer, server_config
 from panoloc.service.settings import Settings
 from panoloc.service.storage import Storage, open_storage
@@ -35,6 +35,30 @@ class RunningService:
     storage: Storage
     data_dir: Path
 
+    def by(self, key: str) -> "RunningService":
+        """Return the same service for a caller with this key or token."""
+        headers = {"Authorization": f"Bearer {key}"}
+        transport = httpx.ASGITransport(self.app)
+        client = httpx.AsyncClient(transport=transport, base_url=self.client.base_url, headers=headers)
+        return replace(self, client=client)
+
+    async def status(self, method: str, path: str, **request: Any) -> int:
+        """Return the status of the answer to a request."""
+        return (await self.client.request(method, path, **request)).status_code
+
+    async def json(self, path: str, **query: Any) -> Any:
+        """Return the JSON behind a path."""
+        return (await self.client.get(path, params=query)).json()
+
+    async def pages(self, path: str) -> list[dict[str, Any]]:
+        """Return all items of a list, read in pages of two."""
+        items, query = list[dict[str, Any]](), {"limit": "2"}
+        while "cursor" not in query or query["cursor"] is not None:
+            page = await self.json(path, **query)
+            assert len(page["items"]) <= 2
+            items, query["cursor"] = items + page["items"], page["next_cursor"]
+        return items
+
     async def upload(self, scan: bytes = SCAN, name: str = "office.ply", options: str | None = None) -> httpx.Response:
         """POST a scan."""
         data = {} if options is None else {"options": options}
@@ -47,6 +71,26 @@ class RunningService:
         map_id = str(reply.json()["id"])
         assert (await self.settled(map_id))["status"] == "ready"
         return map_id
+
+    async def replace_scan(self, map_id: str, name: str = "new.ply", **data: str) -> httpx.Response:
+        """PUT a new scan of a map."""
+        return await self.client.put(f"/maps/{map_id}/scan", files={"file": (name, SCAN)}, data=data)
+
+    async def post_batch(self, map_id: str, *names: str, **data: Any) -> httpx.Response:
+        """POST a batch of panoramas of these names."""
+        files = [("image", (name, png_of(8, 4))) for name in names]
+        return await self.client.post("/batches", files=files, data={"map_id": map_id, **data})
+
+    async def done(self, batch_id: str) -> dict[str, Any]:
+        """Return a batch once it is done."""
+        return await self.eventually(f"/batches/{batch_id}", lambda body: body["status"] == "done")
+
+    async def placed(self, *names: str, map_id: str | None = None) -> tuple[str, str]:
+        """Return the ids of a map, a new one if none is given, and of a batch whose images were localized in it."""
+        map_id = map_id or await self.ready_map()
+        batch_id = (await self.post_batch(map_id, *names)).json()["id"]
+        await self.done(batch_id)
+        return map_id, batch_id
 
     async def settled(self, map_id: str) -> dict[str, Any]:
         """Return a map once it is ready or failed."""
@@ -62,12 +106,24 @@ class RunningService:
             await asyncio.sleep(0.01)
         raise AssertionError(f"not within three seconds: {body}")
 
+    async def held_query(self, map_id: str, **request: Any) -> asyncio.Task[httpx.Response]:
+        """Return a query that a worker holds until `pool.localize_gate` opens."""
+        self.pool.localize_gate.clear()
+        self.pool.asked.clear()
+        asking = asyncio.create_task(self.localize(map_id, **request))
+        await self.pool.asked.wait()
+        return asking
+
     async def localize(self, map_id: str | None, image: bytes | None = None, **request: Any) -> httpx.Response:
         """POST a panorama; `options`, `headers`, `tag` and more `files` as they are given."""
         data: dict[str, Any] = {} if map_id is None else {"map_id": map_id}
         data |= {name: request.pop(name) for name in ("options", "tag") if name in request}
         files = {"image": ("photo.png", png_of(8, 4) if image is None else image), **request.pop("files", {})}
         return await self.client.post("/localize", data=data, files=files, **request)
+
+
+Serve = Callable[..., AbstractAsyncContextManager[RunningService]]
+Listen = Callable[..., AbstractContextManager[str]]
 
 
 @asynccontextmanager
@@ -79,7 +135,7 @@ async def running_service(data_dir: Path, redis_url: str, **changes: Any) -> Asy
     pool = FakePool(WorkerCache(redis_url, index_lifetime_s=60))
     if is_held:
         pool.localize_gate.clear()
-    app = create_app(settings, pool, Cache(redis_url, result_lifetime_s=settings.result_ttl_s), storage)
+    app = create_app(settings, pool, storage)
     transport = httpx.ASGITransport(app)
     async with (
         app.router.lifespan_context(app),

@@ -8,31 +8,20 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 
 from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError
 from panoloc.service.errors import QueueFullError, StorageFullError
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.http.schemas.batches import Batch, BatchPage
 from panoloc.service.jobs import PoolState
 from panoloc.service.storage import FolderStorage
 from tests.service.http.fake_pool import no_worker
-from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
+from tests.service.http.running_service import SCAN, RunningService, Serve, png_of
 
 pytestmark = pytest.mark.anyio
 
 PNG = png_of(8, 4)
-
-
-async def post(running: RunningService, map_id: str, names: list[str], **data: Any) -> httpx.Response:
-    files = [("image", (name, PNG)) for name in names]
-    return await running.client.post("/batches", files=files, data={"map_id": map_id, **data})
-
-
-async def done(running: RunningService, batch_id: str) -> dict[str, Any]:
-    return await running.eventually(f"/batches/{batch_id}", lambda body: body["status"] == "done")
 
 
 def zipped(**entries: bytes) -> bytes:
@@ -55,15 +44,14 @@ async def test_every_image_of_a_batch_is_localized_once_and_its_answer_is_that_o
     running: RunningService,
 ) -> None:
     map_id = await running.ready_map()
-    reply = await post(
-        running, map_id, ["a.png", "b.png", "a.png"], options='{"frame": "webxr", "hints": {"upright": true}}'
-    )
+    options = '{"frame": "webxr", "hints": {"upright": true}}'
+    reply = await running.post_batch(map_id, "a.png", "b.png", "a.png", options=options)
     assert reply.status_code == 202, reply.text
     body = reply.json()
     Batch.model_validate(body)
     assert reply.headers["location"] == f"/batches/{body['id']}"
     assert (body["status"], body["num_images"], body["counts"]["waiting"]) == ("queued", 3, 3)
-    body = await done(running, body["id"])
+    body = await running.done(body["id"])
     Batch.model_validate(body)
     assert [item["name"] for item in body["items"]] == ["a.png", "b.png", "a-2.png"]
     assert [item["status"] for item in body["items"]] == ["localized"] * 3
@@ -81,41 +69,27 @@ async def test_a_zip_is_unpacked_and_what_is_no_image_is_named(running: RunningS
     archive = zipped(hall__1_png=PNG, notes_txt=b"hello")
     reply = await running.client.post("/batches", files={"archive": ("photos.zip", archive)}, data={"map_id": map_id})
     assert reply.status_code == 202, reply.text
-    body = await done(running, reply.json()["id"])
+    body = await running.done(reply.json()["id"])
     assert ([item["name"] for item in body["items"]], body["ignored"]) == (["hall/1.png"], ["notes.txt"])
     assert list((running.data_dir / "uploads").iterdir()) == []
 
 
 async def test_batches_are_listed_page_by_page_oldest_first(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    made = [(await post(running, map_id, [f"{number}.png"])).json()["id"] for number in range(3)]
-    for batch_id in made:
-        await done(running, batch_id)
-    first = (await running.client.get("/batches", params={"limit": 2})).json()
-    BatchPage.model_validate(first)
-    second = (await running.client.get("/batches", params={"limit": 2, "cursor": first["next_cursor"]})).json()
-    assert [each["id"] for each in first["items"] + second["items"]] == made
-    assert second["next_cursor"] is None
-    assert {(each["status"], each["progress"], each["num_images"]) for each in first["items"]} == {("done", 1.0, 1)}
+    made = [(await running.placed(f"{number}.png"))[1] for number in range(3)]
+    BatchPage.model_validate(await running.json("/batches"))
+    listed = await running.pages("/batches")
+    assert [each["id"] for each in listed] == made
+    assert {(each["status"], each["progress"], each["num_images"]) for each in listed} == {("done", 1.0, 1)}
     await running.client.delete(f"/batches/{made[0]}")
-    assert [each["id"] for each in (await running.client.get("/batches")).json()["items"]] == made[1:]
+    assert [each["id"] for each in (await running.json("/batches"))["items"]] == made[1:]
     wrong = await running.client.get("/batches", params={"cursor": "x"})
     assert (wrong.status_code, wrong.json()["fields"][0]["field"]) == (422, "cursor")
 
 
 async def test_images_come_page_by_page(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    batch_id = (await post(running, map_id, [f"{number}.png" for number in range(5)])).json()["id"]
-    await done(running, batch_id)
-    names, cursor = [], None
-    while True:
-        query: dict[str, Any] = {"limit": 2} | ({"cursor": cursor} if cursor else {})
-        page = (await running.client.get(f"/batches/{batch_id}", params=query)).json()
-        names += [item["name"] for item in page["items"]]
-        cursor = page["next_cursor"]
-        if cursor is None:
-            break
-    assert names == [f"{number}.png" for number in range(5)]
+    names = [f"{number}.png" for number in range(5)]
+    _, batch_id = await running.placed(*names)
+    assert [item["name"] for item in await running.pages(f"/batches/{batch_id}")] == names
     counts = (await running.client.get(f"/batches/{batch_id}", params={"limit": 0})).json()
     assert (counts["items"], counts["counts"]["localized"]) == ([], 5)
     wrong = await running.client.get(f"/batches/{batch_id}", params={"cursor": "x"})
@@ -127,7 +101,7 @@ async def test_an_image_that_cannot_be_localized_fails_alone(running: RunningSer
     files = [("image", ("a.png", PNG)), ("image", ("text.png", b"no image at all")), ("image", ("b.png", PNG))]
     running.pool.fail_localize = [PanoramaShapeError("image: expected 2:1, got 3:2")]
     reply = await running.client.post("/batches", files=files, data={"map_id": map_id})
-    body = await done(running, reply.json()["id"])
+    body = await running.done(reply.json()["id"])
     assert Counter(item["status"] for item in body["items"]) == {"failed": 2, "localized": 1}
     (text,) = [item for item in body["items"] if item["name"] == "text.png"]
     assert text["error"]["status"] == 415
@@ -137,7 +111,7 @@ async def test_an_image_that_cannot_be_localized_fails_alone(running: RunningSer
 async def test_what_is_only_a_matter_of_time_is_tried_again(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.fail_localize = [no_worker(), QueueFullError("full", 0)]
-    body = await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+    body = await running.done((await running.post_batch(map_id, "a.png")).json()["id"])
     assert body["counts"]["localized"] == 1
     assert len(running.pool.jobs) == 3
 
@@ -148,7 +122,7 @@ async def test_a_deadline_that_passes_while_an_index_is_built_anew_is_not_the_en
 ) -> None:
     map_id = await running.ready_map()
     running.pool.fail_localize = [DeadlineExceededError("no answer within timeout_s")] * num_deadlines
-    body = await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+    body = await running.done((await running.post_batch(map_id, "a.png")).json()["id"])
     assert body["items"][0]["status"] == status
     assert len(running.pool.jobs) == 3
 
@@ -158,7 +132,7 @@ async def test_nobody_waits_for_an_image_so_it_may_take_as_long_as_a_query_may(
     running: RunningService, asked: dict[str, str], timeout_s: float
 ) -> None:
     map_id = await running.ready_map()
-    await done(running, (await post(running, map_id, ["a.png"], **asked)).json()["id"])
+    await running.done((await running.post_batch(map_id, "a.png", **asked)).json()["id"])
     assert [job.options.timeout_s for job in running.pool.jobs] == [timeout_s]
 
 
@@ -167,7 +141,7 @@ async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkey
     map_id = await running.ready_map()
     busy = PoolState(ready=True, waiting_for=None, num_workers=2, queue_depth=1)
     monkeypatch.setattr(running.pool, "state", lambda: busy)
-    batch_id = (await post(running, map_id, ["a.png", "b.png", "c.png"])).json()["id"]
+    batch_id = (await running.post_batch(map_id, "a.png", "b.png", "c.png")).json()["id"]
     await asyncio.sleep(0.2)
     assert running.pool.jobs == []
     running.pool.localize_gate.clear()
@@ -175,77 +149,65 @@ async def test_a_batch_waits_while_a_query_waits(running: RunningService, monkey
     await asyncio.sleep(0.2)
     assert len(running.pool.jobs) == 2  # one per worker
     running.pool.localize_gate.set()
-    await done(running, batch_id)
+    await running.done(batch_id)
 
 
-async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(
-    tmp_path: Path, redis_server: EmbeddedRedis
-) -> None:
-    async with running_service(tmp_path, redis_server.url) as first:
-        map_id = await first.ready_map()
-        batch_id = (await post(first, map_id, ["a.png"])).json()["id"]
-        await done(first, batch_id)
+async def test_after_a_restart_what_is_done_stays_done_and_the_rest_is_taken_up(tmp_path: Path, serve: Serve) -> None:
+    async with serve() as first:
+        map_id, batch_id = await first.placed("a.png")
         first.pool.localize_gate.clear()
-        second_id = (await post(first, map_id, ["b.png", "c.png"])).json()["id"]
+        second_id = (await first.post_batch(map_id, "b.png", "c.png")).json()["id"]
         await asyncio.sleep(0.1)
-        first_answer = (await first.client.get(f"/batches/{batch_id}")).json()
+        first_answer = await first.json(f"/batches/{batch_id}")
     # An upload that was cut off by a crash: images without a record.
     (tmp_path / "batches" / "batch_cut" / "images").mkdir(parents=True)
-    async with running_service(tmp_path, redis_server.url) as again:
-        assert (await again.client.get(f"/batches/{batch_id}")).json() == first_answer
-        body = await done(again, second_id)
+    async with serve() as again:
+        assert await again.json(f"/batches/{batch_id}") == first_answer
+        body = await again.done(second_id)
         assert body["counts"]["localized"] == 2
         assert len(again.pool.jobs) == 2
         assert not (tmp_path / "batches" / "batch_cut").exists()
 
 
-async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(
-    tmp_path: Path, redis_server: EmbeddedRedis
-) -> None:
-    async with running_service(tmp_path, redis_server.url) as first:
-        map_id = await first.ready_map()
-        batch_id = (await post(first, map_id, [f"{number}.png" for number in range(4)])).json()["id"]
-        await done(first, batch_id)
+async def test_a_batch_that_is_killed_in_the_middle_does_nothing_twice(tmp_path: Path, serve: Serve) -> None:
+    async with serve() as first:
+        _, batch_id = await first.placed(*(f"{number}.png" for number in range(4)))
     # As a kill leaves it: two results were there, a third was being written.
     results = tmp_path / "batches" / batch_id / "results"
     for name in ("00002.json", "00003.json"):
         (results / name).unlink()
     (results / ".00002.json.0123.tmp").write_bytes(b'{"sta')
-    async with running_service(tmp_path, redis_server.url) as again:
-        body = await done(again, batch_id)
+    async with serve() as again:
+        body = await again.done(batch_id)
         assert body["counts"]["localized"] == 4
         assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00002", f"{batch_id}-00003"]
 
 
-async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(
-    tmp_path: Path, redis_server: EmbeddedRedis
-) -> None:
-    async with running_service(tmp_path, redis_server.url) as first:
-        map_id = await first.ready_map()
-        batch_id = (await post(first, map_id, ["a.png", "b.png", "c.png"])).json()["id"]
-        as_it_was = await done(first, batch_id)
+async def test_a_result_that_the_disk_has_damaged_is_worked_out_again(tmp_path: Path, serve: Serve) -> None:
+    async with serve() as first:
+        _, batch_id = await first.placed("a.png", "b.png", "c.png")
+        as_it_was = await first.json(f"/batches/{batch_id}")
     results = tmp_path / "batches" / batch_id / "results"
     (results / "00001.json").write_bytes((results / "00001.json").read_bytes().replace(b"0.93", b"0.39"))
     (results / "00002.json").write_bytes(b'{"sta')
-    async with running_service(tmp_path, redis_server.url, is_held=True) as again:
-        page = (await again.client.get(f"/batches/{batch_id}")).json()
+    async with serve(is_held=True) as again:
+        page = await again.json(f"/batches/{batch_id}")
         assert [item["status"] for item in page["items"]] == ["localized", "waiting", "waiting"]
         again.pool.localize_gate.set()
-        body = await done(again, batch_id)
+        body = await again.done(batch_id)
         assert sorted(job.request_id for job in again.pool.jobs) == [f"{batch_id}-00001", f"{batch_id}-00002"]
         assert body["items"][0] == as_it_was["items"][0]
         assert {item["answer"]["confidence"] for item in body["items"]} == {0.93}
         (results / "00000.json").write_bytes(b"[]")
-        assert (await again.client.get(f"/batches/{batch_id}/export?format=tum")).status_code == 200
-        await done(again, batch_id)
+        assert await again.status("GET", f"/batches/{batch_id}/export?format=tum") == 200
+        await again.done(batch_id)
         assert len(again.pool.jobs) == 3
 
 
 async def test_a_result_that_is_written_anew_while_it_is_read_is_not_worked_out_again(
     running: RunningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    batch_id = (await post(running, await running.ready_map(), ["a.png"])).json()["id"]
-    await done(running, batch_id)
+    _, batch_id = await running.placed("a.png")
     store, loop, told = running.app.state.services.batches, asyncio.get_running_loop(), list[object]()
     result = (await store.results(batch_id, [0]))[0]
     store.call_when_damaged(told.append)
@@ -282,42 +244,40 @@ async def test_a_disk_that_fails_for_a_while_ends_no_batch(
         return call
 
     running.pool.localize_gate.clear()
-    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
+    batch_id = (await running.post_batch(map_id, "a.png", "b.png")).json()["id"]
     for name in left:
         monkeypatch.setattr(FolderStorage, name, failing(name))
     running.pool.localize_gate.set()
-    await done(running, batch_id)
+    await running.done(batch_id)
     assert left["replace"] == 0
-    body = (await running.client.get(f"/batches/{batch_id}")).json()
+    body = await running.json(f"/batches/{batch_id}")
     assert body["counts"]["localized"] == 2
 
 
 async def test_deleting_a_batch_cancels_it_and_leaves_nothing(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
-    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
+    batch_id = (await running.post_batch(map_id, "a.png", "b.png")).json()["id"]
     await asyncio.sleep(0.1)
-    assert (await running.client.delete(f"/batches/{batch_id}")).status_code == 204
+    assert await running.status("DELETE", f"/batches/{batch_id}") == 204
     assert running.pool.ended == ["localize"]
     assert not (running.data_dir / "batches" / batch_id).exists()
     for call in ("get", "delete"):
         assert (await getattr(running.client, call)(f"/batches/{batch_id}")).status_code == 404
     # The place of what was cancelled is free again.
     running.pool.localize_gate.set()
-    await done(running, (await post(running, map_id, ["a.png"])).json()["id"])
+    await running.done((await running.post_batch(map_id, "a.png")).json()["id"])
 
 
 async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_what_is_placed_stays(
     running: RunningService,
 ) -> None:
-    map_id = await running.ready_map()
-    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
-    await done(running, batch_id)
+    map_id, batch_id = await running.placed("a.png")
     running.pool.localize_gate.clear()
-    later = (await post(running, map_id, ["b.png", "c.png", "d.png"])).json()["id"]
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    later = (await running.post_batch(map_id, "b.png", "c.png", "d.png")).json()["id"]
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
-    body = await done(running, later)
+    body = await running.done(later)
     failed = [item["error"] for item in body["items"] if item["status"] == "failed"]
     assert len(failed) >= 2
     assert {error["type"] for error in failed} == {"/problems/map-not-found"}
@@ -329,8 +289,8 @@ async def test_a_map_that_is_deleted_while_its_batch_runs_fails_the_rest_and_wha
 async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.fail_localize = [PanoramaShapeError("image: expected 2:1, got 3:2")]
-    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
-    items = (await done(running, batch_id))["items"]
+    batch_id = (await running.post_batch(map_id, "a.png", "b.png")).json()["id"]
+    items = (await running.done(batch_id))["items"]
     failed = next(item["name"] for item in items if item["status"] == "failed")
     (placed,) = {"a.png", "b.png"} - {failed}
     archive = await export(running, batch_id, "potree")
@@ -346,21 +306,17 @@ async def test_photos_are_exported_with_those_that_have_no_pose_beside(running: 
 
 
 async def test_the_plan_of_a_batch_is_a_picture(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    batch_id = (await post(running, map_id, ["a.png", "b.png"])).json()["id"]
-    await done(running, batch_id)
+    _, batch_id = await running.placed("a.png", "b.png")
     reply = await running.client.get(f"/batches/{batch_id}/plan.png")
     assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png"), reply.text
     assert reply.content.startswith(b"\x89PNG")
     assert list((running.data_dir / "uploads").iterdir()) == []
-    assert (await running.client.get("/batches/batch_none/plan.png")).status_code == 404
+    assert await running.status("GET", "/batches/batch_none/plan.png") == 404
 
 
 @pytest.mark.slow
 async def test_a_format_of_places_on_earth_needs_a_georeference(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
-    await done(running, batch_id)
+    map_id, batch_id = await running.placed("a.png")
     reply = await running.client.get(f"/batches/{batch_id}/export", params={"format": "geojson"})
     assert (reply.status_code, reply.json()["type"]) == (422, "/problems/export-refused")
     assert "georeference" in reply.json()["detail"]
@@ -373,7 +329,7 @@ async def test_a_format_of_places_on_earth_needs_a_georeference(running: Running
     assert (await running.client.patch(f"/maps/{map_id}", json=grid)).status_code == 200
     found = json.loads((await export(running, batch_id, "stac")).read("items.json"))
     assert found["features"][0]["properties"]["pers:crs"] == 25832
-    assert (await running.client.get(f"/batches/{batch_id}/export", params={"format": "kml"})).status_code == 422
+    assert await running.status("GET", f"/batches/{batch_id}/export", params={"format": "kml"}) == 422
 
 
 @pytest.mark.slow
@@ -390,8 +346,7 @@ async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: 
     for options, name in ((None, "the station"), ('{"unit": "cm"}', "map")):
         map_id = (await running.upload(scan, "station.e57", options)).json()["id"]
         await running.settled(map_id)
-        batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
-        await done(running, batch_id)
+        _, batch_id = await running.placed("a.png", map_id=map_id)
         (await export(running, batch_id, "e57")).extractall(tmp_path / name)
         found = E57(str(tmp_path / name / "tour.e57"))
         assert found.root["data3D"][0]["name"].value() == name
@@ -400,43 +355,33 @@ async def test_an_export_as_e57_holds_the_e57_that_the_map_was_made_of(running: 
     # A name alone makes no E57.
     map_id = (await running.upload(SCAN, "room.e57")).json()["id"]
     await running.settled(map_id)
-    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
-    await done(running, batch_id)
+    _, batch_id = await running.placed("a.png", map_id=map_id)
     assert (await export(running, batch_id, "e57")).namelist()[0] == "tour.e57"
 
 
+IMAGE, HERE = {"image": ("a.png", PNG)}, {"map_id": "MAP"}
+
+
 @pytest.mark.parametrize(
-    ("request_of", "status", "problem"),
+    ("files", "data", "status", "problem"),
     [
-        ({"files": {"image": ("a.png", PNG)}}, 422, "map_id"),
-        ({"data": {"map_id": "MAP"}}, 400, "boundary"),
-        (
-            {"files": {"image": ("a.png", PNG), "archive": ("a.zip", zipped(a_png=PNG))}, "data": {"map_id": "MAP"}},
-            422,
-            "both",
-        ),
-        ({"files": {"archive": ("a.zip", PNG)}, "data": {"map_id": "MAP"}}, 422, "expected a zip"),
-        ({"files": {"archive": ("a.zip", zipped(notes_txt=b"x"))}, "data": {"map_id": "MAP"}}, 422, "without any"),
-        ({"files": {"image": ("a.png", PNG)}, "data": {"map_id": "map_none"}}, 404, "map_none"),
-        (
-            {"files": {"image": ("a.png", PNG)}, "data": {"map_id": "MAP", "options": '{"artifacts": ["overlay"]}'}},
-            422,
-            "artifacts",
-        ),
-        (
-            {"files": {"image": ("a.png", PNG)}, "data": {"map_id": "MAP", "options": '{"timeout_s": 9999}'}},
-            422,
-            "timeout_s",
-        ),
-        ({"files": {"scan": ("a.png", PNG)}, "data": {"map_id": "MAP"}}, 422, "scan"),
+        (IMAGE, {}, 422, "map_id"),
+        (None, HERE, 400, "boundary"),
+        (IMAGE | {"archive": ("a.zip", zipped(a_png=PNG))}, HERE, 422, "both"),
+        ({"archive": ("a.zip", PNG)}, HERE, 422, "expected a zip"),
+        ({"archive": ("a.zip", zipped(notes_txt=b"x"))}, HERE, 422, "without any"),
+        (IMAGE, {"map_id": "map_none"}, 404, "map_none"),
+        (IMAGE, HERE | {"options": '{"artifacts": ["overlay"]}'}, 422, "artifacts"),
+        (IMAGE, HERE | {"options": '{"timeout_s": 9999}'}, 422, "timeout_s"),
+        ({"scan": ("a.png", PNG)}, HERE, 422, "scan"),
     ],
 )
 async def test_what_is_no_batch_is_refused_and_leaves_nothing(
-    running: RunningService, request_of: dict[str, Any], status: int, problem: str
+    running: RunningService, files: dict[str, Any] | None, data: dict[str, str], status: int, problem: str
 ) -> None:
     map_id = await running.ready_map()
-    data = {name: map_id if value == "MAP" else value for name, value in request_of.get("data", {}).items()}
-    reply = await running.client.post("/batches", files=request_of.get("files"), data=data)
+    data = {name: map_id if value == "MAP" else value for name, value in data.items()}
+    reply = await running.client.post("/batches", files=files, data=data)
     assert (reply.status_code, problem in reply.json()["detail"]) == (status, True), reply.text
     assert not list((running.data_dir).glob("batches/*"))
     assert not list((running.data_dir).glob("uploads/*"))
@@ -444,14 +389,14 @@ async def test_what_is_no_batch_is_refused_and_leaves_nothing(
 
 async def test_limits_of_batches_and_of_their_images_are_named(
     tmp_path: Path,
-    redis_server: EmbeddedRedis,
+    serve: Serve,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("panoloc.service.services.MOST_BATCHES", 1)
     limits = {"max_batch_images": 2, "max_image_bytes": 1000}
-    async with running_service(tmp_path, redis_server.url, **limits) as running:
+    async with serve(**limits) as running:
         map_id = await running.ready_map()
-        reply = await post(running, map_id, ["a.png", "b.png", "c.png"])
+        reply = await running.post_batch(map_id, "a.png", "b.png", "c.png")
         assert (reply.status_code, "at most 2 parts" in reply.text) == (422, True)
         large = [("image", ("a.png", PNG)), ("image", ("b.png", PNG + b"x" * 1000))]
         reply = await running.client.post("/batches", files=large, data={"map_id": map_id})
@@ -460,20 +405,20 @@ async def test_limits_of_batches_and_of_their_images_are_named(
         archive = zipped(a_png=PNG, b_png=PNG, c_png=PNG)
         reply = await running.client.post("/batches", files={"archive": ("a.zip", archive)}, data={"map_id": map_id})
         assert (reply.status_code, "PANOLOC_MAX_BATCH_IMAGES" in reply.text) == (413, True)
-        assert (await post(running, map_id, ["a.png"])).status_code == 202
-        reply = await post(running, map_id, ["a.png"])
+        assert (await running.post_batch(map_id, "a.png")).status_code == 202
+        reply = await running.post_batch(map_id, "a.png")
         assert (reply.status_code, "fewer than 1 batches" in reply.text) == (409, True)
 
 
 async def test_uploads_at_the_same_time_make_no_more_batches_than_allowed(
     tmp_path: Path,
-    redis_server: EmbeddedRedis,
+    serve: Serve,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("panoloc.service.services.MOST_BATCHES", 2)
-    async with running_service(tmp_path, redis_server.url) as running:
+    async with serve() as running:
         map_id = await running.ready_map()
-        replies = await asyncio.gather(*(post(running, map_id, ["a.png"]) for _ in range(5)))
+        replies = await asyncio.gather(*(running.post_batch(map_id, "a.png") for _ in range(5)))
         assert sorted(reply.status_code for reply in replies) == [202, 202, 409, 409, 409]
         assert len(list(tmp_path.glob("batches/*"))) == 2
         assert not list(tmp_path.glob("uploads/*"))
@@ -482,9 +427,7 @@ async def test_uploads_at_the_same_time_make_no_more_batches_than_allowed(
 async def test_no_more_than_two_exports_are_written_at_the_same_time(
     running: RunningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    map_id = await running.ready_map()
-    batch_id = (await post(running, map_id, ["a.png"])).json()["id"]
-    await done(running, batch_id)
+    _, batch_id = await running.placed("a.png")
     under_way, most = 0, 0
 
     async def counted(module: str, tour: str, name: str, target: str, **_: object) -> tuple[int, str]:

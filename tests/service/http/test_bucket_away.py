@@ -40,7 +40,7 @@ async def test_changes_and_uploads_are_503_while_it_is_away_and_queries_are_answ
     on_bucket: RunningService, server: BucketServer
 ) -> None:
     map_id = await on_bucket.ready_map()
-    assert (await on_bucket.client.get("/health/ready")).status_code == 200
+    assert await on_bucket.status("GET", "/health/ready") == 200
     server.stop()
     replies = await asyncio.gather(
         on_bucket.client.patch(f"/maps/{map_id}", json={"name": "new"}),
@@ -58,7 +58,7 @@ async def test_changes_and_uploads_are_503_while_it_is_away_and_queries_are_answ
     assert list(on_bucket.storage.spool_folder().iterdir()) == []
     again = BucketServer(server.port)
     try:
-        assert (await on_bucket.client.get("/health/ready")).status_code == 200
+        assert await on_bucket.status("GET", "/health/ready") == 200
         assert (await on_bucket.client.patch(f"/maps/{map_id}", json={"name": "new"})).status_code == 200
     finally:
         again.stop()
@@ -95,7 +95,7 @@ async def test_a_key_that_was_revoked_is_said(on_bucket: RunningService, server:
     reply = await on_bucket.client.patch(f"/maps/{map_id}", json={"name": "new"})
     assert (reply.status_code, reply.json()["type"]) == (503, "/problems/storage-read-only")
     assert "the key and its rights" in reply.json()["detail"]
-    assert (await on_bucket.client.get("/health/ready")).json()["waiting_for"] == ["a bucket that can be written"]
+    assert (await on_bucket.json("/health/ready"))["waiting_for"] == ["a bucket that can be written"]
 
 
 @pytest.mark.slow

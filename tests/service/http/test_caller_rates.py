@@ -9,7 +9,7 @@ from panoloc.service.errors import RateError
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.limits import caller_rates
 from panoloc.service.limits.caller_rates import CallerRates, RateLimits
-from tests.service.http.running_service import SCAN, running_service
+from tests.service.http.running_service import SCAN, RunningService, Serve
 
 pytestmark = pytest.mark.anyio
 
@@ -91,11 +91,9 @@ async def test_without_redis_each_process_counts_for_itself(
     assert caplog.text.count("this process counts the rates") == 2
 
 
-async def test_who_asks_too_often_is_told_when_to_ask_again_and_others_are_answered(
-    tmp_path: Path, redis_server: EmbeddedRedis
-) -> None:
+async def test_who_asks_too_often_is_told_when_to_ask_again_and_others_are_answered(serve: Serve) -> None:
     settings = {"api_keys": "the-first-key,the-second-key", "max_requests_per_minute": 3}
-    async with running_service(tmp_path, redis_server.url, **settings) as running:
+    async with serve(**settings) as running:
 
         async def status(key: str, path: str = "/maps") -> int:
             return (await running.client.get(path, headers={"Authorization": f"Bearer {key}"})).status_code
@@ -110,22 +108,20 @@ async def test_who_asks_too_often_is_told_when_to_ask_again_and_others_are_answe
         assert 'panoloc_refusals_total{limit="request-rate"} 3.0' in running.app.state.services.metrics.text().decode()
 
 
-async def test_a_scan_beyond_the_bytes_is_taken_and_the_next_request_refused_unread(
-    tmp_path: Path, redis_server: EmbeddedRedis
-) -> None:
-    async with running_service(tmp_path, redis_server.url, max_bytes_per_hour=100) as running:
-        assert (await running.upload()).status_code == 202
-        refused = await running.upload(SCAN * 100_000)
-        assert (refused.status_code, refused.json()["type"]) == (429, "/problems/too-often")
-        assert refused.headers["connection"] == "close"
-        assert "smaller images" in refused.json()["detail"]
-        assert (await running.client.get("/maps")).status_code == 200
-        map_id = (await running.client.get("/maps")).json()["items"][0]["id"]
-        assert (await running.client.patch(f"/maps/{map_id}", json={"name": "hall"})).status_code == 200
+@pytest.mark.settings(max_bytes_per_hour=100)
+async def test_a_scan_beyond_the_bytes_is_taken_and_the_next_request_refused_unread(running: RunningService) -> None:
+    assert (await running.upload()).status_code == 202
+    refused = await running.upload(SCAN * 100_000)
+    assert (refused.status_code, refused.json()["type"]) == (429, "/problems/too-often")
+    assert refused.headers["connection"] == "close"
+    assert "smaller images" in refused.json()["detail"]
+    assert await running.status("GET", "/maps") == 200
+    map_id = (await running.json("/maps"))["items"][0]["id"]
+    assert (await running.client.patch(f"/maps/{map_id}", json={"name": "hall"})).status_code == 200
 
 
-async def test_without_limits_nothing_is_counted(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+async def test_without_limits_nothing_is_counted(serve: Serve) -> None:
     rates = CallerRates("unix:///nowhere.sock", RateLimits(None, None), Refusals().note)
     assert await num_let_through(rates, 100) == 100
-    async with running_service(tmp_path, redis_server.url) as running:
+    async with serve() as running:
         assert not running.app.state.services.rates.are_limited

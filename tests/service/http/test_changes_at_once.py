@@ -6,7 +6,7 @@ import pytest
 import redis
 
 from tests.service.http.held_call import HeldCall, long_enough
-from tests.service.http.running_service import SCAN, RunningService
+from tests.service.http.running_service import RunningService
 
 pytestmark = pytest.mark.anyio
 
@@ -44,9 +44,9 @@ async def test_a_scan_replaced_when_it_is_almost_a_map_leaves_neither_files_nor_
 ) -> None:
     map_id = await running.ready_map()
     writing = HeldCall(monkeypatch, running.storage, "put", "/2/points.ply")
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("second.ply", SCAN)})
+    await running.replace_scan(map_id)
     await writing.begun()
-    putting = asyncio.create_task(running.client.put(f"/maps/{map_id}/scan", files={"file": ("third.ply", SCAN)}))
+    putting = asyncio.create_task(running.replace_scan(map_id))
     await long_enough()
     writing.let_go()
     assert (await putting).status_code == 202
@@ -55,20 +55,12 @@ async def test_a_scan_replaced_when_it_is_almost_a_map_leaves_neither_files_nor_
     await running.eventually("/health", lambda _: len(redis_client.keys("index:*")) == 1)
 
 
-async def test_of_two_uploads_for_which_there_is_one_place_one_leaves_nothing(running: RunningService) -> None:
-    running.app.state.services.registry._max_maps = 1
-    replies = await asyncio.gather(running.upload(), running.upload())
-    assert sorted(reply.status_code for reply in replies) == [202, 409]
-    (stored,) = [reply.json()["id"] for reply in replies if reply.status_code == 202]
-    assert running.storage.names("maps") == [stored]
-
-
 async def test_a_map_deleted_while_a_new_scan_is_stored_is_gone(
     running: RunningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     map_id = await running.ready_map()
     storing = HeldCall(monkeypatch, running.storage, "adopt", "/2/scan.ply")
-    putting = asyncio.create_task(running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)}))
+    putting = asyncio.create_task(running.replace_scan(map_id))
     await storing.begun()
     deleting = asyncio.create_task(running.client.delete(f"/maps/{map_id}"))
     await long_enough()
@@ -84,13 +76,13 @@ async def test_a_scan_that_comes_while_a_deletion_ends_a_registration_leaves_not
 ) -> None:
     map_id = await running.ready_map()
     running.pool.register_gate.clear()
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("second.ply", SCAN)})
+    await running.replace_scan(map_id)
     await running.eventually(f"/maps/{map_id}", lambda body: body["status"] == "indexing")
     running.pool.end_gate.clear()
     removing = HeldCall(monkeypatch, running.storage, "delete_all", map_id)
     deleting = asyncio.create_task(running.client.delete(f"/maps/{map_id}"))
     await long_enough()
-    putting = asyncio.create_task(running.client.put(f"/maps/{map_id}/scan", files={"file": ("third.ply", SCAN)}))
+    putting = asyncio.create_task(running.replace_scan(map_id))
     await long_enough()
     running.pool.end_gate.set()
     await long_enough()
@@ -110,7 +102,7 @@ async def test_viewers_get_the_new_picture_when_the_old_one_goes_while_they_ask(
     reading = HeldCall(monkeypatch, running.storage, "read", "/1/preview.png")
     asking = asyncio.create_task(running.client.get(f"/maps/{map_id}/preview.png"))
     await reading.begun()
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    await running.replace_scan(map_id)
     await running.eventually("/health", lambda _: running.storage.names(f"maps/{map_id}") == ["2", "map.json"])
     reading.let_go()
     reply = await asking
@@ -133,11 +125,8 @@ async def test_an_answer_that_comes_after_its_map_was_deleted_is_not_kept(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
     map_id = await running.ready_map()
-    running.pool.localize_gate.clear()
-    asking = asyncio.create_task(running.localize(map_id, options='{"artifacts": ["overlay"]}'))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    asking = await running.held_query(map_id, options='{"artifacts": ["overlay"]}')
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
     await asking
     assert redis_client.keys("*") == []

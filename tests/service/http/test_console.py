@@ -1,12 +1,14 @@
-"""The page that people open: served without a key, with nothing in it that others could make run."""
+"""Pages for people: the console, served without a key, and the description of the API; with nothing in them that others
+could make run."""
 
+import re
 from pathlib import Path
 
 import pytest
 
-from panoloc.service.host.embedded_redis import EmbeddedRedis
+from panoloc.service.http.api_page import api_page
 from panoloc.service.http.routes import pages
-from tests.service.http.running_service import RunningService, running_service
+from tests.service.http.running_service import RunningService
 
 pytestmark = pytest.mark.anyio
 
@@ -44,7 +46,7 @@ async def test_browsers_that_look_for_an_icon_by_themselves_find_the_mark(
     found = await running.client.get("/favicon.ico")
     assert (found.status_code, found.text, found.headers["content-type"]) == (200, "<svg/>", "image/svg+xml")
     monkeypatch.setattr(pages, "BUILT", built / "none")
-    assert (await running.client.get("/favicon.ico")).status_code == 204
+    assert await running.status("GET", "/favicon.ico") == 204
 
 
 @pytest.mark.parametrize("name", ["none.js", "..%2Findex.html", "..%2F.sources", ".sources", "index-1a2b.js%00"])
@@ -61,14 +63,42 @@ async def test_without_a_console_the_page_says_how_to_build_it(
     assert page.status_code == 200
     assert "scripts/install" in page.text
     assert 'href="/docs"' in page.text
-    assert (await running.client.get("/maps")).status_code == 200
+    assert await running.status("GET", "/maps") == 200
 
 
-async def test_the_console_asks_for_no_key_and_browsers_keep_its_scripts(
-    tmp_path: Path, redis_server: EmbeddedRedis, built: Path
-) -> None:
-    async with running_service(tmp_path, redis_server.url, api_keys="the-reader:read") as running:
-        assert (await running.client.get("/")).status_code == 200
-        script = await running.client.get("/console/index-1a2b.js")
-        assert (script.text, script.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
-        assert "immutable" in script.headers["cache-control"]
+@pytest.mark.settings(api_keys="the-reader:read")
+async def test_the_console_asks_for_no_key_and_browsers_keep_its_scripts(running: RunningService, built: Path) -> None:
+    assert await running.status("GET", "/") == 200
+    script = await running.client.get("/console/index-1a2b.js")
+    assert (script.text, script.headers["content-type"]) == ("void 0", "text/javascript; charset=utf-8")
+    assert "immutable" in script.headers["cache-control"]
+
+
+async def test_every_request_is_described_without_anything_from_elsewhere(running: RunningService) -> None:
+    document = await running.json("/openapi.json")
+    reply = await running.client.get("/docs")
+    assert (reply.status_code, reply.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    for path, item in document["paths"].items():
+        for method in item:
+            assert f'<span class="method">{method.upper()}</span><code>{path}</code>' in reply.text
+    assert "<script" not in reply.text
+    policy = reply.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; style-src 'sha256-")
+    assert "script-src" not in policy
+    assert re.findall(r'(?:src|href)="(?!#)([^"]*)"', reply.text) == ["openapi.json", "./"]
+    links = set(re.findall(r'href="#(\w+)"', reply.text))
+    assert "LocalizeOptions" in links
+    assert links <= set(re.findall(r'id="(\w+)"', reply.text))
+
+
+def test_what_descriptions_say_is_text() -> None:
+    operation = {
+        "summary": "<b>A</b>",
+        "description": "<script>1</script>",
+        "parameters": [{"name": "<i>", "in": "query", "required": True, "schema": {"type": "string"}}],
+        "responses": {"200": {"description": "<img>", "content": {"application/json": {"example": "</pre><script>"}}}},
+    }
+    page = api_page({"info": {"title": "<t>", "version": "1"}, "paths": {"/<p>": {"get": operation}}})
+    for tag in ("<b>", "<script", "<i>", "<img", "<t>", "<p>&lt;p"):
+        assert tag not in page
+    assert "&lt;script&gt;1&lt;/script&gt;" in page

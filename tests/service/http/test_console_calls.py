@@ -1,6 +1,5 @@
 """What the console asks for beside maps and answers: changes, images of batches, the demo room, the last errors."""
 
-import asyncio
 from dataclasses import replace
 from typing import Any
 
@@ -8,52 +7,41 @@ import pytest
 
 from panoloc.core.errors import ScanFormatError
 from panoloc.service.host import demo_room
-from panoloc.service.http.schemas import Health
-from panoloc.service.http.schemas.changes import MapChanges
-from panoloc.service.jobs import LocalizeJob, LocalizeOutcome
+from panoloc.service.http.schemas.maps import MapChanges
+from panoloc.service.http.schemas.operations import Health
+from tests.service.http.fake_pool import outcome_of
 from tests.service.http.running_service import RunningService, png_of
 from tests.service.maps.test_changes import seen
 
 pytestmark = pytest.mark.anyio
 
 
-async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = running.pool.localize
+def sees_changes(running: RunningService) -> None:
+    """Let workers see one of two cells changed."""
+    cells = seen((0, 0, 0), (1, 1, 1), changed=((1, 1, 1),))
+    running.pool.outcome_of = lambda job: replace(outcome_of(job), change_cells=cells)
 
-    async def with_cells(job: LocalizeJob) -> LocalizeOutcome:
-        return replace(await found(job), change_cells=seen((0, 0, 0), (1, 1, 1), changed=((1, 1, 1),)))
 
-    monkeypatch.setattr(running.pool, "localize", with_cells)
+async def test_what_an_answer_saw_changed_is_shown_with_its_map_and_goes_with_it(running: RunningService) -> None:
+    sees_changes(running)
     map_id = await running.ready_map()
-    empty = (await running.client.get(f"/maps/{map_id}/changes")).json()
+    empty = await running.json(f"/maps/{map_id}/changes")
     assert (empty["answers"], empty["cells"], empty["cell_m"]) == ([], [], None)
     answer = (await running.localize(map_id)).json()
-    changes = (await running.client.get(f"/maps/{map_id}/changes")).json()
+    changes = await running.json(f"/maps/{map_id}/changes")
     MapChanges.model_validate(changes)
     assert [each["id"] for each in changes["answers"]] == [answer["id"]]
     assert [cell["center_m"] for cell in changes["cells"]] == [[0.75, 0.75, 0.75]]
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     assert running.storage.names("changes") == []
-    assert (await running.client.get(f"/maps/{map_id}/changes")).status_code == 404
+    assert await running.status("GET", f"/maps/{map_id}/changes") == 404
 
 
-async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kept(
-    running: RunningService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = running.pool.localize
-
-    async def with_cells(job: LocalizeJob) -> LocalizeOutcome:
-        return replace(await found(job), change_cells=seen((0, 0, 0), changed=()))
-
-    monkeypatch.setattr(running.pool, "localize", with_cells)
+async def test_what_an_answer_saw_of_a_map_that_was_deleted_meanwhile_is_not_kept(running: RunningService) -> None:
+    sees_changes(running)
     map_id = await running.ready_map()
-    running.pool.localize_gate.clear()
-    asking = asyncio.create_task(running.localize(map_id))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    asking = await running.held_query(map_id)
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     running.pool.localize_gate.set()
     assert (await asking).status_code == 200
     assert running.storage.names("changes") == []
@@ -71,18 +59,18 @@ async def test_images_of_a_batch_come_back_as_they_were(running: RunningService)
         "application/octet-stream",
         "nosniff",
     )
-    assert (await running.client.get(f"/batches/{batch['id']}/images/2")).status_code == 404
-    assert (await running.client.get("/batches/batch_none/images/0")).status_code == 404
+    assert await running.status("GET", f"/batches/{batch['id']}/images/2") == 404
+    assert await running.status("GET", "/batches/batch_none/images/0") == 404
 
 
 async def test_the_last_problems_are_listed_with_their_request_ids(running: RunningService) -> None:
     reply = await running.client.get("/maps/map_none")
-    health: dict[str, Any] = (await running.client.get("/health")).json()
+    health: dict[str, Any] = await running.json("/health")
     Health.model_validate(health)
     (error,) = health["recent_errors"]
     assert (error["path"], error["status"], error["method"]) == ("/maps/map_none", 404, "GET")
     assert error["request_id"] == reply.headers["x-request-id"]
-    assert "recent_errors" not in (await running.client.get("/health/ready")).json()
+    assert "recent_errors" not in await running.json("/health/ready")
 
 
 async def test_scans_that_could_not_be_registered_are_among_the_last_problems(running: RunningService) -> None:
@@ -90,16 +78,14 @@ async def test_scans_that_could_not_be_registered_are_among_the_last_problems(ru
     failed = await running.settled((await running.upload()).json()["id"])
     assert failed["status"] == "failed"
     await running.client.get("/maps/map_none")
-    later, earlier = (await running.client.get("/health")).json()["recent_errors"]
+    later, earlier = (await running.json("/health"))["recent_errors"]
     assert later["path"] == "/maps/map_none"
     assert (earlier["method"], earlier["path"]) == ("POST", f"/maps/{failed['id']}")
     assert {name: earlier[name] for name in ("type", "detail", "request_id")} == {
         name: failed["error"][name] for name in ("type", "detail", "request_id")
     }
     await running.client.delete(f"/maps/{failed['id']}")
-    assert [each["path"] for each in (await running.client.get("/health")).json()["recent_errors"]] == [
-        "/maps/map_none"
-    ]
+    assert [each["path"] for each in (await running.json("/health"))["recent_errors"]] == ["/maps/map_none"]
 
 
 async def test_a_demo_room_that_cannot_be_made_is_a_problem(

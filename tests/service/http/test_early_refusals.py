@@ -16,7 +16,7 @@ from panoloc.service.http.guards.early_refusals import RefusalPace
 from panoloc.service.keys.caller import Scope
 from panoloc.service.keys.key_file import KeyFile
 from tests.service.http.fake_pool import FakePool
-from tests.service.http.running_service import listening, running_service
+from tests.service.http.running_service import RunningService, Serve, listening
 
 pytestmark = pytest.mark.anyio
 FULL = QueueFullError("4 requests are waiting, which is the limit; try again in 7 s", 7)
@@ -121,34 +121,33 @@ def test_the_connection_is_closed_before_a_body_that_is_large_or_does_not_say(
         assert connection.is_closed()
 
 
-async def test_who_may_not_ask_is_told_so_first(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+async def test_who_may_not_ask_is_told_so_first(tmp_path: Path, serve: Serve) -> None:
     scopes: list[Scope] = ["read", "localize"]
     keys = {scope: KeyFile(tmp_path).make(scope, [scope])[1] for scope in scopes}
-    async with running_service(tmp_path, redis_server.url) as running:
+    async with serve() as running:
         running.pool.full = FULL
         statuses = []
         for key in (None, keys["read"], keys["localize"]):
             headers = {} if key is None else {"X-API-Key": key}
-            statuses.append((await running.client.post("/localize", headers=headers)).status_code)
+            statuses.append(await running.status("POST", "/localize", headers=headers))
     assert statuses == [401, 403, 429]
 
 
-async def test_pages_of_other_sites_are_told_so_first(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
-    async with running_service(tmp_path, redis_server.url) as running:
+async def test_pages_of_other_sites_are_told_so_first(serve: Serve) -> None:
+    async with serve() as running:
         running.pool.full = FULL
         reply = await running.client.post("/localize", headers={"Origin": "http://elsewhere.example"})
     assert reply.status_code == 403
 
 
-async def test_a_place_and_other_paths_leave_everything_as_it_is(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
-    async with running_service(tmp_path, redis_server.url) as running:
-        map_id = await running.ready_map()
-        assert (await running.localize(map_id)).status_code == 200
-        running.pool.full = FULL
-        assert (await running.localize(map_id)).status_code == 429
-        assert (await running.client.get("/localize")).status_code == 405
-        assert (await running.client.post("/localized")).status_code == 404
-        assert (await running.upload()).status_code == 202
+async def test_a_place_and_other_paths_leave_everything_as_it_is(running: RunningService) -> None:
+    map_id = await running.ready_map()
+    assert (await running.localize(map_id)).status_code == 200
+    running.pool.full = FULL
+    assert (await running.localize(map_id)).status_code == 429
+    assert await running.status("GET", "/localize") == 405
+    assert await running.status("POST", "/localized") == 404
+    assert (await running.upload()).status_code == 202
 
 
 def test_a_few_refusals_leave_at_once_and_many_are_held_back_for_moments() -> None:

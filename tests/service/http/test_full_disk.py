@@ -49,9 +49,9 @@ async def test_changes_and_uploads_are_503_and_readiness_says_what_is_missing(
     assert (ready.status_code, ready.json()["storage"]) == (503, "not_writable")
     assert missing in ready.json()["waiting_for"][0]
     assert (await running.localize(map_id)).status_code == 200
-    assert (await running.client.delete(f"/maps/{map_id}")).status_code == 204
+    assert await running.status("DELETE", f"/maps/{map_id}") == 204
     refuse_writes(None)
-    assert (await running.client.get("/health/ready")).status_code == 200
+    assert await running.status("GET", "/health/ready") == 200
 
 
 @pytest.mark.slow

@@ -6,64 +6,35 @@ import time
 from collections.abc import MutableMapping
 from typing import Any
 
+import httpx
 import pytest
 import redis
 
-from panoloc.core.camera.camera import CameraDescription
-from panoloc.core.errors import (
-    DeadlineExceededError,
-    OptionsError,
-    PanoramaFormatError,
-    PanoramaShapeError,
-    PanoramaTooLargeError,
-    ScanContentError,
-)
+from panoloc.core.errors import DeadlineExceededError, PanoramaShapeError, ScanContentError
+from panoloc.service.answer import Localization
 from panoloc.service.errors import QueueFullError, StoredFileMissingError, WorkerError
 from panoloc.service.http.routes.localize import checked_options
-from panoloc.service.http.schemas import Localization, LocalizeOptions, PendingLocalization
+from panoloc.service.http.schemas.queries import LocalizeOptions, PendingLocalization
 from panoloc.service.jobs import ARTIFACTS, QueryImage
 from panoloc.service.settings import Settings
 from tests.service.http.fake_pool import PNG, no_worker
-from tests.service.http.running_service import SCAN, RunningService, png_of
+from tests.service.http.running_service import RunningService, png_of
 
 pytestmark = pytest.mark.anyio
 
 
-async def test_an_answer_has_links_to_its_pictures_and_the_time_that_its_caller_waited(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    body = (await running.localize(map_id, options='{"artifacts": ["overlay", "score_map_2d"]}')).json()
-    Localization.model_validate(body)
-    assert body["map_id"] == map_id
-    assert body["artifacts"] == {
-        "score_map_2d": f"/localizations/{body['id']}/score-map-2d.png",
-        "overlay": f"/localizations/{body['id']}/overlay.png",
-    }
-    assert {"queue", "decode", "search", "total"} == body["timings_s"].keys()
-    assert body["timings_s"]["total"] >= body["timings_s"]["queue"] >= 0
-
-
-async def test_a_heading_counts_from_true_north_in_a_map_that_has_a_georeference(running: RunningService) -> None:
-    map_id = await running.ready_map()
-    before = (await running.localize(map_id)).json()["pose"]
-    assert (before["heading_deg"], before["north"]) == (90, "map")
-    change: dict[str, Any] = {"georeference": {"latitude_deg": 47.7, "longitude_deg": -122.3, "heading_deg": 12.5}}
-    assert (await running.client.patch(f"/maps/{map_id}", json=change)).status_code == 200
-    after = (await running.localize(map_id)).json()["pose"]
-    assert (after["heading_deg"], after["north"]) == (102.5, "true")
-    in_grid = {"georeference": None, "coordinate_system": "EPSG:25831"}
-    assert (await running.client.patch(f"/maps/{map_id}", json=in_grid)).status_code == 200
-    grid = (await running.localize(map_id)).json()["pose"]
-    # The corner of the zone's grid lies on the equator, where grid and true north are one.
-    assert (grid["heading_deg"], grid["north"]) == (pytest.approx(90.0, abs=1e-3), "true")
-
-
-async def test_answer_and_pictures_can_be_fetched_for_a_while(
+async def test_an_answer_and_its_pictures_can_be_fetched_for_a_while(
     running: RunningService, redis_client: "redis.Redis"
 ) -> None:
     options = json.dumps({"artifacts": ARTIFACTS})
-    body = (await running.localize(await running.ready_map(), options=options)).json()
-    assert (await running.client.get(f"/localizations/{body['id']}")).json() == body
-    assert list(body["artifacts"]) == list(ARTIFACTS)
+    body = (await running.localize(map_id := await running.ready_map(), options=options)).json()
+    Localization.model_validate(body)
+    assert body["map_id"] == map_id
+    assert {"queue", "decode", "search", "total"} == body["timings_s"].keys()
+    assert body["timings_s"]["total"] >= body["timings_s"]["queue"] >= 0
+    assert await running.json(f"/localizations/{body['id']}") == body
+    paths = [f"/localizations/{body['id']}/{name}.png" for name in ("score-map-2d", "score-map-3d", "overlay")]
+    assert body["artifacts"] == dict(zip(ARTIFACTS, paths, strict=True))
     for name, path in body["artifacts"].items():
         picture = await running.client.get(path)
         assert (picture.content, picture.headers["content-type"]) == (PNG + name.encode(), "image/png")
@@ -77,7 +48,7 @@ async def test_a_picture_that_the_query_did_not_ask_for_is_404(running: RunningS
     reply = await running.client.get(f"/localizations/{body['id']}/score-map-3d.png")
     assert reply.status_code == 404
     assert "artifacts" in reply.json()["detail"]
-    assert (await running.client.get("/localizations/loc_none/overlay.png")).status_code == 404
+    assert await running.status("GET", "/localizations/loc_none/overlay.png") == 404
 
 
 async def test_the_worker_gets_every_option_and_a_deadline(running: RunningService) -> None:
@@ -115,15 +86,6 @@ def test_a_query_without_a_timeout_has_the_time_that_its_method_takes(
     assert checked_options(given, Settings(**settings)).timeout_s == timeout_s
 
 
-async def test_the_worker_gets_the_camera_as_it_was_described(running: RunningService) -> None:
-    camera = {"model": "opencv", "width_px": 1920, "height_px": 1440, "fx_px": 1450, "distortion": [0.1, -0.2, 0, 0]}
-    reply = await running.localize(await running.ready_map(), options=json.dumps({"cameras": [camera]}))
-    assert reply.status_code == 200, reply.text
-    wanted = CameraDescription("opencv", 1920, 1440, fx_px=1450.0, distortion=(0.1, -0.2, 0.0, 0.0))
-    (image,) = running.pool.jobs[0].images
-    assert image.camera == wanted
-
-
 async def test_panorama_and_mask_reach_the_worker_unchanged(running: RunningService) -> None:
     panorama, mask = png_of(16, 8), png_of(16, 8)
     await running.localize(await running.ready_map(), panorama, files={"mask": ("mask.png", mask)})
@@ -135,7 +97,7 @@ async def test_images_are_kept_only_when_the_setting_says_so(running: RunningSer
     await running.localize(map_id)
     assert running.storage.names("panoramas") == []
     localizations = running.app.state.services.localizations
-    localizations._settings = localizations._settings.model_copy(update={"keep_images": True})
+    localizations.settings = localizations.settings.model_copy(update={"keep_images": True})
     body = (await running.localize(map_id)).json()
     assert running.storage.names("panoramas") == [f"{body['id']}.png"]
 
@@ -181,9 +143,6 @@ async def test_an_error_of_the_pool_becomes_its_problem(running: RunningService)
     map_id = await running.ready_map()
     for error, status in (
         (PanoramaShapeError("expected 2:1, got 3:2; crop it"), 422),
-        (PanoramaTooLargeError("expected fewer pixels, got more; scale it"), 413),
-        (PanoramaFormatError("expected an image, got text; convert it"), 415),
-        (OptionsError("hints.radius_m: expected more than 0"), 422),
         (DeadlineExceededError("expected an answer in time"), 504),
         (WorkerError("RuntimeError", "expected"), 500),
         (QueueFullError("64 wait", 3), 429),
@@ -198,11 +157,8 @@ async def test_an_error_of_the_pool_becomes_its_problem(running: RunningService)
 
 async def test_a_query_whose_revision_was_replaced_is_repeated(running: RunningService) -> None:
     map_id = await running.ready_map()
-    running.pool.localize_gate.clear()
-    asking = asyncio.create_task(running.localize(map_id))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
-    await running.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
+    asking = await running.held_query(map_id)
+    await running.replace_scan(map_id)
     await running.eventually(f"/maps/{map_id}", lambda body: body["serving_revision"] == 2)
     running.pool.fail_localize = [StoredFileMissingError("the scan is gone")]
     running.pool.localize_gate.set()
@@ -212,14 +168,9 @@ async def test_a_query_whose_revision_was_replaced_is_repeated(running: RunningS
 async def test_a_caller_who_disconnects_cancels_the_query(running: RunningService) -> None:
     map_id = await running.ready_map()
     running.pool.localize_gate.clear()
-    body = (
-        b'--x\r\nContent-Disposition: form-data; name="map_id"\r\n\r\n' + map_id.encode() + b"\r\n"
-        b'--x\r\nContent-Disposition: form-data; name="image"; filename="a.png"\r\n\r\n'
-        + png_of(8, 4)
-        + b"\r\n--x--\r\n"
-    )
+    request = httpx.Request("POST", "http://localhost", files={"image": png_of(8, 4)}, data={"map_id": map_id})
     received = asyncio.Queue[dict[str, object]]()
-    received.put_nowait({"type": "http.request", "body": body, "more_body": False})
+    received.put_nowait({"type": "http.request", "body": request.read(), "more_body": False})
     sent: list[MutableMapping[str, object]] = []
 
     async def send(message: MutableMapping[str, object]) -> None:
@@ -228,11 +179,10 @@ async def test_a_caller_who_disconnects_cancels_the_query(running: RunningServic
     scope = {
         "type": "http", "asgi": {"version": "3.0"}, "http_version": "1.1", "method": "POST", "path": "/localize",
         "raw_path": b"/localize", "query_string": b"", "root_path": "", "scheme": "http", "server": ("panoloc", 80),
-        "headers": [(b"content-type", b"multipart/form-data; boundary=x")],
+        "headers": [(name.lower(), value) for name, value in request.headers.raw],
     }  # fmt: skip
     asking = asyncio.create_task(running.app(scope, received.get, send))
-    while not running.pool.jobs:
-        await asyncio.sleep(0.01)
+    await running.pool.asked.wait()
     received.put_nowait({"type": "http.disconnect"})
     await asking
     assert running.pool.ended == ["localize"]
@@ -277,7 +227,7 @@ async def test_a_query_that_was_lost_with_the_service_has_failed(
 ) -> None:
     state = {"id": "loc_x", "status": "running", "created_at": "2026-01-01T00:00:00Z", "error": None, "due_unix_s": 1.0}
     redis_client.set("localization:loc_x", json.dumps(state))
-    body = (await running.client.get("/localizations/loc_x")).json()
+    body = await running.json("/localizations/loc_x")
     assert (body["status"], body["error"]["status"]) == ("failed", 504)
 
 

@@ -21,11 +21,10 @@ from panoloc.service.app import create_app
 from panoloc.service.cache import WorkerCache
 from panoloc.service.console.api_types import FILE, typescript
 from panoloc.service.host.demo_room import DEMO_FILES
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.settings import Settings
 from panoloc.service.storage import FolderStorage
 from tests.service.http.fake_pool import FakePool
-from tests.service.http.running_service import SCAN, listening
+from tests.service.http.running_service import SCAN, Listen
 
 CONTRACT = {
     "/maps": {"get", "post"},
@@ -125,10 +124,10 @@ def test_the_types_of_the_console_are_up_to_date() -> None:
 
 
 @pytest.mark.slow
-def test_the_service_does_what_its_document_says(tmp_path: Path, redis_server: EmbeddedRedis) -> None:
+def test_the_service_does_what_its_document_says(tmp_path: Path, listen: Listen) -> None:
     for name in DEMO_FILES:  # a room takes longer to make than this test may wait
         FolderStorage(tmp_path).put(f"demo/{name}", b"made before")
-    with listening(tmp_path, redis_server.url) as url:
+    with listen() as url:
         map_id = httpx.post(f"{url}/maps", files={"file": ("a.ply", SCAN)}).json()["id"]
         schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
         seen = {}

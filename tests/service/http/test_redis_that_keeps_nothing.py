@@ -32,35 +32,20 @@ def keep_nothing(redis_client: "redis.Redis") -> Iterator[Callable[[str], None]]
 
 
 @pytest.mark.parametrize("state", STATES)
-async def test_a_caller_who_waits_gets_his_answer_with_a_warning(
+async def test_only_callers_who_wait_get_an_answer_and_readiness_tries_a_write(
     running: RunningService, keep_nothing: Callable[[str], None], state: str
 ) -> None:
     map_id = await running.ready_map()
+    assert await running.status("GET", "/health/ready") == 200
     keep_nothing(state)
+    reply = await running.client.get("/health/ready")
+    assert (reply.status_code, reply.json()["waiting_for"]) == (503, ["Redis"])
+    reply = await running.localize(map_id, headers={"Prefer": "respond-async"})
+    assert (reply.status_code, reply.json()["type"]) == (503, "/problems/cache-down")
+    assert running.pool.jobs == []
     reply = await running.localize(map_id, options='{"artifacts": ["overlay"]}')
     assert reply.status_code == 200
     body: dict[str, Any] = reply.json()
     assert body["status"] == "localized"
     assert "Redis cannot store this answer" in body["warnings"][-1]
     assert body["artifacts"] == {}
-
-
-@pytest.mark.parametrize("state", STATES)
-async def test_an_answer_that_can_only_be_fetched_later_is_refused_at_once(
-    running: RunningService, keep_nothing: Callable[[str], None], state: str
-) -> None:
-    map_id = await running.ready_map()
-    keep_nothing(state)
-    reply = await running.localize(map_id, headers={"Prefer": "respond-async"})
-    assert (reply.status_code, reply.json()["type"]) == (503, "/problems/cache-down")
-    assert running.pool.jobs == []
-
-
-@pytest.mark.parametrize("state", STATES)
-async def test_readiness_tries_a_write(
-    running: RunningService, keep_nothing: Callable[[str], None], state: str
-) -> None:
-    assert (await running.client.get("/health/ready")).status_code == 200
-    keep_nothing(state)
-    reply = await running.client.get("/health/ready")
-    assert (reply.status_code, reply.json()["waiting_for"]) == (503, ["Redis"])

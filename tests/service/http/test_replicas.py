@@ -11,7 +11,7 @@ import redis
 
 from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.sharing.change_signal import ChangeSignal
-from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
+from tests.service.http.running_service import RunningService, running_service
 from tests.service.storage.bucket_server import BUCKET
 
 pytestmark = pytest.mark.anyio
@@ -54,10 +54,32 @@ async def replicas(opened: Opened, anyio_backend: str) -> AsyncIterator[Replicas
 
 @contextmanager
 def taking_nothing_up(replica: RunningService) -> Iterator[None]:
-    """Let a API replica wait for its workers, so that what comes in is the other one's."""
+    """Let an API replica wait for its workers, so that what comes in is the other one's."""
     replica.pool.is_ready = False
     yield
     replica.pool.is_ready = True
+
+
+async def registering(replicas: Replicas) -> str:
+    """Let the first register a map without end, and return its id."""
+    first, second = replicas
+    first.pool.register_gate.clear()
+    with taking_nothing_up(second):
+        map_id = str((await first.upload()).json()["id"])
+        await until(lambda: bool(first.pool.registrations))
+    return map_id
+
+
+async def localizing(replicas: Replicas, *names: str) -> str:
+    """Let the first work at a batch without end, and return its id."""
+    first, second = replicas
+    map_id = await first.ready_map()
+    first.pool.localize_gate.clear()
+    with taking_nothing_up(second):
+        batch = str((await first.post_batch(map_id, *names)).json()["id"])
+        assert (await second.json(f"/batches/{batch}"))["num_images"] == len(names)
+        await first.pool.asked.wait()
+    return batch
 
 
 async def until(holds: Callable[[], bool]) -> None:
@@ -70,10 +92,10 @@ async def until(holds: Callable[[], bool]) -> None:
 async def test_a_map_posted_through_one_is_served_by_the_other_at_once(replicas: Replicas) -> None:
     first, second = replicas
     map_id = (await first.upload()).json()["id"]
-    assert (await second.client.get(f"/maps/{map_id}")).status_code == 200
+    assert await second.status("GET", f"/maps/{map_id}") == 200
     assert (await second.settled(map_id))["status"] == "ready"
     assert (await second.localize(map_id)).json()["status"] == "localized"
-    assert [each["id"] for each in (await second.client.get("/maps")).json()["items"]] == [map_id]
+    assert [each["id"] for each in (await second.json("/maps"))["items"]] == [map_id]
 
 
 @pytest.mark.slow
@@ -108,13 +130,12 @@ async def test_what_another_has_just_made_is_found_by_its_id_before_it_is_announ
     map_id = await first.ready_map()
     assert (await second.localize(map_id)).json()["status"] == "localized"
     other_id = await first.ready_map()
-    assert (await second.client.get(f"/maps/{other_id}/preview.png")).status_code == 200
-    files = [("image", ("a.png", png_of(8, 4)))]
+    assert await second.status("GET", f"/maps/{other_id}/preview.png") == 200
     third_id = await first.ready_map()
-    reply = await second.client.post("/batches", files=files, data={"map_id": third_id})
+    reply = await second.post_batch(third_id, "a.png")
     assert reply.status_code == 202
-    batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
-    assert (await second.client.get(f"/batches/{batch}")).status_code == 200
+    batch = (await first.post_batch(map_id, "a.png")).json()["id"]
+    assert await second.status("GET", f"/batches/{batch}") == 200
 
 
 async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_other_is_notified(
@@ -139,19 +160,6 @@ async def test_of_two_changes_at_once_that_name_the_version_one_wins_and_the_oth
         f"/maps/{map_id}", json={"name": "three"}, headers={"If-Match": won.headers["etag"]}
     )
     assert again.status_code == 200
-
-
-@pytest.mark.parametrize("opened", ["folder"], indirect=True)
-async def test_changes_at_once_of_different_fields_all_hold(replicas: Replicas) -> None:
-    map_id = await replicas[0].ready_map()
-    changes = [{"name": "named"}, {"tags": ["a"]}, {"coordinate_system": "EPSG:25832"}]
-    replies = await asyncio.gather(
-        *(replica.client.patch(f"/maps/{map_id}", json=change) for change in changes for replica in replicas)
-    )
-    assert {reply.status_code for reply in replies} == {200}
-    for replica in replicas:
-        shown = await replica.eventually(f"/maps/{map_id}", lambda body: body["version"] >= 6)
-        assert (shown["name"], shown["tags"], shown["coordinate_system"]) == ("named", ["a"], "EPSG:25832")
 
 
 @pytest.mark.parametrize("opened", ["folder"], indirect=True)
@@ -195,11 +203,8 @@ async def test_a_replica_that_leaves_hands_its_registrations_over(opened: Opened
 
 async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
     first, second = replicas
-    first.pool.register_gate.clear()
-    with taking_nothing_up(second):
-        map_id = (await first.upload()).json()["id"]
-        await until(lambda: bool(first.pool.registrations))
-    assert (await second.client.delete(f"/maps/{map_id}")).status_code == 204
+    map_id = await registering(replicas)
+    assert await second.status("DELETE", f"/maps/{map_id}") == 204
     await until(lambda: first.pool.ended == ["register"])
     await until(lambda: first.storage.names("maps") == [])
     assert first.app.state.services.registry.all() == []
@@ -208,13 +213,7 @@ async def test_a_registration_whose_map_another_deletes_ends_and_leaves_nothing(
 @pytest.mark.parametrize("opened", ["folder"], indirect=True)
 async def test_scans_of_a_map_that_come_through_both_at_once_are_revisions_of_their_own(replicas: Replicas) -> None:
     map_id = await replicas[0].ready_map()
-    replies = await asyncio.gather(
-        *(
-            replica.client.put(f"/maps/{map_id}/scan", files={"file": ("new.ply", SCAN)})
-            for replica in replicas
-            for _ in "ab"
-        )
-    )
+    replies = await asyncio.gather(*(replica.replace_scan(map_id) for replica in replicas for _ in "ab"))
     assert [reply.status_code for reply in replies] == [202] * 4
     shown = await replicas[0].eventually(f"/maps/{map_id}", lambda body: body["status"] == "ready")
     newest = shown["revision"]
@@ -243,16 +242,10 @@ async def test_one_that_starts_leaves_what_others_are_storing(opened: Opened) ->
 @pytest.mark.slow
 async def test_a_batch_is_worked_on_by_one_and_shown_by_both(replicas: Replicas) -> None:
     first, second = replicas
-    map_id = await first.ready_map()
-    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(6)]
-    first.pool.localize_gate.clear()
-    with taking_nothing_up(second):
-        batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
-        assert (await second.client.get(f"/batches/{batch}")).json()["num_images"] == 6
-        await until(lambda: bool(first.pool.jobs))
+    batch = await localizing(replicas, *(f"{number}.png" for number in range(6)))
     await asyncio.sleep(3 * _LOOK_S)
     first.pool.localize_gate.set()
-    shown = await second.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
+    shown = await second.done(batch)
     assert shown["counts"]["localized"] == 6
     assert (len(first.pool.jobs), second.pool.jobs) == (6, [])
     await second.eventually("/batches", lambda body: [each["status"] for each in body["items"]] == ["done"])
@@ -260,17 +253,17 @@ async def test_a_batch_is_worked_on_by_one_and_shown_by_both(replicas: Replicas)
 
 @pytest.mark.slow
 async def test_a_batch_of_a_replica_that_leaves_goes_on_where_it_was(opened: Opened) -> None:
-    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
+    names = [f"{number}.png" for number in range(4)]
     async with AsyncExitStack() as stack:
         stays = await stack.enter_async_context(opened())
         map_id = await stays.ready_map()
         async with opened() as leaves:
             with taking_nothing_up(stays):
-                batch = (await leaves.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+                batch = (await leaves.post_batch(map_id, *names)).json()["id"]
                 await until(lambda: bool(leaves.storage.names(f"batches/{batch}/results")))
             leaves.pool.localize_gate.clear()
         num_done = len(stays.storage.names(f"batches/{batch}/results"))
-        shown = await stays.eventually(f"/batches/{batch}", lambda body: body["status"] == "done")
+        shown = await stays.done(batch)
         assert shown["counts"]["localized"] == 4
         assert len(stays.pool.jobs) == 4 - num_done
 
@@ -279,16 +272,11 @@ async def test_a_batch_of_a_replica_that_leaves_goes_on_where_it_was(opened: Ope
 @pytest.mark.slow
 async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(replicas: Replicas) -> None:
     first, second = replicas
-    map_id = await first.ready_map()
-    files = [("image", (f"{number}.png", png_of(8, 4))) for number in range(4)]
-    first.pool.localize_gate.clear()
-    with taking_nothing_up(second):
-        batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
-        await until(lambda: bool(first.pool.jobs))
-    assert (await second.client.delete(f"/batches/{batch}")).status_code == 204
+    batch = await localizing(replicas, *(f"{number}.png" for number in range(4)))
+    assert await second.status("DELETE", f"/batches/{batch}") == 204
     await until(lambda: first.pool.ended == ["localize"])
     await until(lambda: not first.app.state.services.batches.has(batch))
-    assert (await first.client.get(f"/batches/{batch}")).status_code == 404
+    assert await first.status("GET", f"/batches/{batch}") == 404
     assert first.storage.names("batches") == []
 
 
@@ -296,9 +284,8 @@ async def test_a_batch_that_another_deletes_ends_and_leaves_nothing(replicas: Re
 async def test_a_result_that_comes_after_another_deleted_its_batch_is_not_written(replicas: Replicas) -> None:
     first, second = replicas
     map_id = await first.ready_map()
-    files = [("image", ("a.png", png_of(8, 4)))]
     first.pool.localize_gate.clear()
-    batch = (await first.client.post("/batches", files=files, data={"map_id": map_id})).json()["id"]
+    batch = (await first.post_batch(map_id, "a.png")).json()["id"]
     await second.app.state.services.batches.refresh()
     await second.app.state.services.batches.remove(batch)
     await first.app.state.services.batches.put_result(batch, 0, {"status": "failed", "error": {}})
@@ -329,7 +316,7 @@ async def test_a_registration_whose_lease_another_has_ends_here(
         # As it is after this process has stood still for a minute.
         redis_client.set(f"panoloc:lease:register-{map_id}-1", "of another", px=60_000)
         await until(lambda: first.pool.ended == ["register"])
-        assert (await first.client.get(f"/maps/{map_id}")).json()["status"] not in ("ready", "failed")
+        assert (await first.json(f"/maps/{map_id}"))["status"] not in ("ready", "failed")
     assert redis_client.get(f"panoloc:lease:register-{map_id}-1") == "of another"
     redis_client.delete(f"panoloc:lease:register-{map_id}-1")
     first.pool.register_gate.set()

@@ -1,23 +1,24 @@
-"""Options from callers: what is valid comes out complete, what is not names its field. And settings, and keys."""
+"""Options from callers: what is valid reaches the algorithm complete, what is not names its field in the words of the service."""
 
 import json
-import math
-from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from pydantic import BaseModel
 
+from panoloc.core.options import Hints, IndexOptions, ScanOptions
+from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, MalformedRequestError
-from panoloc.service.http.schemas import LocalizeOptions, MapOptions
-from panoloc.service.http.schemas.localization_examples import OPTIONS_EXAMPLE
-from panoloc.service.http.schemas.map_options import MAP_OPTIONS_EXAMPLE, name_of_file
+from panoloc.service.http.schemas import examples
+from panoloc.service.http.schemas.batches import Batch, BatchPage
+from panoloc.service.http.schemas.geopose import GeoPoseRequest
+from panoloc.service.http.schemas.maps import Map, MapChanges, MapOptions, MapPatch, name_of_file
+from panoloc.service.http.schemas.maps import ScanOptions as ScanSchema
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.http.validation import parse_json
-from panoloc.service.keys.caller import ALL_SCOPES
-from panoloc.service.keys.key_ring import KeyRing
-from panoloc.service.settings import Settings
+from panoloc.service.jobs import RegisterOptions
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -79,19 +80,23 @@ def test_a_region_has_min_below_max_on_every_axis(low: tuple[float, ...], high: 
             parse_json(LocalizeOptions, text, "options")
 
 
-@given(st.floats())
-def test_a_radius_is_a_positive_number(radius: float) -> None:
-    text = json.dumps({"hints": {"position_m": [0, 0, 0], "radius_m": radius}}).encode()
-    if math.isfinite(radius) and 0 < radius <= 1e6:
-        assert parse_json(LocalizeOptions, text, "options").hints is not None
-    else:
-        with pytest.raises(InvalidOptionsError, match=r"hints\.radius_m"):
-            parse_json(LocalizeOptions, text, "options")
-
-
-def test_the_examples_of_the_contract_are_valid() -> None:
-    parse_json(LocalizeOptions, json.dumps(OPTIONS_EXAMPLE).encode(), "options")
-    parse_json(MapOptions, json.dumps(MAP_OPTIONS_EXAMPLE).encode(), "options")
+@pytest.mark.parametrize(
+    ("model", "example"),
+    [
+        (LocalizeOptions, examples.OPTIONS_EXAMPLE),
+        (LocalizeOptions, examples.SESSION_EXAMPLE),
+        (MapOptions, examples.MAP_OPTIONS_EXAMPLE),
+        (GeoPoseRequest, examples.GEOPOSE_REQUEST_EXAMPLE),
+        (Localization, examples.LOCALIZATION_EXAMPLE),
+        (Map, examples.MAP_EXAMPLE),
+        (MapChanges, examples.CHANGES_EXAMPLE),
+        (Batch, examples.BATCH_EXAMPLE),
+        (BatchPage, examples.BATCH_PAGE_EXAMPLE),
+    ],
+)
+def test_the_examples_of_the_contract_are_valid_and_complete(model: type[BaseModel], example: dict[str, Any]) -> None:
+    shown = model.model_validate(example)
+    assert shown.model_dump(mode="json", exclude_unset=True).keys() <= set(model.model_fields)
 
 
 @pytest.mark.parametrize("name", ["", " ", "a\nb", "x" * 201])
@@ -108,45 +113,126 @@ def test_a_map_that_is_named_after_its_file_bears_a_name_that_could_be_given(fil
         assert given_name == name
 
 
-def test_a_key_may_do_what_its_scope_says(tmp_path: Path) -> None:
-    keys = KeyRing("all-of-it, only-look:read, writes-too:write, only-ask:localize", tmp_path)
-    assert scopes_of(keys, "all-of-it") == ALL_SCOPES
-    assert scopes_of(keys, "only-look") == {"read", "localize"}
-    assert scopes_of(keys, "only-ask") == {"localize"}
-    assert scopes_of(keys, "writes-too") == {"read", "localize", "write"}
-    assert keys.find("only-loo") is None
-    assert not KeyRing("", tmp_path).required
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ('{"method": "slow"}', "method"),
+        ('{"timeout_s": NaN}', "timeout_s"),
+        ('{"artifacts": ["all"]}', "artifacts.0"),
+        ('{"hints": {"position_m": [1, 2, "x"]}}', "hints.position_m.2"),
+        ('{"hints": {"radius_m": 5}}', "hints"),
+        ('{"hints": {"position_m": [1, 2, 3], "radius_m": 0}}', "hints.radius_m"),
+        ('{"hints": {"region": {"min": [0, 0, 0], "max": [1, 0, 1]}}}', "hints.region"),
+        ('{"hints": {"heading_tolerance_deg": 5}}', "hints"),
+        ('{"hints": {"heading_deg": 5, "heading_tolerance_deg": 0}}', "hints.heading_tolerance_deg"),
+        ('{"hints": {"max_tilt_deg": 181}}', "hints.max_tilt_deg"),
+        ("[]", "options"),
+    ],
+)
+def test_an_option_out_of_range_is_named(options: str, field: str) -> None:
+    refused = refusal_of(LocalizeOptions, options.encode())
+    assert isinstance(refused, InvalidOptionsError)
+    assert refused.fields[0]["field"] == field
+    assert field in str(refused)
+    assert ", got " in str(refused)
 
 
-def scopes_of(keys: KeyRing, key: str) -> frozenset[str]:
-    caller = keys.find(key)
-    assert caller is not None
-    assert caller.tenant is None
-    return frozenset[str](caller.scopes)
+@pytest.mark.parametrize(
+    ("model", "text", "said"),
+    [
+        (LocalizeOptions, '{"timeout_s": -3}', "timeout_s: expected more than 0.0, got -3. "),
+        (LocalizeOptions, '{"top_k": "x"}', "top_k: expected a whole number, got 'x'. "),
+        (
+            LocalizeOptions,
+            '{"hints": {"position_m": [1, 2]}}',
+            "hints.position_m: expected 3 or more items, got [1, 2]. ",
+        ),
+        (MapOptions, '{"unit": "furlong"}', "unit: expected 'm', 'cm', 'mm' or 'ft', got 'furlong'. "),
+        (
+            MapOptions,
+            '{"unt": "m"}',
+            "unt: expected no field of this name, perhaps you mean unit, got 'm'. ",
+        ),
+        (
+            MapOptions,
+            '{"furlongs": "m"}',
+            "furlongs: expected no field of this name, see /docs for the fields, got 'm'. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"cameras": [{"model": "pinhole", "width": 640, "hfov": 60}]}',
+            "cameras.0.width: expected no field of this name, perhaps you mean width_px, got 640; "
+            "cameras.0.hfov: expected no field of this name, perhaps you mean hfov_deg, got 60. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"hfov_deg": 69, "radius": 2, "position": null}',
+            "hfov_deg: expected no field of this name, perhaps you mean cameras.hfov_deg, got 69; "
+            "radius: expected no field of this name, perhaps you mean hints.radius_m, got 2; "
+            "position: expected no field of this name, perhaps you mean hints.position_m, got null. ",
+        ),
+        (
+            LocalizeOptions,
+            '{"hints": {"region": {"min": [0, 0, 0], "max": [1, 1, 1], "mx": [1, 1, 1]}}}',
+            "hints.region.mx: expected no field of this name, perhaps you mean max, got [1, 1, 1]. ",
+        ),
+        (MapPatch, '{"coordinate_system": "EPSG:1"}', "coordinate_system: expected a projected coordinate system"),
+    ],
+)
+def test_a_message_says_what_was_expected_and_what_came(
+    model: type[LocalizeOptions] | type[MapOptions] | type[MapPatch], text: str, said: str
+) -> None:
+    with pytest.raises(InvalidOptionsError) as caught:
+        parse_json(model, text.encode(), "options")
+    assert str(caught.value).startswith(said)
+    for words in ("Input should", "valid integer", "permitted", "validation"):
+        assert words not in str(caught.value)
 
 
-@pytest.mark.parametrize("keys", ["short", "long-enough:admin", "ünicode-key"])
-def test_a_wrong_key_in_the_settings_is_named_but_not_shown(keys: str) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Settings(api_keys=keys)
-    message = caught.value.errors()[0]["msg"]
-    assert "key 1" in message
-    assert keys.partition(":")[0] not in message
+BOX = {"min": [0, 0, 0], "max": [4, 5, 2.5]}
 
 
-def test_settings_come_from_the_environment_and_arguments_win(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PANOLOC_PORT", "9001")
-    monkeypatch.setenv("PANOLOC_MAX_MAPS", "7")
-    monkeypatch.setenv("RAY_ADDRESS", "ray://head:10001")
-    monkeypatch.setenv("PANOLOC_REDIS_URL", "")
-    settings = Settings(port=9002)
-    assert (settings.port, settings.max_maps) == (9002, 7)
-    assert settings.ray_address == "ray://head:10001"
-    assert settings.redis_url is None
-    monkeypatch.setenv("PANOLOC_PORT", "no number")
-    with pytest.raises(ValidationError, match="port"):
-        Settings()
+def hints_of(options: dict[str, Any]) -> Hints | None:
+    return LocalizeOptions.model_validate(options).to_options(60).hints
 
 
-def test_keys_are_not_printed_with_the_settings() -> None:
-    assert "secret-key" not in repr(Settings(api_keys="secret-key"))
+def test_no_hints_are_no_hints() -> None:
+    assert hints_of({}) is None
+    assert hints_of({"hints": None}) is None
+    assert hints_of({"hints": {"position_m": None, "radius_m": None}}) is None
+
+
+def test_hints_arrive_as_the_algorithm_takes_them() -> None:
+    hints = hints_of({"hints": {"position_m": [1, 2, 3], "radius_m": 5, "region": BOX, "upright": True}})
+    assert hints == Hints(position_m=(1, 2, 3), radius_m=5, region=((0, 0, 0), (4, 5, 2.5)), upright=True)
+
+
+def test_a_query_has_the_time_that_its_caller_names_and_each_picture_once() -> None:
+    given = {"artifacts": ["overlay", "score_map_2d", "overlay"], "top_k": 3, "frame": "unity", "method": "paper"}
+    options = LocalizeOptions.model_validate(given).to_options(60)
+    assert (options.timeout_s, options.artifacts) == (60, ("overlay", "score_map_2d"))
+    assert (options.top_k, options.frame, options.method) == (3, "unity", "paper")
+    assert LocalizeOptions.model_validate({"timeout_s": 7}).to_options(60).timeout_s == 7
+
+
+def test_a_scan_is_read_as_its_uploader_said() -> None:
+    options = MapOptions.model_validate({"unit": "mm", "up_axis": "y", "color_kind": "labels"}).to_options()
+    assert options.scan == ScanOptions(unit="mm", up_axis="y", color_kind="labels")
+    assert options.index == IndexOptions(color_kind="labels")
+
+
+def test_starts_on_a_grid_in_a_region() -> None:
+    starts = {"method": "grid", "spacing_m": 1.0, "region": BOX}
+    options = MapOptions.model_validate({"starts": starts}).to_options().index
+    assert (options.starts_method, options.spacing_m, options.region) == ("grid", 1.0, ((0, 0, 0), (4, 5, 2.5)))
+
+
+def test_without_options_a_map_is_built_by_the_algorithms_defaults() -> None:
+    assert MapOptions.model_validate({}).to_options() == RegisterOptions(ScanOptions(), IndexOptions())
+
+
+def test_a_newer_scan_keeps_the_options_that_are_left_out() -> None:
+    former = MapOptions.model_validate({"unit": "cm", "starts": {"method": "grid", "region": BOX}}).to_options()
+    given = ScanSchema.model_validate({"up_axis": "y", "starts": {"spacing_m": 2}})
+    assert given.over(former).scan == ScanOptions(unit="cm", up_axis="y")
+    assert given.over(former).index == IndexOptions("octree", 2)

@@ -11,8 +11,7 @@ from panoloc.core.options import MAX_IMAGES, SessionOptions, TrackedPose
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.query_images import query_images
-from panoloc.service.http.schemas import LocalizeOptions
-from panoloc.service.http.schemas.localization_examples import SESSION_EXAMPLE
+from panoloc.service.http.schemas.queries import LocalizeOptions
 from panoloc.service.http.validation import parse_json
 from panoloc.service.jobs import QueryImage
 from tests.service.http.running_service import RunningService, png_of
@@ -105,53 +104,21 @@ def test_a_quaternion_that_is_a_little_off_is_made_unit() -> None:
         (2, {"cameras": [entry(), entry(150.0)]}, "cameras.1.session_from_camera.position_m", "at most 100 m"),
         (1, {"cameras": [LENS], "session": {"up": "known"}}, "session.up", "hints.upright"),
         (1, {"cameras": [LENS] * 33}, "cameras", "32 items or fewer"),
-        (
-            1,
-            {"cameras": [entry(quaternion={"x": 0, "y": 0, "z": 0, "w": 2})]},
-            "cameras.0.session_from_camera.quaternion",
-            "norm 2",
-        ),
-        (
-            1,
-            {"cameras": [entry(quaternion={"x": 0, "y": 0, "z": 0, "w": 0})]},
-            "cameras.0.session_from_camera.quaternion",
-            "unit quaternion {x, y, z, w}",
-        ),
-        (
-            1,
-            {"cameras": [entry(math.nan)]},
-            "cameras.0.session_from_camera.position_m.x",
-            "finite",
-        ),
+        (1, {"cameras": [entry(quaternion=TURNED | {"w": 2})]}, "cameras.0.session_from_camera.quaternion", "norm 2"),
+        (1, {"cameras": [entry(quaternion=dict.fromkeys("xyzw", 0))]}, "cameras.0.session_from_camera.quaternion", "{x, y, z, w}"),
+        (1, {"cameras": [entry(math.nan)]}, "cameras.0.session_from_camera.position_m.x", "finite"),
         (1, {"cameras": [entry(1e30)]}, "cameras.0.session_from_camera.position_m.x", "at most"),
         (1, {"cameras": [entry(position_m={"x": 0, "y": 0})]}, "cameras.0.session_from_camera.position_m.z", "expected a value"),
-        (
-            1,
-            {"cameras": [entry(quaternion={"x": math.inf, "y": 0, "z": 0, "w": 1})]},
-            "cameras.0.session_from_camera.quaternion.x",
-            "finite",
-        ),
+        (1, {"cameras": [entry(quaternion=TURNED | {"x": math.inf})]}, "cameras.0.session_from_camera.quaternion.x", "finite"),
         (1, {"cameras": [entry()], "session": {"position_noise_m": -0.1}}, "session.position_noise_m", "at least"),
-        (1, {"cameras": [entry()], "session": {"position_noise_m": 1.1}}, "session.position_noise_m", "at most"),
-        (1, {"cameras": [entry()], "session": {"orientation_noise_deg": math.nan}}, "session.orientation_noise_deg", "finite"),
         (1, {"cameras": [entry()], "session": {"orientation_noise_deg": 31}}, "session.orientation_noise_deg", "at most"),
         (1, {"cameras": [entry()], "session": {"up": "maybe"}}, "session.up", "'known'"),
-        (1, {"cameras": [entry(hfov_deg=math.nan)]}, "cameras.0.hfov_deg", "finite"),
         (1, {"cameras": [{}]}, "cameras.0", "model: expected one of equirectangular"),
-        (1, {"cameras": [{"hfov_deg": 69}]}, "cameras.0", "model: expected one of equirectangular"),
         (1, {"cameras": [{"width_px": 64, "height_px": 48}]}, "cameras.0", "model: expected one of equirectangular"),
         (1, {"cameras": [{**entry(hfov_deg=0), "model": None}]}, "cameras.0", "model: expected one of equirectangular"),
-        (1, {"cameras": [{"session_from_camera": None}]}, "cameras.0", "model: expected one of equirectangular"),
         (1, {"cameras": []}, "cameras", "1 or more items"),
-        (1, {"cameras": [{"model": "brown", "hfov_deg": 60}]}, "cameras.0.model", "'pinhole'"),
-        (1, {"cameras": [{"model": "pinhole"}]}, "cameras.0", "fx_px: expected the intrinsics"),
-        (1, {"cameras": [{"model": "pinhole", "hfov_deg": 0}]}, "cameras.0", "hfov_deg: expected 1 to 170 degrees"),
+        # What a camera may be, tests/core/camera says.
         (1, {"cameras": [{"model": "pinhole", "hfov_deg": 400}]}, "cameras.0", "hfov_deg: expected 1 to 170 degrees"),
-        (1, {"cameras": [{"model": "pinhole", "hfov_range_deg": [80, 60]}]}, "cameras.0", "two rising numbers from 20 to 120"),
-        (1, {"cameras": [{**LENS, "hfov_range_deg": [60, 80]}]}, "cameras.0", "in place of fx_px or hfov_deg"),
-        (1, {"cameras": [{"model": "opencv_fisheye", "hfov_range_deg": [60, 80]}]}, "cameras.0", "expected only with "
-        "model pinhole"),
-        (1, {"cameras": [{**LENS, "distortion": [0.1]}]}, "cameras.0", "distortion: expected none"),
         (1, {"cameras": [{**LENS, "fov": 3}]}, "cameras.0.fov", "no field of this name"),
     ],
 )  # fmt: skip
@@ -207,10 +174,6 @@ async def test_a_file_that_is_no_image_is_named_by_its_number(running: RunningSe
 
 async def test_all_images_of_a_session_are_kept_when_the_setting_says_so(running: RunningService) -> None:
     localizations = running.app.state.services.localizations
-    localizations._settings = localizations._settings.model_copy(update={"keep_images": True})
+    localizations.settings = localizations.settings.model_copy(update={"keep_images": True})
     body = (await ask(running, 2, {"cameras": [entry(), entry()]})).json()
     assert sorted(running.storage.names("panoramas")) == [f"{body['id']}-01.png", f"{body['id']}-02.png"]
-
-
-async def test_the_example_in_the_openapi_document_is_valid(running: RunningService) -> None:
-    assert (await ask(running, 2, SESSION_EXAMPLE)).status_code == 200

@@ -4,49 +4,25 @@ import io
 import json
 import zipfile
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 from PIL import Image
 
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.keys.caller import Scope
 from panoloc.service.keys.key_file import KeyFile
-from tests.service.http.running_service import SCAN, RunningService, png_of, running_service
+from tests.service.http.running_service import RunningService, Serve
 
 pytestmark = pytest.mark.anyio
 
 
-@dataclass
-class House:
-    """A service with three keys; each name opens what its tenant may."""
-
-    running: RunningService
-    keys: dict[str, str]
-
-    async def ask(self, who: str, method: str, path: str, **request: Any) -> httpx.Response:
-        headers = {"Authorization": f"Bearer {self.keys[who]}"}
-        return await self.running.client.request(method, path, headers=headers, **request)
-
-    async def ready_map(self, who: str) -> str:
-        reply = await self.ask(who, "POST", "/maps", files={"file": ("office.ply", SCAN)})
-        assert reply.status_code == 202, reply.text
-        map_id = str(reply.json()["id"])
-        for _ in range(500):
-            if (await self.ask(who, "GET", f"/maps/{map_id}")).json()["status"] == "ready":
-                return map_id
-        raise AssertionError("it does not become ready")
-
-    async def localize(self, who: str, **data: Any) -> httpx.Response:
-        return await self.ask(who, "POST", "/localize", data=data, files={"image": ("photo.png", png_of(8, 4))})
+Callers = dict[str, RunningService]
 
 
 @pytest.fixture
-async def house(tmp_path: Path, redis_server: EmbeddedRedis) -> AsyncIterator[House]:
+async def callers(tmp_path: Path, serve: Serve, anyio_backend: str) -> AsyncIterator[Callers]:
+    """Return the service as callers with keys of several tenants have it, by their names."""
     file = KeyFile(tmp_path)
     everything: list[Scope] = ["read", "localize", "write"]
     keys = {
@@ -55,127 +31,121 @@ async def house(tmp_path: Path, redis_server: EmbeddedRedis) -> AsyncIterator[Ho
         "school": file.make("school", everything, tenant="school")[1],
         "admin": file.make("admin", ["admin"])[1],
     }
-    async with running_service(tmp_path, redis_server.url) as running:
-        yield House(running, keys)
+    async with serve() as running:
+        yield {name: running.by(key) for name, key in keys.items()}
 
 
-async def test_health_counts_the_maps_that_a_key_sees(house: House) -> None:
-    await house.ready_map("museum")
-    seen = {who: (await house.ask(who, "GET", "/health")).json()["maps"] for who in ("museum", "school", "admin")}
+async def statuses(callers: Callers, path: str, *names: str) -> list[int]:
+    return [await callers[name].status("GET", path) for name in names]
+
+
+async def test_health_counts_the_maps_that_a_key_sees(callers: Callers) -> None:
+    await callers["museum"].ready_map()
+    seen = {who: (await callers[who].json("/health"))["maps"] for who in ("museum", "school", "admin")}
     assert seen == {"museum": {"ready": 1}, "school": {}, "admin": {"ready": 1}}
-    assert (await house.ask("school", "GET", "/health/ready")).json()["maps"] == {}
+    assert (await callers["school"].json("/health/ready"))["maps"] == {}
 
 
-async def test_a_map_is_not_there_for_keys_of_other_tenants(house: House) -> None:
-    map_id = await house.ready_map("museum")
-    assert [(await house.ask(who, "GET", f"/maps/{map_id}")).status_code for who in ("museum", "school", "admin")] == [
-        200,
-        404,
-        200,
-    ]
-    asked = [
-        ("GET", f"/maps/{map_id}/preview.png"), ("GET", f"/maps/{map_id}/points"), ("GET", f"/maps/{map_id}/changes"),
-        ("GET", f"/{map_id}/capabilities"), ("DELETE", f"/maps/{map_id}"),
-    ]  # fmt: skip
-    assert [(await house.ask("school", method, path)).status_code for method, path in asked] == [404] * len(asked)
-    assert (await house.ask("school", "PATCH", f"/maps/{map_id}", json={"name": "mine"})).status_code == 404
+async def test_a_map_is_not_there_for_keys_of_other_tenants(callers: Callers) -> None:
+    school, map_id = callers["school"], await callers["museum"].ready_map()
+    assert await statuses(callers, f"/maps/{map_id}", "museum", "school", "admin") == [200, 404, 200]
+    for path in (f"/maps/{map_id}/preview.png", f"/maps/{map_id}/points", f"/maps/{map_id}/changes"):
+        assert await school.status("GET", path) == 404
+    assert await school.status("GET", f"/{map_id}/capabilities") == 404
+    assert await school.status("DELETE", f"/maps/{map_id}") == 404
+    assert await school.status("PATCH", f"/maps/{map_id}", json={"name": "mine"}) == 404
+    assert (await school.replace_scan(map_id)).status_code == 404
+    assert (await school.localize(map_id)).status_code == 404
     # In the same words as one that there never was.
-    hidden, unknown = [
-        (await house.ask("school", "GET", f"/maps/{each}")).json()["detail"] for each in (map_id, "map_never")
-    ]
+    hidden, unknown = [(await school.json(f"/maps/{each}"))["detail"] for each in (map_id, "map_never")]
     assert "does not share it with this key" in hidden
     assert hidden.replace(map_id, "map_never") == unknown
-    assert (
-        await house.ask("school", "PUT", f"/maps/{map_id}/scan", files={"file": ("a.ply", SCAN)})
-    ).status_code == 404
-    assert (await house.localize("school", map_id=map_id)).status_code == 404
-    assert (await house.ask("school", "GET", "/maps")).json()["items"] == []
-    assert [each["id"] for each in (await house.ask("admin", "GET", "/maps")).json()["items"]] == [map_id]
+    assert (await school.json("/maps"))["items"] == []
+    assert [each["id"] for each in (await callers["admin"].json("/maps"))["items"]] == [map_id]
 
 
-async def test_a_shared_map_is_seen_and_asked_but_not_changed(house: House) -> None:
-    map_id = await house.ready_map("museum")
+async def test_a_shared_map_is_seen_and_asked_but_not_changed(callers: Callers) -> None:
+    museum, school = callers["museum"], callers["school"]
+    map_id = await museum.ready_map()
     patch = {"shared_with": ["school"], "tags": ["hall"]}
-    assert (await house.ask("museum", "PATCH", f"/maps/{map_id}", json=patch)).json()["shared_with"] == ["school"]
-    assert (await house.localize("school", map_id=map_id)).status_code == 200
-    assert (await house.localize("school", tag="hall")).status_code == 200
-    assert [each["id"] for each in (await house.ask("school", "GET", "/maps")).json()["items"]] == [map_id]
-    for method, request in (("DELETE", {}), ("PATCH", {"json": {"name": "mine"}})):
-        reply = await house.ask("school", method, f"/maps/{map_id}", **request)
+    assert (await museum.client.patch(f"/maps/{map_id}", json=patch)).json()["shared_with"] == ["school"]
+    assert (await school.localize(map_id)).status_code == 200
+    assert (await school.localize(None, tag="hall")).status_code == 200
+    assert [each["id"] for each in (await school.json("/maps"))["items"]] == [map_id]
+    mine = await school.client.patch(f"/maps/{map_id}", json={"name": "mine"})
+    for reply in (mine, await school.client.delete(f"/maps/{map_id}")):
         assert (reply.status_code, reply.json()["type"]) == (403, "/problems/scope-missing")
-    await house.ask("museum", "PATCH", f"/maps/{map_id}", json={"shared_with": []})
-    assert (await house.localize("school", tag="hall")).status_code == 404
+    await museum.client.patch(f"/maps/{map_id}", json={"shared_with": []})
+    assert (await school.localize(None, tag="hall")).status_code == 404
 
 
-async def test_a_key_that_may_localize_alone_reads_no_scan(house: House) -> None:
-    map_id = await house.ready_map("museum")
-    assert (await house.localize("visitors", map_id=map_id)).status_code == 200
+async def test_a_key_that_may_localize_alone_reads_no_scan(callers: Callers) -> None:
+    visitors, map_id = callers["visitors"], await callers["museum"].ready_map()
+    assert (await visitors.localize(map_id)).status_code == 200
     for path in ("/maps", f"/maps/{map_id}", f"/maps/{map_id}/points", "/metrics"):
-        assert (await house.ask("visitors", "GET", path)).status_code == 403
-    assert (await house.ask("visitors", "DELETE", f"/maps/{map_id}")).status_code == 403
+        assert await visitors.status("GET", path) == 403
+    assert await visitors.status("DELETE", f"/maps/{map_id}") == 403
 
 
 @pytest.mark.slow
-async def test_a_batch_is_there_for_its_tenant_alone(house: House) -> None:
-    map_id = await house.ready_map("museum")
-    files = {"image": ("a.png", png_of(8, 4))}
-    made = await house.ask("visitors", "POST", "/batches", data={"map_id": map_id}, files=files)
+async def test_a_batch_is_there_for_its_tenant_alone(callers: Callers) -> None:
+    map_id = await callers["museum"].ready_map()
+    made = await callers["visitors"].post_batch(map_id, "a.png")
     assert made.status_code == 202, made.text
     path = f"/batches/{made.json()['id']}"
-    assert [(await house.ask(who, "GET", path)).status_code for who in ("museum", "school", "admin")] == [200, 404, 200]
-    listed = {who: (await house.ask(who, "GET", "/batches")) for who in ("museum", "school", "admin", "visitors")}
-    assert [len(listed[who].json()["items"]) for who in ("museum", "school", "admin")] == [1, 0, 1]
-    assert listed["visitors"].status_code == 403
-    assert (await house.ask("school", "DELETE", path)).status_code == 404
-    assert (await house.ask("school", "POST", "/batches", data={"map_id": map_id}, files=files)).status_code == 404
-    assert (await house.ask("museum", "DELETE", path)).status_code == 204
+    assert await statuses(callers, path, "museum", "school", "admin") == [200, 404, 200]
+    listed = [len((await callers[who].json("/batches"))["items"]) for who in ("museum", "school", "admin")]
+    assert listed == [1, 0, 1]
+    assert await callers["visitors"].status("GET", "/batches") == 403
+    assert await callers["school"].status("DELETE", path) == 404
+    assert (await callers["school"].post_batch(map_id, "a.png")).status_code == 404
+    assert await callers["museum"].status("DELETE", path) == 204
 
 
 @pytest.mark.slow
-async def test_an_export_and_a_plan_show_nothing_of_maps_of_others_by_name(house: House) -> None:
-    own, other = await house.ready_map("museum"), await house.ready_map("school")
-    made = await house.ask("museum", "POST", "/batches", data={"map_id": own}, files={"image": ("a.png", png_of(8, 4))})
+async def test_an_export_and_a_plan_show_nothing_of_maps_of_others_by_name(callers: Callers) -> None:
+    own, other = await callers["museum"].ready_map(), await callers["school"].ready_map()
+    made = await callers["museum"].post_batch(own, "a.png")
     path = f"/batches/{made.json()['id']}"
     exports = {}
     for map_id in (own, other, "map_none"):
-        reply = await house.ask("museum", "GET", f"{path}/export?format=colmap&map_id={map_id}")
+        reply = await callers["museum"].client.get(f"{path}/export?format=colmap&map_id={map_id}")
         with zipfile.ZipFile(io.BytesIO(reply.content)) as archive:
             exports[map_id] = len(archive.read("points3D.txt").splitlines())
     assert exports == {own: 11, other: 1, "map_none": 1}
     shown = []
     for map_id in (other, "map_none"):
-        reply = await house.ask("museum", "GET", f"{path}/plan.png?map_id={map_id}")
+        reply = await callers["museum"].client.get(f"{path}/plan.png?map_id={map_id}")
         with Image.open(io.BytesIO(reply.content)) as plan:
             shown.append(np.asarray(plan.convert("RGB"))[:500])  # without the name below
     assert np.array_equal(shown[0], shown[1])
 
 
-async def test_the_last_problems_are_shown_to_who_sees_all_maps(house: House) -> None:
-    await house.ask("museum", "GET", "/maps/map_secret")
-    assert (await house.ask("school", "GET", "/health")).json()["recent_errors"] == []
-    assert (await house.ask("admin", "GET", "/health")).json()["recent_errors"] != []
+async def test_the_last_problems_are_shown_to_who_sees_all_maps(callers: Callers) -> None:
+    await callers["museum"].client.get("/maps/map_secret")
+    assert (await callers["school"].json("/health"))["recent_errors"] == []
+    assert (await callers["admin"].json("/health"))["recent_errors"] != []
 
 
-async def test_every_change_has_its_line_with_key_and_request(house: House) -> None:
-    map_id = await house.ready_map("museum")
-    await house.ask("museum", "PATCH", f"/maps/{map_id}", json={"name": "hall"})
-    await house.ask("school", "DELETE", f"/maps/{map_id}")
-    replaced = await house.ask("museum", "PUT", f"/maps/{map_id}/scan", files={"file": ("a.ply", SCAN)})
-    await house.ask("admin", "DELETE", f"/maps/{map_id}")
-    lines = [json.loads(line) for line in (house.running.data_dir / "audit.jsonl").read_text().splitlines()]
+async def test_every_change_has_its_line_with_key_and_request(callers: Callers) -> None:
+    map_id = await callers["museum"].ready_map()
+    await callers["museum"].client.patch(f"/maps/{map_id}", json={"name": "hall"})
+    await callers["school"].client.delete(f"/maps/{map_id}")
+    replaced = await callers["museum"].replace_scan(map_id)
+    await callers["admin"].client.delete(f"/maps/{map_id}")
+    lines = [json.loads(line) for line in (callers["admin"].data_dir / "audit.jsonl").read_text().splitlines()]
     assert [line["change"] for line in lines] == ["map registered", "map changed", "scan replaced", "map deleted"]
     assert {line["what"] for line in lines} == {map_id}
-    names = {f"key {key.id}": key.name for key in KeyFile(house.running.data_dir).read()}
+    names = {f"key {key.id}": key.name for key in KeyFile(callers["admin"].data_dir).read()}
     assert [names[line["who"]] for line in lines] == ["museum", "museum", "museum", "admin"]
     assert lines[2]["request_id"] == replaced.headers["x-request-id"]
 
 
 async def test_a_key_that_is_made_while_the_service_runs_closes_it_to_all_others(
-    tmp_path: Path, redis_server: EmbeddedRedis
+    running: RunningService, tmp_path: Path
 ) -> None:
-    async with running_service(tmp_path, redis_server.url) as running:
-        running.app.state.services.settings.keys._look_s = 0.0
-        assert (await running.client.get("/maps")).status_code == 200
-        _, text = KeyFile(tmp_path).make("reader", ["read"])
-        assert (await running.client.get("/maps")).status_code == 401
-        assert (await running.client.get("/maps", headers={"X-API-Key": text})).status_code == 200
+    running.app.state.services.settings.keys._look_s = 0.0
+    assert await running.status("GET", "/maps") == 200
+    _, text = KeyFile(tmp_path).make("reader", ["read"])
+    assert await running.status("GET", "/maps") == 401
+    assert await running.status("GET", "/maps", headers={"X-API-Key": text}) == 200

@@ -11,10 +11,9 @@ import pytest
 from panoloc.service.batches import export
 from panoloc.service.errors import ExportFailedError
 from panoloc.service.host.child_processes import run_module
-from panoloc.service.host.embedded_redis import EmbeddedRedis
 from panoloc.service.limits import capacity
 from panoloc.service.storage import FolderStorage
-from tests.service.http.running_service import RunningService, running_service
+from tests.service.http.running_service import RunningService, Serve
 
 pytestmark = pytest.mark.anyio
 
@@ -33,10 +32,10 @@ async def upload(running: RunningService, may_go_on: asyncio.Event, has_begun: a
 
 @pytest.mark.parametrize(("limit", "whose"), [("_UPLOADS", "of all callers"), ("_UPLOADS_OF_CALLER", "of one caller")])
 async def test_one_upload_too_many_is_refused_until_another_is_done(
-    tmp_path: Path, redis_server: EmbeddedRedis, monkeypatch: pytest.MonkeyPatch, limit: str, whose: str
+    serve: Serve, monkeypatch: pytest.MonkeyPatch, limit: str, whose: str
 ) -> None:
     monkeypatch.setattr(capacity, limit, 1)
-    async with running_service(tmp_path, redis_server.url) as running:
+    async with serve() as running:
         may_go_on, has_begun = asyncio.Event(), asyncio.Event()
         first = asyncio.create_task(upload(running, may_go_on, has_begun))
         await has_begun.wait()

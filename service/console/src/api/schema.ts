@@ -91,7 +91,7 @@ export interface FieldMistake {
 
 export interface GeoPose {
   position: GeoPosition;
-  quaternion: Rotation;
+  quaternion: Quaternion;
 }
 
 export interface GeoPosition {
@@ -255,11 +255,4 @@ export interface RigidMotion {
   position_m: Position;
   quaternion: Quaternion;
   matrix: Array<number[]>;
-}
-
-export interface Rotation {
-  x: number;
-  y: number;
-  z: number;
-  w: number;
 }

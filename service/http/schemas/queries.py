@@ -1,0 +1,268 @@
+"""Queries: cameras, the poses that the device tracked, hints and options; and a query whose answer is fetched later."""
+
+import math
+from datetime import datetime
+from typing import Annotated, Literal, Self, cast
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from panoloc.core import options
+from panoloc.core.camera.camera import CAMERA_MODELS, CameraDescription, CameraModel
+from panoloc.core.errors import OptionsError
+from panoloc.core.options import (
+    DEFAULT_HEADING_TOLERANCE_DEG,
+    DEFAULT_RADIUS_M,
+    DEFAULT_TILT_DEG,
+    FARTHEST_M,
+    MAX_IMAGES,
+    MAX_ORIENTATION_NOISE_DEG,
+    MAX_POSITION_NOISE_M,
+    MAX_TOP_K,
+    QUATERNION_TOLERANCE,
+    Frame,
+    Method,
+    SessionOptions,
+    TrackedPose,
+)
+from panoloc.service.answer import ResponseModel
+from panoloc.service.http.schemas.operations import ProblemDocument
+from panoloc.service.jobs import ARTIFACTS, Artifact, QueryOptions
+
+Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
+Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3, description="x, y, z")]
+
+
+class RequestModel(BaseModel):
+    """A model of a request. Unknown fields are errors, so that a misspelt one is not ignored."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Box(RequestModel):
+    """A box along the axes of the map's own frame, metres."""
+
+    min: Vector
+    max: Vector
+
+    @model_validator(mode="after")
+    def _has_volume(self) -> Self:
+        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"expected min below max on every axis, got min {self.min} and max {self.max}")
+        return self
+
+    def to_options(self) -> options.Box:
+        """Return the box for the worker."""
+        return cast(options.Box, (tuple(self.min), tuple(self.max)))
+
+
+_Pixels = Annotated[int, Field(ge=1, le=65_535)]
+_Number = Annotated[float, Field(strict=True)]  # neither text nor `true`, which would be one degree
+
+
+class SessionPosition(RequestModel):
+    """Metres, in the session."""
+
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate
+
+
+class SessionQuaternion(RequestModel):
+    """A unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+    @model_validator(mode="after")
+    def _is_unit(self) -> Self:
+        norm = math.hypot(self.x, self.y, self.z, self.w)
+        if not abs(norm - 1) <= QUATERNION_TOLERANCE:
+            raise ValueError(
+                f"expected a unit quaternion {{x, y, z, w}}, got one of norm {norm:.4g}; send the rotation of the pose, w last"
+            )
+        return self
+
+
+class SessionFromCamera(RequestModel):
+    """x_session = rotation · x_camera + position, from the device's own tracking, in the axes of `frame`."""
+
+    position_m: SessionPosition
+    quaternion: SessionQuaternion
+
+    def to_options(self) -> TrackedPose:
+        """Return the pose for the worker, with its quaternion normalised."""
+        position, turned = self.position_m, self.quaternion
+        norm = math.hypot(turned.x, turned.y, turned.z, turned.w)
+        return TrackedPose(
+            (position.x, position.y, position.z),
+            (turned.x / norm, turned.y / norm, turned.z / norm, turned.w / norm),
+        )
+
+
+class Camera(RequestModel):
+    """Intrinsics of an image of `width_px` x `height_px`, or a field of view.
+
+    The upload may be a resized copy of that image.
+
+    Pixel centres are half-integers: the centre of the top-left pixel is (0.5, 0.5).
+    """
+
+    model: CameraModel | None = Field(
+        None,
+        description="`pinhole`; `opencv` and `opencv_fisheye` with OpenCV's distortion; `cylindrical` for the sweep "
+        "panoramas of phones; `equirectangular`, also a part of the sphere. With `session_from_camera` alone, the "
+        "camera comes from the image's metadata.",
+    )
+    width_px: _Pixels | None = Field(None, description="Width of the image to which the intrinsics belong.")
+    height_px: _Pixels | None = None
+    fx_px: _Number | None = Field(
+        None, description="Focal length; for `cylindrical` and `equirectangular` horizontal pixels per radian."
+    )
+    fy_px: _Number | None = Field(None, description="Default: `fx_px`.")
+    cx_px: _Number | None = Field(None, description="Default: the middle.")
+    cy_px: _Number | None = Field(None, description="Default: the middle.")
+    distortion: list[_Number] = Field(
+        default_factory=list,
+        max_length=8,
+        description="`k1 k2 p1 p2 [k3 [k4 k5 k6]]`, or `k1 k2 k3 k4` of the fisheye.",
+    )
+    hfov_deg: _Number | None = Field(None, description="Horizontal field of view, instead of `fx_px` … `cy_px`.")
+    hfov_range_deg: tuple[_Number, _Number] | None = Field(
+        None,
+        description="Bounds of an unknown field of view of a single `pinhole` photo, such as `[45, 85]`. The search takes several times as "
+        "long; `images[0].camera` in the answer has the result.",
+    )
+    session_from_camera: SessionFromCamera | None = Field(
+        None, description="Tracked pose of the image; needed for each of several images."
+    )
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> Self:
+        try:
+            self.to_options()
+        except OptionsError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def to_options(self) -> CameraDescription | None:
+        """Return the camera for the worker; None: from the image's metadata. Raises OptionsError if it is not valid."""
+        given = self.model_dump(exclude={"session_from_camera"})
+        if self.model is None:
+            if any(value not in (None, []) for value in given.values()) or self.session_from_camera is None:
+                raise OptionsError(
+                    f"model: expected one of {', '.join(CAMERA_MODELS)}, got none; leave it out only if "
+                    "session_from_camera is the only field"
+                )
+            return None
+        return CameraDescription(**{**given, "distortion": tuple(self.distortion)})
+
+
+class TrackedSession(RequestModel):
+    """Accuracy and up axis of the tracked poses."""
+
+    up: Literal["known", "unknown"] = Field(
+        "unknown",
+        description="`known`: the session's up axis (y in `webxr` and `unity`, z in `ros` and `opencv`) is opposite "
+        "to gravity, as in ARKit, ARCore and WebXR.",
+    )
+    position_noise_m: Annotated[float, Field(ge=0, le=MAX_POSITION_NOISE_M)] = Field(
+        SessionOptions.position_noise_m,
+        description="Standard deviation of the tracked position between images; it widens `accuracy`.",
+    )
+    orientation_noise_deg: Annotated[float, Field(ge=0, le=MAX_ORIENTATION_NOISE_DEG)] = Field(
+        SessionOptions.orientation_noise_deg,
+        description="Standard deviation of the tracked orientation between images; it widens `accuracy`.",
+    )
+
+    def to_options(self) -> SessionOptions:
+        """Return the options for the worker."""
+        return SessionOptions(self.up == "known", self.position_noise_m, self.orientation_noise_deg)
+
+
+class Hints(RequestModel):
+    """Prior knowledge of the caller. Every hint narrows the search, and every answer satisfies it."""
+
+    position_m: Vector | None = Field(None, description="Camera position in the map's own frame.")
+    radius_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        None, description=f"Largest distance from `position_m`; {DEFAULT_RADIUS_M:g} by default."
+    )
+    region: Box | None = Field(None, description="Box around the camera in the map's own frame.")
+    upright: bool | None = Field(None, description="The camera is level within `max_tilt_deg`.")
+    max_tilt_deg: Annotated[float, Field(ge=0, le=180)] | None = Field(
+        None, description=f"{DEFAULT_TILT_DEG:g} when only `upright` is given."
+    )
+    heading_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
+        None, description="Yaw of the image centre, counter-clockwise about z from +x."
+    )
+    heading_tolerance_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
+        None, description=f"{DEFAULT_HEADING_TOLERANCE_DEG:g} by default."
+    )
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        if self.radius_m is not None and self.position_m is None:
+            raise ValueError("radius_m: expected together with position_m; give the position or leave out the radius")
+        if self.heading_tolerance_deg is not None and self.heading_deg is None:
+            raise ValueError(
+                "heading_tolerance_deg: expected together with heading_deg; give the heading or leave out the tolerance"
+            )
+        return self
+
+    def to_options(self) -> options.Hints | None:
+        """Return the hints as the algorithm takes them, None when none is given."""
+        given = self.model_dump(exclude_none=True)
+        if self.position_m is not None:
+            given["position_m"] = tuple(self.position_m)
+        if self.region is not None:
+            given["region"] = self.region.to_options()
+        return options.Hints(**given) if given else None
+
+
+class LocalizeOptions(RequestModel):
+    """The part `options` of `POST /localize`."""
+
+    frame: Frame = Field(QueryOptions.frame, description="Axes of the answer; see docs/api.md.")
+    method: Method = Field(QueryOptions.method, description="`paper`: the recipe of the paper, slower.")
+    hints: Hints | None = None
+    cameras: Annotated[list[Camera], Field(min_length=1, max_length=MAX_IMAGES)] | None = Field(
+        None,
+        description="Cameras of the images: one entry for all, or one per image in their order. Without it, a 2:1 "
+        "image is a full sphere; for other images the camera comes from GPano fields or the EXIF focal length in 35 "
+        "mm terms. Several images need one entry each, with `session_from_camera`.",
+    )
+    session: TrackedSession | None = Field(None, description="Accuracy and up axis of `session_from_camera`.")
+    artifacts: list[Artifact] = Field(default_factory=list, max_length=len(ARTIFACTS), description="Pictures to draw.")
+    top_k: int = Field(
+        QueryOptions.top_k,
+        strict=True,
+        ge=1,
+        le=MAX_TOP_K,
+        description="Largest number of poses: the pose and up to `top_k` − 1 alternatives; `ambiguous` always lists "
+        "its rivals.",
+    )
+    timeout_s: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="Seconds for the answer, then 504; null: the service's default, which is longer for `paper`."
+    )
+
+    def to_options(self, timeout_s: float) -> QueryOptions:
+        """Return the options for the worker. timeout_s: the default."""
+        return QueryOptions(
+            timeout_s=timeout_s if self.timeout_s is None else self.timeout_s,
+            method=self.method,
+            frame=self.frame,
+            session=SessionOptions() if self.session is None else self.session.to_options(),
+            hints=None if self.hints is None else self.hints.to_options(),
+            artifacts=tuple(dict.fromkeys(self.artifacts)),
+            top_k=self.top_k,
+        )
+
+
+class PendingLocalization(ResponseModel):
+    """A query with `Prefer: respond-async` that has no answer yet, or has failed."""
+
+    id: str
+    status: Literal["queued", "running", "failed"]
+    created_at: datetime
+    error: ProblemDocument | None = Field(description="Reason of a failure; null otherwise.")
