@@ -1,5 +1,5 @@
-"""Results of images as the tour that `panoloc.core.exports.tour_file` reads; of batches, and of folders of the command
-line."""
+"""Results of images as the tour that `panoloc.core.exports.tour.read_tour` reads; of batches, and of folders of the
+command line."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

@@ -7,7 +7,7 @@ from pathlib import Path
 from PIL import Image
 
 from panoloc.core.exports.overview.contact_sheet import draw_contact_sheet
-from panoloc.core.exports.overview.document import read_placement
+from panoloc.core.exports.overview.placement import read_placement
 from panoloc.core.exports.overview.plan import draw_plan
 
 _QUALITY = 85

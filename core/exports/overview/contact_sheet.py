@@ -6,8 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageOps
 
-from panoloc.core.exports.overview.document import PhotoSeen, Placement
-from panoloc.core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, legible, shortened
+from panoloc.core.exports.overview.placement import (
+    COLOR_OF,
+    INK,
+    PAPER,
+    PhotoSeen,
+    Placement,
+    font_of,
+    legible,
+    shortened,
+)
 
 # Pixels of a photo by how many there are: a sheet stays small enough to look at.
 _WIDTHS = ((60, 320), (300, 240), (10**9, 160))

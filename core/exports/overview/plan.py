@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from panoloc.core.exports.overview.document import PhotoSeen, Placement
-from panoloc.core.exports.overview.lettering import COLOR_OF, INK, PAPER, font_of, legible
+from panoloc.core.exports.overview.placement import COLOR_OF, INK, PAPER, PhotoSeen, Placement, font_of, legible
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.from_above import Area, SeenFromAbove, draw_from_above
 from panoloc.core.scan.reading import read_scan

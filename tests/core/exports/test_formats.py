@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports.earth.jpeg_xmp import with_fields, xmp_of
 from panoloc.core.exports.formats import EXPORTERS, export, north_of
+from panoloc.core.exports.gpano import with_fields, xmp_of
 from panoloc.core.exports.tour import LeftOut, Tour
 from panoloc.core.options import ExportFormat
 from panoloc.core.panorama.gpano import crop_fields

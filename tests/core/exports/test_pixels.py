@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from panoloc.core.exports.reconstruction.colmap_rig import FACES, cut_face, face_size, turned
+from panoloc.core.exports.colmap import FACES, cut_face, face_size, turned
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from tests.core.exports.readers import GL

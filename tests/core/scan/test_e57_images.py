@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import ScanContentError
-from panoloc.core.exports.axes import quaternion_wxyz
-from panoloc.core.exports.reconstruction.colmap_rig import FACES, cut_face, turned
+from panoloc.core.exports.colmap import FACES, cut_face, turned
+from panoloc.core.exports.frames import quaternion_wxyz
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.e57.__main__ import REFUSED, main

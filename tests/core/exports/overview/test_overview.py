@@ -9,8 +9,16 @@ from PIL import Image
 
 from panoloc.core.exports.overview.__main__ import main
 from panoloc.core.exports.overview.contact_sheet import draw_contact_sheet
-from panoloc.core.exports.overview.document import PhotoSeen, Placement, read_placement
-from panoloc.core.exports.overview.lettering import COLOR_OF, PAPER, font_of, legible, shortened
+from panoloc.core.exports.overview.placement import (
+    COLOR_OF,
+    PAPER,
+    PhotoSeen,
+    Placement,
+    font_of,
+    legible,
+    read_placement,
+    shortened,
+)
 from panoloc.core.exports.overview.plan import draw_plan
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import write_ply
