@@ -13,7 +13,7 @@ from panoloc.core.errors import CoreError, ScanError
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.core.scan.readers import READERS
+from panoloc.core.scan.reading import READERS
 from panoloc.core.scan.reading import read_scan
 from panoloc.core.scan.reading_context import ReadingContext
 from tests.core.painted_box import PaintedBox

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.scan.gltf.file import GltfFile, Json
 from panoloc.core.scan.mesh.sampling import linear_to_srgb
-from panoloc.core.scan.mesh.surface import Paint
-from panoloc.core.scan.mesh.texture import Texture, TextureReader, Wrap
+from panoloc.core.scan.mesh.surface import Paint, Texture, TextureReader, Wrap
 
 _WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
 _CUTOFF = 0.5

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from panoloc.core.errors import ScanContentError
 from panoloc.core.scan.companions import companion
 from panoloc.core.scan.mesh.sampling import iter_surface_samples
-from panoloc.core.scan.mesh.surface import Paint, SurfacePart
-from panoloc.core.scan.mesh.texture import Texture, TextureReader, Wrap
+from panoloc.core.scan.mesh.surface import Paint, SurfacePart, Texture, TextureReader, Wrap
 from panoloc.core.scan.obj.materials import ObjMaterial, read_materials
 from panoloc.core.scan.obj.model import ObjModel, read_model
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error

@@ -12,11 +12,17 @@ from panoloc.core.options import METRES_PER_UNIT
 from panoloc.core.scan.color_range import ColorRange
 from panoloc.core.scan.companions import companion
 from panoloc.core.scan.mesh.sampling import iter_surface_samples
-from panoloc.core.scan.mesh.surface import Paint, SurfacePart, check_vertex_numbers, triangle_areas
-from panoloc.core.scan.mesh.texture import TextureReader
-from panoloc.core.scan.ply.body import PlyBody, RowBatch
-from panoloc.core.scan.ply.columns import POSITION_NAMES, color_names, convert_colors
-from panoloc.core.scan.ply.header import PlyElement, PlyHeader
+from panoloc.core.scan.mesh.surface import (
+    Paint,
+    SurfacePart,
+    TextureReader,
+    check_vertex_numbers,
+    fan_of,
+    in_fans,
+    triangle_areas,
+)
+from panoloc.core.scan.ply.body import PlyBody, RowBatch, convert_colors
+from panoloc.core.scan.ply.header import POSITION_NAMES, PlyElement, PlyHeader
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, stack_columns
 
 # Above these counts the vertices of any room lie closer than its points are thinned to; the faces are not even read.
@@ -55,7 +61,7 @@ def has_mesh(header: PlyHeader) -> bool:
 def has_face_colors(header: PlyHeader) -> bool:
     """Tell whether the faces can give the colours that the vertices lack."""
     faces = header.element("face")
-    return has_mesh(header) and faces is not None and color_names(faces) is not None
+    return has_mesh(header) and faces is not None and faces.color_names is not None
 
 
 def texture_names(header: PlyHeader) -> list[str]:
@@ -79,7 +85,7 @@ def read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody, *, is_t
     if is_textured:
         yield from iter_surface_samples(_textured_parts(context, header, rows, faces), context)
         return
-    names = color_names(vertices)
+    names = vertices.color_names
     areas = triangle_areas(positions, faces.triangles)
     spacing_m = float(np.sqrt(areas.sum() / len(positions))) * METRES_PER_UNIT[context.options.unit]
     if names and (spacing_m <= SPARSE_SPACING_M or not areas.any()):
@@ -130,10 +136,11 @@ def _load(header: PlyHeader, body: PlyBody) -> tuple[NDArray[np.void], _Faces]:
     rows, faces = None, None
     for element in header.elements:
         if element.name == "vertex":
-            names = [*POSITION_NAMES, *(color_names(element) or ()), *_uv_names(header)]
-            rows = np.concatenate([part[names] for part in body.iter_scalar_rows(element, names)])
+            names = [*POSITION_NAMES, *(element.color_names or ()), *_uv_names(header)]
+            rows = np.concatenate(list(body.iter_scalars(element, names)))
         elif element.name == "face":
-            faces = _load_faces(element, body)
+            batches = [batch for block in body.iter_rows(element) for batch in block]
+            faces = _Faces(*map(np.concatenate, zip(*(_triangles(batch, element) for batch in batches), strict=True)))
         else:
             body.skip(element)
         if rows is not None and faces is not None:
@@ -141,43 +148,29 @@ def _load(header: PlyHeader, body: PlyBody) -> tuple[NDArray[np.void], _Faces]:
     raise AssertionError("a mesh has vertices and faces; see has_mesh")
 
 
-def _load_faces(element: PlyElement, body: PlyBody) -> _Faces:
-    names = color_names(element)
-    triangles, uv = [np.empty((0, 3), np.int64)], [np.empty((0, 3, 2))]
-    textures, colors = [np.empty(0, np.int64)], []
-    for batches in body.iter_list_rows(element):
-        for batch in batches:
-            corners, places = _corners(batch, element)
-            fields = batch.records.dtype.names or ()
-            number = batch.records[_TEXTURE_NUMBER] if _TEXTURE_NUMBER in fields else np.zeros(len(corners))
-            for last in range(2, corners.shape[1]):  # a polygon becomes a fan
-                fan = [0, last - 1, last]
-                triangles.append(corners[:, fan])
-                uv.append(places[:, fan] if places is not None else np.empty((0, 3, 2)))
-                textures.append(number.astype(np.int64))
-                if names:
-                    colors.append(convert_colors(batch.records, element, names))
-    raw_colors = np.concatenate(colors) if colors else np.empty((0, 3))
-    return _Faces(np.concatenate(triangles), np.concatenate(uv), np.concatenate(textures), raw_colors)
-
-
-def _corners(batch: RowBatch, element: PlyElement) -> tuple[NDArray[np.int64], NDArray[np.float64] | None]:
-    """Return the vertices of faces, (n, k), and their texture coordinates, (n, k, 2), where they have some."""
-    name = _index_name(element)
-    assert name is not None
-    corners = batch.records[name]
+def _triangles(batch: RowBatch, element: PlyElement) -> tuple[NDArray[Any], ...]:
+    """Return the faces of equally many corners as the fields of `_Faces`: a polygon becomes a fan of triangles."""
+    records, names = batch.records, batch.records.dtype.names or ()
+    index_name = _index_name(element)
+    assert index_name is not None
+    corners = records[index_name]
     if corners.dtype.kind == "f":
         corners = np.nan_to_num(corners, nan=-1.0).clip(-1, MAX_VERTICES)
-    corners = corners.astype(np.int64)
-    if _PER_CORNER not in (batch.records.dtype.names or ()):
-        return corners, None
-    places = batch.records[_PER_CORNER].astype(np.float64).reshape(len(corners), -1)
-    if places.shape[1] != 2 * corners.shape[1]:
-        raise ScanDamagedError(
-            f"A face of the PLY mesh has {corners.shape[1]} corners, but {places.shape[1]} texture coordinates; expected two per "
-            "corner. Export the scan again."
-        )
-    return corners, places.reshape(len(corners), -1, 2)
+    fan = fan_of(corners.shape[1])
+    uv, textures, colors = np.empty((0, 3, 2)), np.zeros(len(records), np.int64), np.empty((0, 3))
+    if _PER_CORNER in names:
+        places = records[_PER_CORNER].astype(np.float64).reshape(len(records), -1)
+        if places.shape[1] != 2 * corners.shape[1]:
+            raise ScanDamagedError(
+                f"A face of the PLY mesh has {corners.shape[1]} corners, but {places.shape[1]} texture coordinates; "
+                "expected two per corner. Export the scan again."
+            )
+        uv = in_fans(places.reshape(len(records), -1, 2), fan)
+    if _TEXTURE_NUMBER in names:
+        textures = records[_TEXTURE_NUMBER].astype(np.int64)
+    if element.color_names is not None:
+        colors = np.tile(convert_colors(records, element, element.color_names), (len(fan), 1))
+    return in_fans(corners.astype(np.int64), fan), uv, np.tile(textures, len(fan)), colors
 
 
 def _is_per_corner(header: PlyHeader) -> bool:
@@ -187,10 +180,10 @@ def _is_per_corner(header: PlyHeader) -> bool:
 
 def _uv_names(header: PlyHeader) -> tuple[str, ...]:
     vertices = header.element("vertex")
-    scalars = {prop.name for prop in vertices.properties if prop.count_type is None} if vertices is not None else set()
-    return next((pair for pair in _PER_VERTEX if scalars.issuperset(pair)), ())
+    names = vertices.scalars.keys() if vertices is not None else set()
+    return next((pair for pair in _PER_VERTEX if names >= set(pair)), ())
 
 
 def _index_name(faces: PlyElement) -> str | None:
-    lists = {prop.name for prop in faces.properties if prop.count_type is not None}
+    lists = {prop.name for prop in faces.properties} - faces.scalars.keys()
     return next((name for name in _INDEX_NAMES if name in lists), None)

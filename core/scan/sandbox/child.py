@@ -63,7 +63,7 @@ def _reader_of(name: str) -> ScanReader:
         module, _, function = name.partition(":")
         found: ScanReader = getattr(importlib.import_module(module), function)
         return found
-    from panoloc.core.scan.readers import READERS
+    from panoloc.core.scan.reading import READERS
 
     return READERS[name]
 

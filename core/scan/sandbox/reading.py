@@ -26,7 +26,7 @@ _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
     """Yield the chunks of a reader; its notes and its coordinate system reach `context` at the end.
 
-    reader: a format of `panoloc.core.scan.readers.READERS`, or "module:function".
+    reader: a format of `panoloc.core.scan.reading.READERS`, or "module:function".
 
     Raises the reader's own errors; ScanDamagedError when it crashes, ScanContentError when it exceeds `limits`.
     """

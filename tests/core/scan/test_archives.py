@@ -13,7 +13,7 @@ import pytest
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError, ScanTooLargeError
 from panoloc.core.options import ScanOptions
-from panoloc.core.scan.archive import unpacking
+from panoloc.core.scan import unpacking
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan

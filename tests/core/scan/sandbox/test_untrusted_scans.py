@@ -9,7 +9,7 @@ import pytest
 
 from panoloc.core.errors import ScanDamagedError
 from panoloc.core.options import ScanOptions
-from panoloc.core.scan import readers
+from panoloc.core.scan import reading
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
@@ -79,7 +79,7 @@ def test_the_sandbox_gives_the_same_points_and_the_caller_parses_nothing(
 ) -> None:
     write(tmp_path / name, room)
     trusted = read_scan(tmp_path / name)
-    monkeypatch.setattr(readers, "READERS", dict.fromkeys(readers.READERS, parse_nothing))
+    monkeypatch.setattr(reading, "READERS", dict.fromkeys(reading.READERS, parse_nothing))
     with pytest.raises(AssertionError):
         read_scan(tmp_path / name)
     read = read_scan(tmp_path / name, UNTRUSTED)
@@ -105,8 +105,8 @@ def test_the_time_of_a_reader_grows_with_its_file(tmp_path: Path, monkeypatch: p
         given.append(limits)
         return iter(())
 
-    monkeypatch.setattr(readers, "read_in_sandbox", read_nothing)
+    monkeypatch.setattr(reading, "read_in_sandbox", read_nothing)
     for size_bytes in (10**6, 4 * 10**9):
-        readers.iter_chunks("text", ReadingContext(tmp_path / "table.xyz", UNTRUSTED, size_bytes))
+        reading.iter_chunks("text", ReadingContext(tmp_path / "table.xyz", UNTRUSTED, size_bytes))
     assert [limits.cpu_s for limits in given] == [902, 8900]
     assert SandboxLimits().cpu_s == 900
