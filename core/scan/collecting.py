@@ -11,8 +11,7 @@ from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
 from panoloc.core.scan.color_range import ColorRange
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
-from panoloc.core.scan.voxel_grouping import column_bounds
-from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
+from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner, column_bounds
 
 # float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
 _LARGE_COORDINATE_M = 1000.0

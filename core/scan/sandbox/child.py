@@ -12,10 +12,9 @@ from typing import Any, BinaryIO
 
 from panoloc.core.errors import ScanError
 from panoloc.core.options import ScanOptions
-from panoloc.core.scan.reading_context import ReadingContext, ScanReader
-from panoloc.core.scan.sandbox.limits import SandboxLimits, take_limits
+from panoloc.core.scan.reading_context import ReadingContext
+from panoloc.core.scan.sandbox.limits import SandboxLimits, refuse_system_calls, take_limits
 from panoloc.core.scan.sandbox.messages import send, send_chunk
-from panoloc.core.scan.sandbox.system_calls import refuse_system_calls
 
 _LONGEST_MESSAGE = 2000
 
@@ -32,11 +31,11 @@ def main() -> None:
     try:
         _read(job, stream)
     except ScanError as error:
-        send(stream, {"kind": "error", "error": type(error).__name__, "message": str(error)[:_LONGEST_MESSAGE]})
+        send(stream, "error", error=type(error).__name__, message=str(error)[:_LONGEST_MESSAGE])
     except (MemoryError, RecursionError) as error:
-        send(stream, {"kind": "error", "error": type(error).__name__, "message": ""})
+        send(stream, "error", error=type(error).__name__, message="")
     except Exception as error:
-        send(stream, {"kind": "error", "error": "Exception", "message": f"{type(error).__name__}: {error}"[:200]})
+        send(stream, "error", error="Exception", message=f"{type(error).__name__}: {error}"[:200])
 
 
 def _end_with_parent() -> None:
@@ -47,25 +46,17 @@ def _end_with_parent() -> None:
 
 
 def _read(job: dict[str, Any], stream: BinaryIO) -> None:
-    path, folder = Path(job["path"]), job["folder"]
-    context = ReadingContext(
-        path, ScanOptions(**job["options"]), path.stat().st_size, folder=None if folder is None else Path(folder)
-    )
-    for chunk in _reader_of(job["reader"])(context):
-        send_chunk(stream, chunk)
-    for found in context.diagnostics:
-        send(stream, {"kind": "note", **dataclasses.asdict(found)})
-    send(stream, {"kind": "end", "coordinate_system": context.coordinate_system})
-
-
-def _reader_of(name: str) -> ScanReader:
-    if ":" in name:
-        module, _, function = name.partition(":")
-        found: ScanReader = getattr(importlib.import_module(module), function)
-        return found
     from panoloc.core.scan.reading import READERS
 
-    return READERS[name]
+    path, folder = Path(job["path"]), job["folder"] and Path(job["folder"])
+    context = ReadingContext(path, ScanOptions(**job["options"]), path.stat().st_size, folder=folder)
+    module, _, name = job["reader"].rpartition(":")
+    reader = getattr(importlib.import_module(module), name) if module else READERS[name]
+    for chunk in reader(context):
+        send_chunk(stream, chunk)
+    for found in context.diagnostics:
+        send(stream, "note", **dataclasses.asdict(found))
+    send(stream, "end", coordinate_system=context.coordinate_system)
 
 
 if __name__ == "__main__":

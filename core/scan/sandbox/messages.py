@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanDamagedError
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk
@@ -14,25 +15,22 @@ MAX_LINE_BYTES = 1 << 16
 _COLOR_TYPES = ("|u1", "<u2", "<f8")
 
 
-def send(stream: BinaryIO, message: Message) -> None:
-    """Write one message without arrays."""
-    stream.write(json.dumps(message).encode() + b"\n")
+def send(stream: BinaryIO, kind: str, *arrays: NDArray[Any], **fields: Any) -> None:
+    """Write one message."""
+    stream.write(json.dumps({"kind": kind, **fields}).encode() + b"\n")
+    for array in arrays:
+        stream.write(array.tobytes())
     stream.flush()
 
 
 def send_chunk(stream: BinaryIO, chunk: RawChunk) -> None:
     """Write a chunk in pieces of at most CHUNK_ROWS rows."""
+    color_type = chunk.colors.dtype.newbyteorder("<")
     for start in range(0, len(chunk.positions), CHUNK_ROWS):
-        positions = np.ascontiguousarray(chunk.positions[start : start + CHUNK_ROWS], "<f8")
-        colors = np.ascontiguousarray(chunk.colors[start : start + CHUNK_ROWS])
-        colors = colors.astype(colors.dtype.newbyteorder("<"), copy=False)
-        send(
-            stream,
-            {"kind": "chunk", "rows": len(positions), "colors": colors.dtype.str, "fraction": float(chunk.fraction)},
-        )
-        stream.write(positions.tobytes())
-        stream.write(colors.tobytes())
-        stream.flush()
+        positions = chunk.positions[start : start + CHUNK_ROWS].astype("<f8", copy=False)
+        colors = chunk.colors[start : start + CHUNK_ROWS].astype(color_type, copy=False)
+        fields = {"rows": len(positions), "colors": color_type.str, "fraction": float(chunk.fraction)}
+        send(stream, "chunk", positions, colors, **fields)
 
 
 def parse(line: bytes) -> Message:
@@ -48,15 +46,13 @@ def parse(line: bytes) -> Message:
 
 def receive_chunk(message: Message, take: Callable[[int], bytearray]) -> RawChunk:
     """Return the chunk that `message` announces. take: returns the next bytes. Raises ScanDamagedError."""
-    rows, colors, fraction = message.get("rows"), message.get("colors"), message.get("fraction")
-    is_plausible = isinstance(rows, int) and 0 < rows <= CHUNK_ROWS and isinstance(fraction, float)
-    if not is_plausible or colors not in _COLOR_TYPES:
-        raise _nonsense()
-    assert isinstance(rows, int)
-    assert isinstance(fraction, float)
-    positions = np.frombuffer(take(rows * 24), np.float64).reshape(rows, 3)
-    dtype = np.dtype(colors)
-    return RawChunk(positions, np.frombuffer(take(rows * 3 * dtype.itemsize), dtype).reshape(rows, 3), fraction)
+    match message:
+        case {"rows": int(rows), "colors": str(colors), "fraction": float(fraction)}:
+            if 0 < rows <= CHUNK_ROWS and colors in _COLOR_TYPES:
+                positions = np.frombuffer(take(rows * 24), np.float64).reshape(rows, 3)
+                raw = take(rows * 3 * np.dtype(colors).itemsize)
+                return RawChunk(positions, np.frombuffer(raw, colors).reshape(rows, 3), fraction)
+    raise _nonsense()
 
 
 def _nonsense() -> ScanDamagedError:

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.core.scan.voxel_grouping import group_by_voxel
-from panoloc.core.scan.voxel_thinning import VoxelThinner, thin_cloud
+from panoloc.core.scan.voxel_thinning import VoxelThinner, group_by_voxel, thin_cloud
 
 
 def random_cloud(seed: int, num_points: int, kind: str) -> PointCloud:
