@@ -1,9 +1,9 @@
 """What every reader gets and gives: the file with its limits, and chunks of raw points."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,11 +67,8 @@ class ReadingContext:
             self.note("scans_merged", f"{num_colored} {what} were merged with their poses.")
 
 
-class ScanReader(Protocol):
-    """A function that yields the points of one format."""
-
-    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]:
-        """Yield the points of the file in `context`."""
+ScanReader = Callable[[ReadingContext], Iterator[RawChunk]]
+"""Yields the points of a file of one format."""
 
 
 def no_color_error(columns: str) -> ScanContentError:
@@ -82,9 +79,9 @@ def no_color_error(columns: str) -> ScanContentError:
     )
 
 
-def stack_columns(table: NDArray[np.void], names: tuple[str, str, str], dtype: Any) -> NDArray[Any]:
-    """Copy three fields of a structured array into an (n, 3) array of `dtype`."""
-    stacked = np.empty((len(table), 3), dtype)
+def stack_columns(table: NDArray[np.void], names: Sequence[str], dtype: Any) -> NDArray[Any]:
+    """Copy fields of a structured array into an (n, len(names)) array of `dtype`."""
+    stacked = np.empty((len(table), len(names)), dtype)
     with np.errstate(invalid="ignore"):  # signalling NaNs of damaged files
         for axis, name in enumerate(names):
             stacked[:, axis] = table[name]
