@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from panoloc.core.scan.lzf import MAX_RATIO, decompress_lzf
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
 from panoloc.core.scan.text.table import TextLines
 
@@ -17,6 +16,9 @@ _MAX_HEADER_BYTES = 1 << 16
 _MAX_RECORD_BYTES = 1 << 16
 # The decompressed file is held in memory as a whole: its columns lie one behind the other.
 _MAX_DECOMPRESSED_BYTES = 2 << 30
+# One three-byte reference of LZF yields at most this many bytes: more is a bomb or damage.
+_MAX_RATIO = 88
+_LITERAL_LIMIT, _LONG_LENGTH = 32, 7
 _SIZES = {"F": (4, 8), "U": (1, 2, 4, 8), "I": (1, 2, 4, 8)}
 _POSITION_NAMES = ("x", "y", "z")
 _PACKED_NAMES = (("rgb",), ("rgba",))
@@ -178,7 +180,7 @@ def _decompress(stream: BinaryIO, header: _Header, size_bytes: int) -> bytes:
     num_compressed, num_bytes = struct.unpack("<II", stream.read(8).ljust(8, b"\0"))
     expected = header.num_points * header.dtype.itemsize
     compressed = stream.read(min(num_compressed, size_bytes))
-    if num_bytes != expected or num_bytes > max(num_compressed, 1) * MAX_RATIO or len(compressed) < num_compressed:
+    if num_bytes != expected or num_bytes > max(num_compressed, 1) * _MAX_RATIO or len(compressed) < num_compressed:
         raise ScanDamagedError(
             f"The PCD header announces {header.num_points:,} points ({expected:,} bytes), but its compressed data announces "
             f"{num_bytes:,} in {num_compressed:,} bytes, of which the file holds {len(compressed):,}. {CUT_SHORT}"
@@ -222,3 +224,44 @@ def _unpack_colors(packed: NDArray[Any], declared: np.dtype[Any]) -> NDArray[Any
 
 def _split_words(words: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([words >> 16, words >> 8, words], axis=1).astype(np.uint8)
+
+
+def decompress_lzf(data: bytes, num_bytes: int) -> bytes:
+    """Return the `num_bytes` bytes that `data`, packed by liblzf, decompresses to; raise ValueError when it does not.
+
+    A byte below 32 announces that many literal bytes plus one; any other begins a reference: three bits of length
+    (seven: one more length byte follows) and thirteen bits of distance into what is already there.
+    """
+    output = bytearray()
+    position, end = 0, len(data)
+    try:
+        while position < end:
+            control = data[position]
+            position += 1
+            if control < _LITERAL_LIMIT:
+                output += data[position : position + control + 1]
+                position += control + 1
+                continue
+            length = control >> 5
+            if length == _LONG_LENGTH:
+                length += data[position]
+                position += 1
+            start = len(output) - ((control & 0x1F) << 8) - data[position] - 1
+            position += 1
+            _repeat(output, start, length + 2)
+            if len(output) > num_bytes:
+                break
+    except IndexError:
+        raise ValueError("the compressed data ends in the middle of a reference") from None
+    if len(output) != num_bytes or position != end:
+        raise ValueError(f"the compressed data gives {len(output):,} bytes, expected {num_bytes:,}")
+    return bytes(output)
+
+
+def _repeat(output: bytearray, start: int, length: int) -> None:
+    if start < 0:
+        raise ValueError("the compressed data refers to bytes before its beginning")
+    piece = output[start : start + length]
+    if len(piece) < length:  # the reference overlaps what it writes: the piece repeats itself
+        piece = (piece * (length // len(piece) + 1))[:length]
+    output += piece

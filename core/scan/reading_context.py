@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,37 @@ class ReadingContext:
         if num_colored > 1:
             self.note("scans_merged", f"{num_colored} {what} were merged with their poses.")
 
+    def companion(self, name: str, what: str) -> Path:
+        """Return the file that the scan calls `name`, relative to itself. what: for the message, such as "texture".
+
+        Raises ScanDamagedError for a name that leads out of the archive, ScanContentError where there is no such file.
+        """
+        relative = PurePosixPath(name.strip().replace("\\", "/"))
+        if self.folder is None:
+            raise ScanContentError(
+                f"The scan refers to the {what} {name[:100]!r}, which was not uploaded with it. Put the scan and all "
+                "files that it refers to into one zip and upload the zip."
+            )
+        root = self.folder.resolve()
+        if "\x00" in name:
+            raise _leads_out(name, what)
+        found = (self.path.parent / relative).resolve()
+        if relative.is_absolute() or not found.is_relative_to(root):
+            # Programs write the paths of the machine that they ran on; the file itself often lies beside the scan.
+            found = (self.path.parent / relative.name).resolve()
+        if not found.is_relative_to(root):
+            raise _leads_out(name, what)
+        if not found.is_file():
+            same = [
+                path for path in found.parent.glob("*") if path.name.lower() == found.name.lower() and path.is_file()
+            ]
+            if len(same) != 1:
+                raise ScanContentError(
+                    f"The scan refers to the {what} {name[:100]!r}, but the zip holds no such file. Add it and upload it again."
+                )
+            found = same[0]
+        return found
+
 
 ScanReader = Callable[[ReadingContext], Iterator[RawChunk]]
 """Yields the points of a file of one format."""
@@ -86,3 +117,10 @@ def stack_columns(table: NDArray[np.void], names: Sequence[str], dtype: Any) -> 
         for axis, name in enumerate(names):
             stacked[:, axis] = table[name]
     return stacked
+
+
+def _leads_out(name: str, what: str) -> ScanDamagedError:
+    return ScanDamagedError(
+        f"The scan refers to the {what} {name[:100]!r}, which is outside the upload. Refer only to files beside the "
+        "scan."
+    )

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from panoloc.core.scan.companions import companion
 from panoloc.core.scan.reading_context import ReadingContext
 
 Json = dict[str, Any]
@@ -109,7 +108,7 @@ class GltfFile:
                 f"The glTF file refers to the {what} {uri[:100]!r} by a URL, and readers fetch nothing. Export it as "
                 "GLB."
             )
-        return companion(self._context, unquote(uri), what).read_bytes()
+        return self._context.companion(unquote(uri), what).read_bytes()
 
 
 def _chunks(data: bytes) -> dict[int, bytes]:

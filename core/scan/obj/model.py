@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError, ScanTooLargeError
-from panoloc.core.scan.mesh.surface import check_vertex_numbers
+from panoloc.core.scan.mesh import check_vertex_numbers
 from panoloc.core.scan.reading_context import CHUNK_ROWS
 from panoloc.core.scan.text.table import TextLines, parse_numbers
 

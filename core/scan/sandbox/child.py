@@ -10,11 +10,12 @@ import threading
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from numpy.typing import NDArray
+
 from panoloc.core.errors import ScanError
 from panoloc.core.options import ScanOptions
-from panoloc.core.scan.reading_context import ReadingContext
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
 from panoloc.core.scan.sandbox.limits import SandboxLimits, refuse_system_calls, take_limits
-from panoloc.core.scan.sandbox.messages import send, send_chunk
 
 _LONGEST_MESSAGE = 2000
 
@@ -31,11 +32,11 @@ def main() -> None:
     try:
         _read(job, stream)
     except ScanError as error:
-        send(stream, "error", error=type(error).__name__, message=str(error)[:_LONGEST_MESSAGE])
+        _send(stream, "error", error=type(error).__name__, message=str(error)[:_LONGEST_MESSAGE])
     except (MemoryError, RecursionError) as error:
-        send(stream, "error", error=type(error).__name__, message="")
+        _send(stream, "error", error=type(error).__name__, message="")
     except Exception as error:
-        send(stream, "error", error="Exception", message=f"{type(error).__name__}: {error}"[:200])
+        _send(stream, "error", error="Exception", message=f"{type(error).__name__}: {error}"[:200])
 
 
 def _end_with_parent() -> None:
@@ -53,10 +54,28 @@ def _read(job: dict[str, Any], stream: BinaryIO) -> None:
     module, _, name = job["reader"].rpartition(":")
     reader = getattr(importlib.import_module(module), name) if module else READERS[name]
     for chunk in reader(context):
-        send_chunk(stream, chunk)
+        _send_chunk(stream, chunk)
     for found in context.diagnostics:
-        send(stream, "note", **dataclasses.asdict(found))
-    send(stream, "end", coordinate_system=context.coordinate_system)
+        _send(stream, "note", **dataclasses.asdict(found))
+    _send(stream, "end", coordinate_system=context.coordinate_system)
+
+
+def _send(stream: BinaryIO, kind: str, *arrays: NDArray[Any], **fields: Any) -> None:
+    """Write a message: a line of JSON, then the arrays of a chunk as raw bytes. Nothing of it is executed."""
+    stream.write(json.dumps({"kind": kind, **fields}).encode() + b"\n")
+    for array in arrays:
+        stream.write(array.tobytes())
+    stream.flush()
+
+
+def _send_chunk(stream: BinaryIO, chunk: RawChunk) -> None:
+    """Write a chunk in pieces of at most CHUNK_ROWS rows."""
+    color_type = chunk.colors.dtype.newbyteorder("<")
+    for start in range(0, len(chunk.positions), CHUNK_ROWS):
+        positions = chunk.positions[start : start + CHUNK_ROWS].astype("<f8", copy=False)
+        colors = chunk.colors[start : start + CHUNK_ROWS].astype(color_type, copy=False)
+        fields = {"rows": len(positions), "colors": color_type.str, "fraction": float(chunk.fraction)}
+        _send(stream, "chunk", positions, colors, **fields)
 
 
 if __name__ == "__main__":

@@ -9,15 +9,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from typing import NoReturn
+from typing import Any, NoReturn
+
+import numpy as np
 
 import panoloc.core.errors
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
-from panoloc.core.scan.reading_context import RawChunk, ReadingContext
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
 from panoloc.core.scan.sandbox.limits import SandboxLimits
-from panoloc.core.scan.sandbox.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
 
 _READ_BYTES = 1 << 20
+_MAX_LINE_BYTES = 1 << 16
+_COLOR_TYPES = ("|u1", "<u2", "<f8")
 _NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
 _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
 _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
@@ -34,7 +37,7 @@ def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits 
     try:
         while (message := sandbox.next_message())["kind"] != "end":
             if message["kind"] == "chunk":
-                yield receive_chunk(message, sandbox.take)
+                yield sandbox.take_chunk(message)
             elif message["kind"] == "note":
                 context.note(str(message["code"]), str(message["message"]), str(message["severity"]))
             else:
@@ -73,18 +76,33 @@ class _Sandbox:
         self._pipe = self._process.stdout.fileno()
         self._pending = bytearray()
 
-    def next_message(self) -> Message:
+    def next_message(self) -> dict[str, Any]:
         """Return the next message. Raises as `read_in_sandbox` does when the process ends or falls silent."""
         while (end := self._pending.find(b"\n")) < 0:
-            if len(self._pending) > MAX_LINE_BYTES:
+            if len(self._pending) > _MAX_LINE_BYTES:
                 raise self._crashed("it wrote no message")
             self._fill()
         line = bytes(self._pending[:end])
         del self._pending[: end + 1]
-        return parse(line)
+        try:
+            message = json.loads(line)
+        except ValueError as error:
+            raise _nonsense() from error
+        if not isinstance(message, dict) or not isinstance(message.get("kind"), str):
+            raise _nonsense()
+        return message
 
-    def take(self, num_bytes: int) -> bytearray:
-        """Return the next bytes behind a message."""
+    def take_chunk(self, message: dict[str, Any]) -> RawChunk:
+        """Return the chunk that a message announces."""
+        match message:
+            case {"rows": int(rows), "colors": str(colors), "fraction": float(fraction)}:
+                if 0 < rows <= CHUNK_ROWS and colors in _COLOR_TYPES:
+                    positions = np.frombuffer(self._take(rows * 24), np.float64).reshape(rows, 3)
+                    raw = self._take(rows * 3 * np.dtype(colors).itemsize)
+                    return RawChunk(positions, np.frombuffer(raw, colors).reshape(rows, 3), fraction)
+        raise _nonsense()
+
+    def _take(self, num_bytes: int) -> bytearray:
         while len(self._pending) < num_bytes:
             self._fill()
         taken = self._pending[:num_bytes]
@@ -141,3 +159,7 @@ class _Sandbox:
 
     def _crashed(self, how: str) -> ScanError:
         return ScanDamagedError(f"The {self._reader} file cannot be read: its reader failed ({how}). {_EXPORT_AGAIN}")
+
+
+def _nonsense() -> ScanDamagedError:
+    return ScanDamagedError("The reader of the file failed while reading it. Export the scan again.")

@@ -10,7 +10,7 @@ from PIL import Image
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
 from panoloc.core.options import ScanOptions
-from panoloc.core.scan.obj.materials import read_materials
+from panoloc.core.scan.obj.reader import read_materials
 from panoloc.core.scan.reading import read_scan
 from tests.core.scan.mesh_files import zip_of
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.scan.lzf import decompress_lzf
+from panoloc.core.scan.pcd import decompress_lzf
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 
