@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
 from panoloc.core.scan.mesh import Paint, SurfacePart, Texture, TextureReader, Wrap, iter_surface_samples
-from panoloc.core.scan.obj.model import ObjModel, read_model
+from panoloc.core.scan.obj.model import ObjModel
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext, no_color_error
+from panoloc.core.scan.text.table import is_number
 
 # Options of map_Kd that take more than one value: how many at most.
 _NUM_VALUES = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}
@@ -32,10 +33,12 @@ def read_obj(context: ReadingContext) -> Iterator[RawChunk]:
 
     Raises ScanDamagedError for lines that it does not understand, ScanContentError without colour or without a file.
     """
-    model = read_model(context.path)
+    model = ObjModel(context.path)
     if not len(model.vertices):
         raise ScanContentError("The OBJ file holds no vertices. Export the scan again.")
-    colors = _vertex_colors(model)
+    colors = model.vertices[:, 3:6] if model.vertices.shape[1] == 6 else None
+    if colors is not None and np.nanmax(colors) > 1.01:
+        colors = colors / 255.0
     if len(model.triangles):
         yield from iter_surface_samples(_parts(context, model, colors), context)
         return
@@ -43,13 +46,6 @@ def read_obj(context: ReadingContext) -> Iterator[RawChunk]:
         raise no_color_error("no faces, and no colours after the positions of its vertices")
     points = SurfacePart(model.vertices[:, :3], np.empty((0, 3), np.int64), Paint(vertex_colors=colors))
     yield from iter_surface_samples([points], context)
-
-
-def _vertex_colors(model: ObjModel) -> NDArray[np.float64] | None:
-    if model.vertices.shape[1] < 6:
-        return None
-    colors = model.vertices[:, 3:6]
-    return colors / 255.0 if np.nanmax(colors) > 1.01 else colors
 
 
 def _parts(context: ReadingContext, model: ObjModel, colors: NDArray[np.float64] | None) -> list[SurfacePart]:
@@ -81,15 +77,13 @@ def _parts(context: ReadingContext, model: ObjModel, colors: NDArray[np.float64]
                     "warning",
                 )
             else:
-                paint = _textured(material, textures[material.texture], model.texture_coordinates[numbers])
+                placed = model.texture_coordinates[numbers] * material.scale + material.offset
+                uv = placed * [1.0, -1.0] + [0.0, 1.0]  # OBJ counts v from the lower edge
+                wrap: Wrap = "clamp" if material.clamped else "repeat"
+                texture = replace(textures[material.texture], wrap=(wrap, wrap))
+                paint = Paint(texture, uv, factor=material.diffuse)
         parts.append(SurfacePart(model.vertices[:, :3], model.triangles[chosen], paint))
     return parts
-
-
-def _textured(material: ObjMaterial, texture: Texture, uv: NDArray[np.float64]) -> Paint:
-    placed = (uv * material.scale + material.offset) * [1.0, -1.0] + [0.0, 1.0]  # OBJ counts v from the lower edge
-    wrap: Wrap = "clamp" if material.clamped else "repeat"
-    return Paint(Texture(texture.pixels, (wrap, wrap)), placed, factor=material.diffuse)
 
 
 def read_materials(path: Path) -> dict[str, ObjMaterial]:
@@ -123,17 +117,9 @@ def _mapped(text: str) -> ObjMaterial:
         option = words.pop(0).lower()
         values = options[option] = words[:1]
         del words[:1]
-        while words and len(values) < _NUM_VALUES.get(option, 1) and _is_number(words[0]):
+        while words and len(values) < _NUM_VALUES.get(option, 1) and is_number(words[0]):
             values.append(words.pop(0))
     scale = (*map(float, options.get("-s", ())), 1.0, 1.0)[:2]
     offset = (*map(float, options.get("-o", ())), 0.0, 0.0)[:2]
     name = text[text.index(words[0]) :].strip() if words else None
     return ObjMaterial(np.ones(3), name, scale, offset, options.get("-clamp") == ["on"])
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

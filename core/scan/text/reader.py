@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError, ScanFormatError
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error
-from panoloc.core.scan.text.table import TextBlock, TextLines, substitutions
+from panoloc.core.scan.text.table import TextBlock, TextLines, is_number, substitutions
 
 _HEAD_BYTES = 1 << 16
 _MAX_LEADING_LINES = 100
@@ -72,7 +72,7 @@ def detect_layout(head: bytes) -> TextLayout:
         words = line.translate(table).split()
         if len(words) == 1 and words[0].isdigit() and len(words[0]) < 20:
             announced = (announced or 0) + int(words[0])
-        elif len(words) >= 3 and all(_is_number(word) for word in words) and not line.startswith(_COMMENT_STARTS):
+        elif len(words) >= 3 and all(is_number(word) for word in words) and not line.startswith(_COMMENT_STARTS):
             columns = names if len(names) == len(words) else ()
             return TextLayout(table, position, number, len(words), columns, announced)
         elif words:
@@ -98,7 +98,8 @@ def _iter_chunks(context: ReadingContext, layout: TextLayout, lines: TextLines) 
             continue
         table = block.to_table(layout.num_columns)
         if not columns:
-            is_pts = announced is not None or _extension(context) == "pts"
+            extension = (context.path.suffix or context.options.format or "").lower().lstrip(".")
+            is_pts = announced is not None or extension == "pts"
             columns, found = _choose_columns(layout, table, is_pts)
             if layout.num_columns > 6:
                 context.note("columns_chosen", f"The colour columns were determined {found}.")
@@ -118,10 +119,6 @@ def _parse_count(block: TextBlock, row: int) -> int:
     return int(word)
 
 
-def _extension(context: ReadingContext) -> str:
-    return (context.path.suffix or context.options.format or "").lower().lstrip(".")
-
-
 def _choose_columns(layout: TextLayout, sample: NDArray[np.float64], is_pts: bool) -> tuple[list[int], str]:
     """Return the columns of x, y, z, red, green, blue, and how they were found.
 
@@ -132,12 +129,9 @@ def _choose_columns(layout: TextLayout, sample: NDArray[np.float64], is_pts: boo
         return _named_columns(layout.names), f"by the header line {' '.join(layout.names)[:200]}"
     if layout.num_columns < 6:
         raise no_color_error(f"{layout.num_columns} columns; expected x y z red green blue")
-    starts = [3]
-    if layout.num_columns >= 7:
-        starts = [4, 3] if is_pts else [3, 4]
-    starts += [start for start in (6, layout.num_columns - 3) if start + 3 <= layout.num_columns]
+    starts = (*((4, 3) if is_pts else (3, 4)), 6, layout.num_columns - 3)
     for start in starts:
-        if _looks_like_color(sample[:, start : start + 3]):
+        if start + 3 <= layout.num_columns and _looks_like_color(sample[:, start : start + 3]):
             return [0, 1, 2, start, start + 1, start + 2], f"by their values (columns {start + 1} to {start + 3})"
     raise no_color_error(
         f"{layout.num_columns} columns, and none looks like colours of 0..1 or 0..255; name the columns in a header "
@@ -175,14 +169,6 @@ def _separators(line: bytes) -> tuple[bytes, bool]:
     words = line.split()
     is_decimal = b"." not in line and len(words) >= 3 and all(re.fullmatch(rb"[-+]?\d+(,\d+)?", word) for word in words)
     return (b'"', True) if is_decimal else (b',"', False)
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return b"_" not in word
 
 
 def _header_names(line: bytes) -> tuple[str, ...]:

@@ -174,6 +174,15 @@ def substitutions(separators: bytes = b"", decimal_comma: bool = False) -> bytes
     return bytes.maketrans(spaces + b"," * decimal_comma, b" " * len(spaces) + b"." * decimal_comma)
 
 
+def is_number(word: str | bytes) -> bool:
+    """Tell whether a word is a number as text files write it."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return not isinstance(word, bytes) or b"_" not in word
+
+
 def parse_numbers(text: bytes) -> NDArray[np.float64] | None:
     """Parse numbers parted by white space; None when something else is among them."""
     with warnings.catch_warnings():
