@@ -46,14 +46,13 @@ class ScanCollector:
             usable &= _all_true(np.isfinite(chunk.colors))
         num_usable = int(np.count_nonzero(usable))
         self._num_dropped += len(positions) - num_usable
+        if not num_usable:
+            return
         colors: NDArray[Any] = chunk.colors
         if num_usable < len(positions):
             positions, colors = positions[usable], colors[usable]
-        if not num_usable:
-            return
         lowest, highest = column_bounds(positions)
-        self._lowest = np.minimum(self._lowest, lowest)
-        self._highest = np.maximum(self._highest, highest)
+        self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
         self._colors.observe(colors)
         self._thinner.add(positions, colors)
 
@@ -61,8 +60,7 @@ class ScanCollector:
         """Check the whole scan and return it."""
         self._check_content()
         thinned = self._thinner.finish()
-        self._note_conversions()
-        self._note_thinning(thinned)
+        self._note_conversions(thinned)
         offset = self._origin_offset()
         definition = self._coordinate_system()
         return PointCloud(
@@ -124,15 +122,13 @@ class ScanCollector:
             raise ScanContentError("The scan has a single usable point; a map needs many. Export the whole scan.")
         if not np.any(self._highest > self._lowest):
             raise ScanContentError(
-                f"All {num_usable:,} usable points lie at the same position ({self._position_text()}): the scan has "
-                "no extent. Check the coordinate columns and export the scan again."
+                f"All {num_usable:,} usable points lie at the same position "
+                f"({', '.join(f'{value:g}' for value in self._lowest)}): the scan has no extent. Check the coordinate "
+                "columns and export the scan again."
             )
         self._colors.check()
 
-    def _position_text(self) -> str:
-        return ", ".join(f"{value:g}" for value in self._lowest)
-
-    def _note_conversions(self) -> None:
+    def _note_conversions(self, thinned: ThinnedPoints) -> None:
         note, options = self._context.note, self._context.options
         if self._num_dropped:
             note(
@@ -153,16 +149,13 @@ class ScanCollector:
                 "and set it to m, cm, mm or ft.",
                 "warning",
             )
-
-    def _note_thinning(self, thinned: ThinnedPoints) -> None:
-        if thinned.voxel_size is None:
-            return
-        kept = "the mean" if self._context.options.color_kind == "rgb" else "the first point"
-        self._context.note(
-            "thinned",
-            f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
-            f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
-        )
+        if thinned.voxel_size is not None:
+            kept = "the mean" if options.color_kind == "rgb" else "the first point"
+            note(
+                "thinned",
+                f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
+                f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
+            )
 
     def _origin_offset(self) -> NDArray[np.float64]:
         if max(np.abs(self._lowest).max(), np.abs(self._highest).max()) <= _LARGE_COORDINATE_M:
@@ -219,8 +212,7 @@ class ColorRange:
         """Scale raw colours (or means of them), (n, 3), to uint8."""
         if colors.dtype == np.uint8:
             return colors
-        scaled = np.rint(colors * self._factor)
-        return np.clip(scaled, 0, 255).astype(np.uint8)
+        return np.clip(np.rint(colors * self._factor), 0, 255).astype(np.uint8)
 
     def diagnostics(self) -> list[Diagnostic]:
         """Say which range was found where it was not obvious."""
@@ -230,12 +222,10 @@ class ColorRange:
         elif self._factor != 1.0:
             top = "1" if self._factor == 255.0 else "65535"
             found.append(Diagnostic("color_range", "info", f"Colours of the range 0..{top} were scaled to 0..255."))
-        if self._highest * self._factor < _DARKEST_PLAUSIBLE:
-            brightest = self._highest * self._factor
-            message = (
-                f"The brightest colour value is {brightest:.0f} of 255: the scan is dark, or its range is unusual."
-            )
-            found.append(Diagnostic("dark_colors", "warning", message))
+        brightest = self._highest * self._factor
+        if brightest < _DARKEST_PLAUSIBLE:
+            said = f"The brightest colour value is {brightest:.0f} of 255: the scan is dark, or its range is unusual."
+            found.append(Diagnostic("dark_colors", "warning", said))
         return found
 
     @property

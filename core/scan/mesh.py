@@ -57,7 +57,7 @@ class TextureReader:
     def __init__(self, max_pixels: int = 4 * MAX_PIXELS) -> None:
         self._pixels_left = max_pixels
 
-    def read(self, data: bytes, name: str, wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")) -> Texture:
+    def read(self, data: bytes, name: str) -> Texture:
         """Return an image file as a texture. Raises ScanDamagedError and ScanContentError, with `name`."""
         from PIL import Image
 
@@ -74,11 +74,12 @@ class TextureReader:
         except (ScanContentError, MemoryError):
             raise
         except Exception as error:  # Pillow's plugins raise what they like for damaged files
-            reason = str(error).strip().splitlines()[0][:120] if str(error).strip() else type(error).__name__
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0][:120]
             raise ScanDamagedError(
-                f"The texture {name[:100]} cannot be read ({reason}); expected JPEG, PNG, WebP, BMP, TGA or TIFF. Export the scan again."
+                f"The texture {name[:100]} cannot be read ({reason}); expected JPEG, PNG, WebP, BMP, TGA or TIFF. "
+                "Export the scan again."
             ) from error
-        return Texture(pixels, wrap)
+        return Texture(pixels)
 
 
 @dataclass(frozen=True)
@@ -140,13 +141,6 @@ def in_fans(corners: NDArray[Any], fan: NDArray[np.int64]) -> NDArray[Any]:
     return np.swapaxes(corners[:, fan], 0, 1).reshape(-1, *fan.shape[1:], *corners.shape[2:])
 
 
-def _num_samples_on(area: float, context: ReadingContext) -> int:
-    """Return how many samples a surface gets. area: in the file's own unit, squared."""
-    metres = METRES_PER_UNIT[context.options.unit]
-    most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points_used, context.options.max_points)
-    return int(min(max(area * (metres / SAMPLE_SPACING_M) ** 2, MIN_SAMPLES), most))
-
-
 def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) -> Iterator[RawChunk]:
     """Yield points spread evenly over all parts, colours uint8; of parts without triangles, their vertices.
 
@@ -158,20 +152,24 @@ def iter_surface_samples(parts: Sequence[SurfacePart], context: ReadingContext) 
         raise ScanContentError(
             "The file holds no surface: there are no triangles and no points. Export the scan again."
         )
-    _check_colors([*surfaces, *points])
+    factors = {tuple(np.rint(part.paint.factor * 255).tolist()) for part in (*surfaces, *points)}
+    if all(part.paint.is_plain for part in (*surfaces, *points)) and len(factors) == 1:
+        raise no_color_error("neither textures nor colours on its vertices or materials")
     is_label = context.options.color_kind == "labels"
     for part in points:
         for start in range(0, len(part.positions), CHUNK_ROWS):
             corners = np.arange(start, min(start + CHUNK_ROWS, len(part.positions)))[:, None]
             colors, _ = _colors(part.paint, corners[:, 0], corners, np.ones((len(corners), 1)), is_label)
             yield RawChunk(part.positions[corners[:, 0]], colors, 0.5)
-    areas = [triangle_areas(part.positions, part.triangles) for part in surfaces]
     if not surfaces:
         return
+    areas = [triangle_areas(part.positions, part.triangles) for part in surfaces]
     total = float(sum(each.sum() for each in areas))
     if not total > 0:
         raise ScanContentError("The surface of the mesh has no extent: all of its triangles are flat or not finite.")
-    num_samples = _num_samples_on(total, context)
+    most = SAMPLES_PER_KEPT_POINT * min(context.options.max_points_used, context.options.max_points)
+    wanted = total * (METRES_PER_UNIT[context.options.unit] / SAMPLE_SPACING_M) ** 2
+    num_samples = int(min(max(wanted, MIN_SAMPLES), most))
     num_triangles = sum(len(each) for each in areas)
     context.note(
         "mesh_sampled", f"A mesh with {num_triangles:,} triangles: {num_samples:,} points were sampled on its faces."
@@ -185,12 +183,6 @@ def _barycentric_weights(numbers: NDArray[np.int64]) -> NDArray[np.float64]:
     folded = first + second > 1
     first, second = np.where(folded, 1 - first, first), np.where(folded, 1 - second, second)
     return np.stack([1 - first - second, first, second], axis=1)
-
-
-def _check_colors(parts: list[SurfacePart]) -> None:
-    factors = {tuple(np.rint(part.paint.factor * 255).tolist()) for part in parts}
-    if all(part.paint.is_plain for part in parts) and len(factors) == 1:
-        raise no_color_error("neither textures nor colours on its vertices or materials")
 
 
 def _iter_samples(
@@ -231,16 +223,13 @@ def _colors(
         layers.append(paint.triangle_colors[chosen])
     if not layers or np.any(paint.factor != 1):
         layers.append(np.broadcast_to(paint.factor, (len(chosen), 3)))
-    mixed = layers[0] if len(layers) == 1 else _product(layers)
+    # Several are multiplied as light.
+    light = [_srgb_to_linear(layer) for layer in layers] if len(layers) > 1 else []
+    mixed = linear_to_srgb(np.prod(light, axis=0)) if light else layers[0]
     return np.rint(np.nan_to_num(mixed).clip(0, 1) * 255).astype(np.uint8), is_solid
 
 
-def _product(layers: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Multiply colours as light."""
-    return linear_to_srgb(np.prod([srgb_to_linear(layer) for layer in layers], axis=0))
-
-
-def srgb_to_linear(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _srgb_to_linear(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return light for stored values, both 0..1 (IEC 61966-2-1)."""
     return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
 

@@ -7,9 +7,9 @@ from typing import BinaryIO
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError
 from panoloc.core.options import ScanOptions
 
-MAX_HEADER_BYTES = 1 << 20
-MAX_ELEMENTS = 64
-MAX_PROPERTIES = 1024
+_MAX_HEADER_BYTES = 1 << 20
+_MAX_ELEMENTS = 64
+_MAX_PROPERTIES = 1024
 
 POSITION_NAMES = ("x", "y", "z")
 # Names of a type in the notation of numpy, without its byte order.
@@ -100,14 +100,16 @@ def read_ply_header(stream: BinaryIO) -> PlyHeader:
         elif keyword == "format" and len(words) == 3 and words[1] in _BYTE_ORDERS and not encoding:
             encoding = words[1]
         elif keyword == "element" and len(words) == 3 and encoding:
-            tables.append((words[1].lower(), _parse_count(words[2], line), []))
+            if not (words[2].isdecimal() and words[2].isascii() and len(words[2]) < 20):
+                raise _header_error(f"the count in {line[:80]!r} is not a positive whole number")
+            tables.append((words[1].lower(), int(words[2]), []))
         elif keyword == "property" and tables:
             _add_property(tables[-1][2], words, _BYTE_ORDERS[encoding], line)
         else:
             raise _header_error(f"line {number} is not understood: {line[:80]!r}")
     if not encoding:
         raise _header_error("there is no 'format ascii|binary_little_endian|binary_big_endian 1.0' line")
-    if len({name for name, _, _ in tables}) < len(tables) or len(tables) > MAX_ELEMENTS:
+    if len({name for name, _, _ in tables}) < len(tables) or len(tables) > _MAX_ELEMENTS:
         raise _header_error("an element is declared twice, or there are too many elements")
     elements = tuple(PlyElement(name, count, tuple(properties)) for name, count, properties in tables)
     return PlyHeader(encoding == "ascii", elements, tuple(comments), size_bytes, len(lines) + 1)
@@ -135,8 +137,7 @@ def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
 
 
 def check_ply_file(path: Path, options: ScanOptions) -> None:
-    """Compare the size of a PLY file with its header, without reading the data. Files of other formats pass, and so do
-    headers that are not understood.
+    """Compare the size of a PLY file with its header, without reading the data. Other files and headers pass.
 
     Raises ScanTooLargeError and ScanDamagedError.
     """
@@ -155,26 +156,18 @@ def check_ply_file(path: Path, options: ScanOptions) -> None:
 
 
 def _header_lines(stream: BinaryIO) -> tuple[list[str], int]:
-    start = stream.read(MAX_HEADER_BYTES)
+    start = stream.read(_MAX_HEADER_BYTES)
     # The line end of the first line decides: after "end_header" a binary byte may look like one.
     newline = next((end for end in (b"\r\n", b"\n", b"\r") if start[3:16].lstrip(b" \t").startswith(end)), b"\n")
     lines: list[str] = []
     position = 0
-    while True:
-        end = start.find(newline, position)
-        if end < 0:
-            raise _header_error(f"no 'end_header' line within the first {len(start)} bytes")
+    while (end := start.find(newline, position)) >= 0:
         line = start[position:end].decode("ascii", errors="replace").strip()
         position = end + len(newline)
         if line == "end_header":
             return lines, position
         lines.append(line)
-
-
-def _parse_count(word: str, line: str) -> int:
-    if not (word.isdecimal() and word.isascii() and len(word) < 20):
-        raise _header_error(f"the count in {line[:80]!r} is not a positive whole number")
-    return int(word)
+    raise _header_error(f"no 'end_header' line within the first {len(start)} bytes")
 
 
 def _add_property(properties: list[PlyProperty], words: list[str], byte_order: str, line: str) -> None:
@@ -188,8 +181,8 @@ def _add_property(properties: list[PlyProperty], words: list[str], byte_order: s
     name = words[-1].lower()
     if any(prop.name == name for prop in properties):
         raise _header_error(f"the property {name[:80]!r} is declared twice in one element")
-    if len(properties) >= MAX_PROPERTIES:
-        raise _header_error(f"an element has more than {MAX_PROPERTIES} properties")
+    if len(properties) >= _MAX_PROPERTIES:
+        raise _header_error(f"an element has more than {_MAX_PROPERTIES} properties")
     properties.append(PlyProperty(name, found[-1], found[0] if is_list else None))
 
 

@@ -41,6 +41,20 @@ _SH_C0 = 0.28209479177387814  # the constant harmonic, 1 / (2 sqrt(pi))
 
 
 @dataclass(frozen=True)
+class _Mesh:
+    """Elements of a mesh. index_name: of the vertices of a face. is_per_corner: faces have texture coordinates.
+
+    uv_names: of those of the vertices, empty without.
+    """
+
+    vertices: PlyElement
+    faces: PlyElement
+    index_name: str
+    is_per_corner: bool
+    uv_names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class _Faces:
     """triangles: (T, 3) vertex numbers. uv: (T, 3, 2), v up. textures: (T,) numbers. colors: (T, 3), raw.
 
@@ -61,15 +75,17 @@ def read_ply(context: ReadingContext) -> Iterator[RawChunk]:
     """
     with context.path.open("rb") as stream:
         header = read_ply_header(stream)
+        mesh, textures = _mesh_of(header), _texture_names(header)
         # Textures can only be read where they came with the file; colours of vertices stand in for them elsewhere.
-        is_textured = context.folder is not None and _has_texture(header)
-        vertices = _checked_vertices(context, header, is_textured)
+        if mesh is None or context.folder is None or not (mesh.is_per_corner or mesh.uv_names):
+            textures = []
+        vertices = _checked_vertices(context, header, mesh, is_textured=bool(textures))
         surplus = check_file_size(header, context.size_bytes)
         if surplus is not None:
             context.note("surplus_bytes", surplus, "warning")
         body = PlyBody(stream, header)
-        if not _is_splats(vertices) and _has_mesh(header):
-            yield from _read_mesh(context, header, body, is_textured=is_textured)
+        if mesh is not None and not _is_splats(vertices):
+            yield from _iter_mesh(context, mesh, _load(header, mesh, body), textures)
             return
         for element in header.elements[: header.elements.index(vertices)]:
             body.skip(element)
@@ -112,7 +128,9 @@ def _is_splats(vertices: PlyElement) -> bool:
     return vertices.scalars.keys() >= {*_SPLAT_COLORS, "opacity"}
 
 
-def _checked_vertices(context: ReadingContext, header: PlyHeader, is_textured: bool) -> PlyElement:
+def _checked_vertices(
+    context: ReadingContext, header: PlyHeader, mesh: _Mesh | None, *, is_textured: bool
+) -> PlyElement:
     vertices = header.element("vertex")
     if vertices is None:
         raise ScanContentError("The PLY file holds no points: there is no 'vertex' element. Export the scan again.")
@@ -125,25 +143,11 @@ def _checked_vertices(context: ReadingContext, header: PlyHeader, is_textured: b
         )
     if not names.keys() >= set(POSITION_NAMES):
         raise ScanContentError(f"The PLY vertices have no x, y and z; they have {', '.join(names)[:200] or 'nothing'}.")
-    has_color = vertices.color_names is not None or _has_face_colors(header) or is_textured or _is_splats(vertices)
-    if not has_color:
+    has_color = is_textured or _is_splats(vertices) or vertices.color_names is not None
+    if not has_color and (mesh is None or mesh.faces.color_names is None):
         hint = "; if it has a texture image, upload both in one zip" if _texture_names(header) else ""
         raise no_color_error(f"{', '.join(names)[:200]}{hint}")
     return vertices
-
-
-def _has_mesh(header: PlyHeader) -> bool:
-    """Tell whether the faces of the file may be needed besides its vertices."""
-    vertices, faces = header.element("vertex"), header.element("face")
-    if vertices is None or faces is None or _index_name(faces) is None:
-        return False
-    return vertices.count <= MAX_VERTICES and 0 < faces.count <= MAX_FACES
-
-
-def _has_face_colors(header: PlyHeader) -> bool:
-    """Tell whether the faces can give the colours that the vertices lack."""
-    faces = header.element("face")
-    return _has_mesh(header) and faces is not None and faces.color_names is not None
 
 
 def _texture_names(header: PlyHeader) -> list[str]:
@@ -152,52 +156,54 @@ def _texture_names(header: PlyHeader) -> list[str]:
     return [name.strip() for word, _, name in pairs if word.lower() == "texturefile" and name.strip()]
 
 
-def _has_texture(header: PlyHeader) -> bool:
-    """Tell whether the faces have textures and say where each corner lies in them."""
-    return bool(_texture_names(header)) and _has_mesh(header) and (_is_per_corner(header) or _uv_names(header) != ())
+def _mesh_of(header: PlyHeader) -> _Mesh | None:
+    """Return the mesh whose faces may be needed besides its vertices, None without one."""
+    vertices, faces = header.element("vertex"), header.element("face")
+    if vertices is None or faces is None or vertices.count > MAX_VERTICES or not 0 < faces.count <= MAX_FACES:
+        return None
+    scalars, lists = vertices.scalars.keys(), {prop.name for prop in faces.properties} - faces.scalars.keys()
+    index_name = next((name for name in _INDEX_NAMES if name in lists), None)
+    uv_names = next((pair for pair in _PER_VERTEX if scalars >= set(pair)), ())
+    return None if index_name is None else _Mesh(vertices, faces, index_name, _PER_CORNER in lists, uv_names)
 
 
-def _read_mesh(context: ReadingContext, header: PlyHeader, body: PlyBody, *, is_textured: bool) -> Iterator[RawChunk]:
-    """Yield points on the surface of a mesh; the diagnostics say which. Raises ScanDamagedError and ScanContentError."""
-    rows, faces = _load(header, body)
-    vertices = header.element("vertex")
-    assert vertices is not None
+def _iter_mesh(
+    context: ReadingContext, mesh: _Mesh, loaded: tuple[NDArray[np.void], _Faces], textures: list[str]
+) -> Iterator[RawChunk]:
+    """Yield points on the surface of a mesh; the diagnostics say which. textures: names of files, those that are used."""
+    rows, faces = loaded
     positions = stack_columns(rows, POSITION_NAMES, np.float64)
     check_vertex_numbers(faces.triangles, len(positions), "vertex")
-    if is_textured:
-        yield from iter_surface_samples(_textured_parts(context, header, rows, faces), context)
+    if textures:
+        uv = faces.uv if mesh.is_per_corner else stack_columns(rows, mesh.uv_names, np.float64)[faces.triangles]
+        yield from iter_surface_samples(_textured_parts(context, textures, positions, faces, uv), context)
         return
-    names = vertices.color_names
+    names = mesh.vertices.color_names
     areas = triangle_areas(positions, faces.triangles)
     spacing_m = float(np.sqrt(areas.sum() / len(positions))) * METRES_PER_UNIT[context.options.unit]
     if names and (spacing_m <= SPARSE_SPACING_M or not areas.any()):
-        colors = convert_colors(rows, vertices, names)
+        colors = convert_colors(rows, mesh.vertices, names)
         context.note("mesh_vertices_used", f"A mesh: its {len(positions):,} vertices are dense enough as points.")
         for start in range(0, len(positions), CHUNK_ROWS):
             part = slice(start, start + CHUNK_ROWS)
             yield RawChunk(positions[part], colors[part], min(1.0, (start + CHUNK_ROWS) / len(positions)))
         return
     if names:
-        paint = Paint(vertex_colors=_unit_range(convert_colors(rows, vertices, names)))
+        paint = Paint(vertex_colors=_unit_range(convert_colors(rows, mesh.vertices, names)))
     else:
         paint = Paint(triangle_colors=_unit_range(faces.colors))
     yield from iter_surface_samples([SurfacePart(positions, faces.triangles, paint)], context)
 
 
 def _textured_parts(
-    context: ReadingContext, header: PlyHeader, rows: NDArray[np.void], faces: _Faces
+    context: ReadingContext, names: list[str], positions: NDArray[np.float64], faces: _Faces, uv: NDArray[np.float64]
 ) -> list[SurfacePart]:
     reader = TextureReader()
-    textures = [reader.read(context.companion(name, "texture").read_bytes(), name) for name in _texture_names(header)]
+    textures = [reader.read(context.companion(name, "texture").read_bytes(), name) for name in names]
     if not len(faces.triangles):
         raise ScanContentError("The PLY mesh has a texture, but no faces. Export the scan again.")
     check_vertex_numbers(faces.textures, len(textures), "texture")
-    if _is_per_corner(header):
-        uv = faces.uv
-    else:
-        uv = np.stack([rows[name].astype(np.float64) for name in _uv_names(header)], axis=1)[faces.triangles]
     uv = uv * [1.0, -1.0] + [0.0, 1.0]  # counted from the lower edge
-    positions = stack_columns(rows, POSITION_NAMES, np.float64)
     numbers = [faces.textures == number for number in range(len(textures))]
     return [
         SurfacePart(positions, faces.triangles[chosen], Paint(texture, uv[chosen]))
@@ -214,28 +220,26 @@ def _unit_range(raw: NDArray[Any]) -> NDArray[np.float64]:
     return colors.to_bytes(raw) / 255.0
 
 
-def _load(header: PlyHeader, body: PlyBody) -> tuple[NDArray[np.void], _Faces]:
+def _load(header: PlyHeader, mesh: _Mesh, body: PlyBody) -> tuple[NDArray[np.void], _Faces]:
     rows, faces = None, None
     for element in header.elements:
-        if element.name == "vertex":
-            names = [*POSITION_NAMES, *(element.color_names or ()), *_uv_names(header)]
+        if element is mesh.vertices:
+            names = [*POSITION_NAMES, *(element.color_names or ()), *mesh.uv_names]
             rows = np.concatenate(list(body.iter_scalars(element, names)))
-        elif element.name == "face":
-            batches = [batch for block in body.iter_rows(element) for batch in block]
-            faces = _Faces(*map(np.concatenate, zip(*(_triangles(batch, element) for batch in batches), strict=True)))
+        elif element is mesh.faces:
+            parts = [_triangles(batch, mesh) for block in body.iter_rows(element) for batch in block]
+            faces = _Faces(*map(np.concatenate, zip(*parts, strict=True)))
         else:
             body.skip(element)
         if rows is not None and faces is not None:
             return rows, faces
-    raise AssertionError("a mesh has vertices and faces; see _has_mesh")
+    raise AssertionError("a mesh has vertices and faces")
 
 
-def _triangles(batch: RowBatch, element: PlyElement) -> tuple[NDArray[Any], ...]:
+def _triangles(batch: RowBatch, mesh: _Mesh) -> tuple[NDArray[Any], ...]:
     """Return the faces of equally many corners as the fields of `_Faces`: a polygon becomes a fan of triangles."""
     records, names = batch.records, batch.records.dtype.names or ()
-    index_name = _index_name(element)
-    assert index_name is not None
-    corners = records[index_name]
+    corners = records[mesh.index_name]
     if corners.dtype.kind == "f":
         corners = np.nan_to_num(corners, nan=-1.0).clip(-1, MAX_VERTICES)
     fan = fan_of(corners.shape[1])
@@ -250,22 +254,6 @@ def _triangles(batch: RowBatch, element: PlyElement) -> tuple[NDArray[Any], ...]
         uv = in_fans(places.reshape(len(records), -1, 2), fan)
     if _TEXTURE_NUMBER in names:
         textures = records[_TEXTURE_NUMBER].astype(np.int64)
-    if element.color_names is not None:
-        colors = np.tile(convert_colors(records, element, element.color_names), (len(fan), 1))
+    if mesh.faces.color_names is not None:
+        colors = np.tile(convert_colors(records, mesh.faces, mesh.faces.color_names), (len(fan), 1))
     return in_fans(corners.astype(np.int64), fan), uv, np.tile(textures, len(fan)), colors
-
-
-def _is_per_corner(header: PlyHeader) -> bool:
-    faces = header.element("face")
-    return faces is not None and any(prop.name == _PER_CORNER and prop.count_type for prop in faces.properties)
-
-
-def _uv_names(header: PlyHeader) -> tuple[str, ...]:
-    vertices = header.element("vertex")
-    names = vertices.scalars.keys() if vertices is not None else set()
-    return next((pair for pair in _PER_VERTEX if names >= set(pair)), ())
-
-
-def _index_name(faces: PlyElement) -> str | None:
-    lists = {prop.name for prop in faces.properties} - faces.scalars.keys()
-    return next((name for name in _INDEX_NAMES if name in lists), None)
