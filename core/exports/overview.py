@@ -10,7 +10,7 @@ import unicodedata
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,16 +93,12 @@ def read_placement(path: Path) -> Placement:
     """
     document = json.loads(path.read_text(encoding="utf-8"))
     scan = document["scan"]
-    photos = tuple(_photo(number, each) for number, each in enumerate(document["photos"], 1))
-    return Placement(document["map"], photos, None if scan is None else Path(scan))
-
-
-def _photo(number: int, given: dict[str, Any]) -> PhotoSeen:
-    poses = tuple(
-        Pose.from_frame(each["position_m"], each["quaternion_xyzw"], each["frame"]) for each in given["poses"]
-    )
-    image = None if given["image"] is None else Path(given["image"])
-    return PhotoSeen(number, given["name"], given["status"], given["confidence"], poses, image)
+    photos = []
+    for number, each in enumerate(document["photos"], 1):
+        poses = tuple(Pose.from_frame(at["position_m"], at["quaternion_xyzw"], at["frame"]) for at in each["poses"])
+        image = None if each["image"] is None else Path(each["image"])
+        photos.append(PhotoSeen(number, each["name"], each["status"], each["confidence"], poses, image))
+    return Placement(document["map"], tuple(photos), None if scan is None else Path(scan))
 
 
 def font_of(size_px: int) -> Font:

@@ -49,8 +49,6 @@ class ReadingContext:
 
     def check_point_count(self, num_points: int) -> None:
         """Refuse a count that no file may announce, before anything is allocated for it."""
-        if num_points < 0:
-            raise ScanDamagedError(f"The header announces {num_points} points; expected a positive count.")
         if num_points == 0:
             raise ScanContentError("The file holds no points: its header announces 0. Export the scan again.")
         self.options.check_num_points(num_points)

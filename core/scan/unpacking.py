@@ -104,18 +104,21 @@ def _checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zi
         raise ScanContentError(
             f"The zip holds {len(infos):,} files; expected at most {MAX_MEMBERS:,}. Leave out files that are not scans."
         )
-    members = [(info, _place(info)) for info in infos]
+    places = [_checked_place(info) for info in infos]
     for info in infos:
         _check_kind(info)
     _check_sizes(infos, size_bytes)
-    _check_overlap(infos)
-    for name, count in Counter(str(place).casefold() for _, place in members).most_common(1):
+    for name, count in Counter(str(place).casefold() for place in places).most_common(1):
         if count > 1:
             raise ScanDamagedError(f"The zip holds the file {name[:100]!r} twice. Pack it again.")
-    return [(info, place) for info, place in members if not _is_clutter(place)]
+    return [(info, place) for info, place in zip(infos, places, strict=True) if not _is_clutter(place)]
 
 
-def _place(info: zipfile.ZipInfo) -> PurePosixPath:
+def _is_clutter(place: PurePosixPath) -> bool:
+    return any(part.startswith(".") or part.casefold() in _CLUTTER for part in place.parts)
+
+
+def _checked_place(info: zipfile.ZipInfo) -> PurePosixPath:
     # As stored: zipfile cuts names at a zero byte.
     name = info.orig_filename.replace("\\", "/")
     place = PurePosixPath(name)
@@ -142,25 +145,18 @@ def _check_sizes(infos: Sequence[zipfile.ZipInfo], size_bytes: int) -> None:
     unpacked, packed = sum(info.file_size for info in infos), sum(info.compress_size for info in infos)
     if packed > size_bytes:
         raise ScanDamagedError(
-            f"The zip announces {packed:,} packed bytes, but the file has {size_bytes:,}. Pack the scan again and upload it again."
+            f"The zip announces {packed:,} packed bytes, but the file has {size_bytes:,}. Pack the scan again and "
+            "upload it again."
         )
     if unpacked > MAX_UNPACKED_BYTES or unpacked > max(MAX_RATIO * packed, _UNSUSPICIOUS_BYTES):
         raise ScanContentError(
             f"The zip of {size_bytes:,} bytes would take {unpacked:,} bytes unpacked; the limits are "
             f"{MAX_UNPACKED_BYTES:,} bytes and {MAX_RATIO} times the packed size. Upload the scans one by one."
         )
-
-
-def _check_overlap(infos: Sequence[zipfile.ZipInfo]) -> None:
-    """A bomb lets many files share the same packed bytes."""
     end = 0
     for info in sorted(infos, key=lambda each: each.header_offset):
-        if info.header_offset < end:
+        if info.header_offset < end:  # a bomb lets many files share the same packed bytes
             raise ScanDamagedError(
                 f"{info.filename[:100]!r} in the zip shares its bytes with another file. Pack the scan again."
             )
         end = info.header_offset + _LOCAL_HEADER_BYTES + info.compress_size
-
-
-def _is_clutter(place: PurePosixPath) -> bool:
-    return any(part.startswith(".") or part.casefold() in _CLUTTER for part in place.parts)

@@ -144,21 +144,26 @@ def opened(context: ReadingContext) -> Iterator[Any]:
 
 
 def _iter_file(context: ReadingContext, image_file: Any) -> Iterator[RawChunk]:
-    scans = _scans(image_file)
-    if not any(scan.has_color for scan in scans):
+    root = image_file.root()
+    nodes = root["data3D"] if root.isDefined("data3D") else ()
+    scans = [scan for number in range(len(nodes)) if (scan := _Scan(nodes[number])).num_points]
+    if not scans:
+        raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
+    colored = [scan for scan in scans if scan.has_color]
+    if not colored:
         yield from _colored_by_images(context, scans, image_file)
         return
-    num_scans = len(scans)
-    scans = [scan for scan in scans if scan.has_color]
-    context.note_scans(num_scans, len(scans), "scans")
-    total = sum(scan.num_points for scan in scans)
+    context.note_scans(len(scans), len(colored), "scans")
+    total = sum(scan.num_points for scan in colored)
     context.check_point_count(total)
-    dtype, factors = _color_scales(scans)
+    dtype, factors = _color_scales(colored)
     num_done = 0
-    for scan, factor in zip(scans, factors, strict=True):
+    for scan, factor in zip(colored, factors, strict=True):
         for positions, colors in scan.iter_points(image_file):
             num_done += len(positions)
-            yield RawChunk(positions, _scale_colors(colors, factor, dtype), num_done / total)
+            if dtype.kind != "f":
+                colors = np.rint(np.nan_to_num(colors) * factor).clip(0, np.iinfo(dtype).max).astype(dtype)
+            yield RawChunk(positions, colors, num_done / total)
 
 
 def _colored_by_images(context: ReadingContext, scans: list[_Scan], image_file: Any) -> Iterator[RawChunk]:
@@ -167,10 +172,9 @@ def _colored_by_images(context: ReadingContext, scans: list[_Scan], image_file: 
     posed = with_poses(images)
     if not posed:
         fields, count = ", ".join(scans[0].field_names)[:200], len(images) + num_others
-        beside = (
-            f", and {count} images, but none that is readable and has a pose, which colouring needs" if count else ""
-        )
-        raise no_color_error(fields + beside)
+        if count:
+            fields += f", and {count} images, but none that is readable and has a pose, which colouring needs"
+        raise no_color_error(fields)
     total = sum(scan.num_points for scan in scans)
     context.check_point_count(total)
     colors = ImageColors(posed)
@@ -193,16 +197,6 @@ def _colored_by_images(context: ReadingContext, scans: list[_Scan], image_file: 
     )
 
 
-def _scans(image_file: Any) -> list[_Scan]:
-    """Return the scans that hold points. Raises ScanContentError where there is none."""
-    root = image_file.root()
-    nodes = root["data3D"] if root.isDefined("data3D") else ()
-    scans = [scan for number in range(len(nodes)) if (scan := _Scan(nodes[number])).num_points]
-    if not scans:
-        raise ScanContentError(f"The E57 file holds no points ({len(nodes)} scans). Export the scan again.")
-    return scans
-
-
 def _color_scales(scans: list[_Scan]) -> tuple[np.dtype[Any], list[float]]:
     """Return the type of the raw colours for all scans, and the factor for each."""
     ranges = [scan.color_range() for scan in scans]
@@ -212,10 +206,3 @@ def _color_scales(scans: list[_Scan]) -> tuple[np.dtype[Any], list[float]]:
     if set(known) == {65535.0}:  # may still be 8-bit colour; see ColorRange
         return np.dtype(np.uint16), [1.0] * len(ranges)
     return np.dtype(np.uint8), [255.0 / top for top in known]
-
-
-def _scale_colors(colors: NDArray[np.float64], factor: float, dtype: np.dtype[Any]) -> NDArray[Any]:
-    if dtype.kind == "f":
-        return colors
-    scaled = np.rint(np.nan_to_num(colors) * factor)
-    return np.clip(scaled, 0, np.iinfo(dtype).max).astype(dtype)

@@ -48,16 +48,19 @@ class ObjModel:
             b"v": self._add_vertices,
             b"vt": self._add_coordinates,
             b"f": self._add_faces,
-            b"usemtl": self._set_material,
-            b"mtllib": self._add_library,
         }
         while (block := text.take(CHUNK_ROWS)) is not None:
             lines = [block.line(row) for row in range(len(block))]
             keywords = [line.split(maxsplit=1)[0] for line in lines]
             for keyword, run in groupby(range(len(lines)), keywords.__getitem__):  # one kind is parsed together
                 rows = list(run)
+                same = [lines[row][len(keyword) :] for row in rows]
                 if keyword in handlers:
-                    handlers[keyword]([lines[row][len(keyword) :] for row in rows], int(block.numbers[rows[0]]))
+                    handlers[keyword](same, int(block.numbers[rows[0]]))
+                elif keyword == b"mtllib":
+                    self.libraries += [_name(line) for line in same]
+                elif keyword == b"usemtl":  # the last one counts
+                    self._material = self._materials.setdefault(_name(same[-1]), len(self._materials))
 
     def _add_vertices(self, lines: list[bytes], number: int) -> None:
         """Take `v x y z [weight] [red green blue]`."""
@@ -100,14 +103,9 @@ class ObjModel:
             self._faces.append(np.concatenate(triangles, axis=1))
             self._num_faces = _counted(self._num_faces + len(fan) * len(same))
 
-    def _set_material(self, lines: list[bytes], number: int) -> None:
-        """Take `usemtl`, of which the last counts."""
-        name = lines[-1].strip().decode("utf-8", "replace")
-        self._material = self._materials.setdefault(name, len(self._materials))
 
-    def _add_library(self, lines: list[bytes], number: int) -> None:
-        """Take `mtllib`."""
-        self.libraries += [line.strip().decode("utf-8", "replace") for line in lines]
+def _name(line: bytes) -> str:
+    return line.strip().decode("utf-8", "replace")
 
 
 def _from_zero(numbers: NDArray[np.int64], num_before: int) -> NDArray[np.int64]:

@@ -22,6 +22,7 @@ _READ_BYTES = 1 << 20
 _MAX_LINE_BYTES = 1 << 16
 _COLOR_TYPES = ("|u1", "<u2", "<f8")
 _NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
+_FAMILIES = ("LC_", "PYTHON")
 _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
 _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 
@@ -47,11 +48,6 @@ def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits 
         sandbox.close()
 
 
-def _environment() -> dict[str, str]:
-    """Return the part of the environment that a reader needs: no passwords, no tokens."""
-    return {name: value for name, value in os.environ.items() if name in _NEEDED or name.startswith(("LC_", "PYTHON"))}
-
-
 class _Sandbox:
     def __init__(self, reader: str, context: ReadingContext, limits: SandboxLimits) -> None:
         self._reader, self._limits = reader.rpartition(":")[2].upper(), limits
@@ -62,14 +58,16 @@ class _Sandbox:
             "options": dataclasses.asdict(context.options),
             "limits": dataclasses.asdict(limits),
         }
-        one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        # Only what a reader needs: no passwords, no tokens.
+        environment = {name: text for name, text in os.environ.items() if name in _NEEDED or name.startswith(_FAMILIES)}
+        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "panoloc.core.scan.sandbox.child", json.dumps(job)],
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**_environment(), **one_thread, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env={**environment, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
         assert self._process.stdout is not None
