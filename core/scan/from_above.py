@@ -61,7 +61,7 @@ def _with_gaps_closed(picture: NDArray[np.uint8], shown: NDArray[np.bool_]) -> N
     """Fill pixels of a picture (H, W, 3) without a point by the mean of their neighbours, where most have one; shown: (H, W)."""
     for _ in range(_GAP_PASSES):
         counts = _sum_around(shown.astype(np.float32))
-        mean = _sum_around(picture * shown[..., None].astype(np.float32)) / np.maximum(counts, 1)[..., None]
+        mean = _sum_around((picture * shown[..., None]).astype(np.float32)) / np.maximum(counts, 1)[..., None]
         gaps = ~shown & (counts >= _FEWEST_NEIGHBOURS)
         picture = np.where(gaps[..., None], mean, picture).astype(np.uint8)
         shown = shown | gaps

@@ -1,5 +1,6 @@
 """Run a reader in the sandbox, with limits of memory and time."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -7,7 +8,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
@@ -84,8 +84,8 @@ class _Sandbox:
         del self._pending[: end + 1]
         try:
             message = json.loads(line)
-        except ValueError as error:
-            raise _nonsense() from error
+        except (ValueError, RecursionError):
+            message = None
         if not isinstance(message, dict) or not isinstance(message.get("kind"), str):
             raise _nonsense()
         return message
@@ -139,9 +139,9 @@ class _Sandbox:
 
     def _ended(self) -> ScanError:
         """Return the error for a process that ended without a message."""
-        deadline = time.monotonic() + 10.0
-        while (code := self._process.poll()) is None and time.monotonic() < deadline:
-            time.sleep(0.01)
+        code: int | None = None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            code = self._process.wait(timeout=10.0)
         # The soft limit of processor time kills with SIGXCPU, the hard one, which is the same, with SIGKILL.
         if code == -signal.SIGXCPU:
             return self._too_slow(self._limits.cpu_s)

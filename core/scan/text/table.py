@@ -51,8 +51,10 @@ class TextBlock:
 
     def rows(self, chosen: slice | NDArray[np.bool_]) -> "TextBlock":
         """Return some of the lines as a block of their own."""
-        arrays = (array[chosen] for array in (self.begins, self.ends, self.num_values, self.numbers))
-        return TextBlock(self.text, *arrays, self.end_offset)
+        begins, ends, values, numbers = (
+            array[chosen] for array in (self.begins, self.ends, self.num_values, self.numbers)
+        )
+        return TextBlock(self.text, begins, ends, values, numbers, self.end_offset)
 
     def without(self, dropped: NDArray[np.bool_]) -> "TextBlock":
         """Return a block without the marked lines, which become blank."""
