@@ -23,13 +23,13 @@ from panoloc.core.scan.format_detection import (
 )
 from panoloc.core.scan.gltf.reader import read_gltf
 from panoloc.core.scan.las import read_las
-from panoloc.core.scan.obj.reader import read_obj
+from panoloc.core.scan.obj import read_obj
 from panoloc.core.scan.pcd import read_pcd
 from panoloc.core.scan.ply.reader import read_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.ptx import read_ptx
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext, ScanReader
-from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.child import SandboxLimits
 from panoloc.core.scan.sandbox.reading import read_in_sandbox
 from panoloc.core.scan.text.reader import detect_layout, read_text
 from panoloc.core.scan.unpacking import unpacked

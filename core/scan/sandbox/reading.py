@@ -16,7 +16,7 @@ import numpy as np
 import panoloc.core.errors
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
-from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.child import SandboxLimits
 
 _READ_BYTES = 1 << 20
 _MAX_LINE_BYTES = 1 << 16

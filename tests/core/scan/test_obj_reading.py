@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.scan.obj.reader import read_materials
+from panoloc.core.scan.obj import read_materials
 from panoloc.core.scan.reading import read_scan
 from tests.core.scan.mesh_files import assert_mixed, zip_of
 from tests.core.scan.scan_files import ScanFile, read

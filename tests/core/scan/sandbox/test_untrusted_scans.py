@@ -12,7 +12,7 @@ from panoloc.core.options import ScanOptions
 from panoloc.core.scan import reading
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
-from panoloc.core.scan.sandbox.limits import SandboxLimits
+from panoloc.core.scan.sandbox.child import SandboxLimits
 from tests.core.scan.mesh_files import zip_of
 from tests.core.scan.scan_files import CLOUD, pcd_of, read, table_of
 
