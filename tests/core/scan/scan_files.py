@@ -2,7 +2,6 @@
 
 import io
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,7 +15,6 @@ from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 
 Array = NDArray[np.float64]
-ScanFile = Callable[[str, bytes | str], Path]
 NUM_POINTS = 60
 
 
@@ -32,12 +30,17 @@ CLOUD = _cloud()
 """Points of a 4 x 3 x 2.5 m room whose coordinates survive three decimals, with colours of the whole range."""
 
 
+def put(folder: Path, name: str, content: bytes | str) -> Path:
+    """Write a file and return its path."""
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
 def read(name: str, content: bytes | str, **options: Any) -> PointCloud:
     """Return what is read of a file with this name and content. options: of `ScanOptions`."""
     with TemporaryDirectory() as folder:
-        path = Path(folder, name)
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return read_scan(path, ScanOptions(**options))
+        return read_scan(put(Path(folder), name, content), ScanOptions(**options))
 
 
 def codes_of(cloud: PointCloud) -> list[str]:

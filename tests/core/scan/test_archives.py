@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError, ScanTooLargeError
+from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanFormatError, ScanTooLargeError
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan import unpacking
 from panoloc.core.scan.ply.writer import encode_ply
@@ -17,7 +17,7 @@ from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import assert_painted, glb_of, obj_files, walls_of, zip_of
-from tests.core.scan.scan_files import CLOUD, ScanFile, assert_same_points, codes_of, las_of, read, table_of
+from tests.core.scan.scan_files import CLOUD, assert_same_points, codes_of, las_of, put, read, table_of
 
 FEW = ScanOptions(max_points_used=20_000)
 BOX = PaintedBox(seed=3)
@@ -145,7 +145,7 @@ GOOD = zip_of({"a.ply": PLY})
 TWO = zip_of({"a.xyz": b"0 0 0 1 2 3\n" * 50, "b.xyz": b"0 0 0 1 2 3\n" * 50})
 ENTRY = GOOD.rfind(b"PK\x01\x02")
 """Where the directory of GOOD begins: sizes, flags and offsets stand there and in the headers of the files."""
-REFUSED: dict[str, tuple[bytes, str]] = {
+DAMAGED = {
     **{
         f"the name {name!r}": (zip_of({name: PLY}), "a path outside the archive")
         for name in ("../evil.ply", "..\\evil.ply", "/tmp/evil.ply", "C:\\evil.ply")
@@ -153,28 +153,34 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "a link": (with_link(), "is a link"),
     "more than announced": (patched(GOOD, dict.fromkeys((22, ENTRY + 24), bytes([24, 0, 0, 0]))), "cannot be unpacked"),
     "shared bytes": (patched(TWO, {TWO.rfind(b"PK\x01\x02") + 42: bytes(4)}), "shares its bytes"),
-    "encrypted": (patched(GOOD, dict.fromkeys((6, ENTRY + 8), b"\x01")), "is encrypted"),
     "a name too long for the disk": (zip_of({f"{'a' * 300}.ply": b"ply"}), "too long for the disk"),
     "cut": (GOOD[: len(GOOD) // 2], "cannot be unpacked"),
     "no archive": (b"PK\x03\x04" + bytes(100), "cannot be unpacked"),
+    "a name twice": (zip_of({"a.ply": PLY, "A.PLY": PLY}), "twice"),
+}
+WITHOUT_SCANS = {
+    "encrypted": (patched(GOOD, dict.fromkeys((6, ENTRY + 8), b"\x01")), "is encrypted"),
     "empty": (zip_of({}), "holds no scan.*It holds nothing"),
     "no scan": (zip_of({"a.jpg": b"x", "read me.txt": b"hello"}), r"holds no scan.*a\.jpg, read me\.txt"),
     "an archive in it": (zip_of({"inner.zip": GOOD}), "holds another zip, 'inner.zip'"),
-    "something else": (zip_of({"a.ply": b"what", "b.ply": PLY}), r"^a\.ply: expected a scan"),
-    "a name twice": (zip_of({"a.ply": PLY, "A.PLY": PLY}), "twice"),
     "another method": (zip_of({"a.ply": PLY}, zipfile.ZIP_LZMA), "packed by method 14"),
 }
 
 
-@pytest.mark.parametrize("kind", REFUSED)
+@pytest.mark.parametrize("kind", [*DAMAGED, *WITHOUT_SCANS])
 def test_what_would_do_harm_or_holds_no_scan_is_refused_and_nothing_remains(
-    scan_file: ScanFile, tmp_path: Path, nothing_remains: Path, kind: str
+    tmp_path: Path, nothing_remains: Path, kind: str
 ) -> None:
-    data, said = REFUSED[kind]
-    with pytest.raises(ScanError, match=said):
-        read_scan(scan_file("s.zip", data))
+    data, said = {**DAMAGED, **WITHOUT_SCANS}[kind]
+    with pytest.raises(ScanDamagedError if kind in DAMAGED else ScanContentError, match=said):
+        read_scan(put(tmp_path, "s.zip", data))
     assert not list(nothing_remains.iterdir())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.zip", "temporary"]
+
+
+def test_a_file_that_is_named_like_a_scan_and_is_none_is_named() -> None:
+    with pytest.raises(ScanFormatError, match=r"^a\.ply: expected a scan"):
+        read("s.zip", zip_of({"a.ply": b"\x00what", "b.ply": PLY}))
 
 
 def test_more_files_than_a_scan_has_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,9 +215,7 @@ def test_a_mesh_beside_a_table_is_read_apart() -> None:
     assert_painted(cloud, BOX, worst=9.0)
 
 
-def test_an_archive_is_unpacked_where_the_caller_has_room(
-    scan_file: ScanFile, nothing_remains: Path, tmp_path: Path
-) -> None:
+def test_an_archive_is_unpacked_where_the_caller_has_room(nothing_remains: Path, tmp_path: Path) -> None:
     roomy = tmp_path / "roomy"
     roomy.mkdir()
     seen: set[int] = set()
@@ -220,6 +224,6 @@ def test_an_archive_is_unpacked_where_the_caller_has_room(
         seen.add(len(list(roomy.iterdir())))
         assert not list(nothing_remains.iterdir())
 
-    read_scan(scan_file("s.zip", zip_of({"a.ply": encode_ply(CLOUD)})), FEW, look, lambda: roomy)
+    read_scan(put(tmp_path, "s.zip", zip_of({"a.ply": encode_ply(CLOUD)})), FEW, look, lambda: roomy)
     assert max(seen) == 1
     assert not list(roomy.iterdir())

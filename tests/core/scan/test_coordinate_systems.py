@@ -30,7 +30,8 @@ def las_at(
     if keys is not None:
         vlrs.append(GeoKeyDirectoryVlr())
         vlrs[-1].parse_record_data(np.array([1, 1, 0, len(keys) // 4, *keys], "<u2").tobytes())
-    placed = replace(cloud, positions=cloud.positions.astype(np.float64) * scale, origin_offset=PLACE * scale)
+    positions = (cloud.positions * scale).astype(np.float32)
+    placed = replace(cloud, positions=positions, origin_offset=PLACE * scale)
     return las_of(placed, 7 if minor == 4 else 3, vlrs=tuple(vlrs), minor=minor)
 
 

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from panoloc.core.errors import ScanDamagedError, ScanFormatError
-from panoloc.core.options import ScanOptions
 from panoloc.core.scan.format_detection import extension_of
 from panoloc.core.scan.ply.writer import encode_ply
-from panoloc.core.scan.reading import read_scan
-from tests.core.scan.scan_files import CLOUD, ScanFile, read
+from tests.core.scan.scan_files import CLOUD, read
 
 
 @pytest.mark.parametrize("name", ["scan.las", "scan.PCD", "scan.xyz", "scan.jpg"])
@@ -21,10 +19,9 @@ def test_a_wrong_extension_is_resolved_by_the_content_and_said(name: str) -> Non
 
 
 @pytest.mark.parametrize("name", ["scan.ply", "SCAN.PLY", "scan"])
-def test_a_fitting_extension_or_none_needs_no_remark(scan_file: ScanFile, name: str) -> None:
-    path = scan_file(name, encode_ply(CLOUD))
-    assert read_scan(path, ScanOptions(format="ply")).diagnostics == ()
-    assert read_scan(path).diagnostics == ()
+def test_a_fitting_extension_or_none_needs_no_remark(name: str) -> None:
+    assert read(name, encode_ply(CLOUD), format="ply").diagnostics == ()
+    assert read(name, encode_ply(CLOUD)).diagnostics == ()
 
 
 @pytest.mark.parametrize("name", ["scan.ply", "scan.pcd", "scan.las", "scan.laz", "scan.e57"])
@@ -33,11 +30,11 @@ def test_text_under_a_binary_name_is_an_unresolved_disagreement(name: str) -> No
         read(name, "0 0 0 1 2 3\n1 1 1 4 5 6\n")
 
 
-def test_the_format_option_stands_in_for_a_missing_extension(scan_file: ScanFile) -> None:
-    path = scan_file("upload", "0 0 0 1 2 3\n1 1 1 4 5 6\n")
-    assert len(read_scan(path, ScanOptions(format=".xyz"))) == 2
+def test_the_format_option_stands_in_for_a_missing_extension() -> None:
+    text = "0 0 0 1 2 3\n1 1 1 4 5 6\n"
+    assert len(read("upload", text, format=".xyz")) == 2
     with pytest.raises(ScanFormatError, match=r"named \.ply.*plain text"):
-        read_scan(path, ScanOptions(format=".ply"))
+        read("upload", text, format=".ply")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """LAS and LAZ files, written with laspy and then damaged by hand."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading_context import ReadingContext
 from panoloc.core.scan.sandbox.child import SandboxLimits
 from panoloc.core.scan.sandbox.reading import read_in_sandbox
-from tests.core.scan.scan_files import CLOUD, ScanFile, assert_same_points, codes_of, las_of, read
+from tests.core.scan.scan_files import CLOUD, assert_same_points, codes_of, las_of, put, read
 
 
 def patched(data: bytes, offset: int, layout: str, value: int) -> bytes:
@@ -96,10 +97,23 @@ def test_the_sandbox_stops_a_laz_file_that_announces_allocations_beyond_every_me
             read("scan.laz", patched(data, offset, layout, value))
 
 
-def test_the_sandbox_stops_a_layer_of_a_laz_chunk_that_is_larger_than_its_memory(scan_file: ScanFile) -> None:
+def test_the_sandbox_stops_a_layer_of_a_laz_chunk_that_is_larger_than_its_memory(tmp_path: Path) -> None:
     data = las_of(CLOUD, 7)
     (start,), (record_bytes,) = struct.unpack_from("<I", data, 96), struct.unpack_from("<H", data, 105)
-    path = scan_file("scan.laz", patched(data, start + 8 + record_bytes + 4, "<I", 0xFFFFFFF0))
+    path = put(tmp_path, "scan.laz", patched(data, start + 8 + record_bytes + 4, "<I", 0xFFFFFFF0))
     context = ReadingContext(path, ScanOptions(), path.stat().st_size)
     with pytest.raises(ScanError, match=r"cannot be read|more than 1 GiB"):
         list(read_in_sandbox("las", context, SandboxLimits(memory_bytes=1 << 30)))
+
+
+def test_damage_inside_compressed_points_never_crashes() -> None:
+    data = las_of(CLOUD, 3)
+    start = struct.unpack_from("<I", data, 96)[0] + 8
+    outcomes = []
+    for offset in range(start, start + 200, 50):
+        try:
+            outcomes.append(str(len(read("scan.laz", data[:offset] + bytes(20) + data[offset + 20 :]))))
+        except ScanError as error:
+            outcomes.append(str(error))
+    assert len(outcomes) == 4
+    assert all(outcomes)

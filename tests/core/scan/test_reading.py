@@ -12,7 +12,7 @@ from panoloc.core.options import ScanOptions
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
-from tests.core.scan.scan_files import CLOUD, ScanFile, codes_of, read
+from tests.core.scan.scan_files import CLOUD, codes_of, put, read
 
 
 class WithdrawnError(Exception):
@@ -81,7 +81,7 @@ def test_colours_in_no_known_range_are_refused(color: str) -> None:
 
 @pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("ft", 0.3048)])
 def test_units_become_metres(unit: str, metres: float) -> None:
-    found = read("scan.xyz", text_scan(ROOM / metres), unit=unit)  # type: ignore[arg-type]
+    found = read("scan.xyz", text_scan(ROOM / metres), unit=unit)
     np.testing.assert_allclose(found.positions, ROOM, atol=1e-6)
     assert codes_of(found) == ([] if unit == "m" else ["unit_converted"])
 
@@ -110,22 +110,22 @@ def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_uni
 
 
 @pytest.mark.slow
-def test_progress_rises_from_zero_to_one(scan_file: ScanFile) -> None:
+def test_progress_rises_from_zero_to_one(tmp_path: Path) -> None:
     text = text_scan(np.random.default_rng(0).random((150_000, 3)))
     seen: list[float] = []
-    read_scan(scan_file("scan.xyz", text), progress=seen.append)
+    read_scan(put(tmp_path, "scan.xyz", text), progress=seen.append)
     assert seen == sorted(seen)
     assert (seen[0], seen[-1]) == (0.0, 1.0)
     assert len(seen) >= 4
 
 
-def test_what_the_progress_callback_raises_passes_through(scan_file: ScanFile) -> None:
+def test_what_the_progress_callback_raises_passes_through(tmp_path: Path) -> None:
     def cancel(fraction: float) -> None:
         if fraction > 0:
             raise WithdrawnError("withdrawn")
 
     with pytest.raises(WithdrawnError, match="withdrawn"):
-        read_scan(scan_file("scan.ply", encode_ply(CLOUD)), progress=cancel)
+        read_scan(put(tmp_path, "scan.ply", encode_ply(CLOUD)), progress=cancel)
 
 
 @pytest.mark.parametrize(
@@ -136,8 +136,8 @@ def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> Non
         ScanOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_reading_a_ply_imports_no_heavy_library(scan_file: ScanFile) -> None:
-    path = scan_file("scan.ply", encode_ply(CLOUD))
+def test_reading_a_ply_imports_no_heavy_library(tmp_path: Path) -> None:
+    path = put(tmp_path, "scan.ply", encode_ply(CLOUD))
     program = (
         "import sys; from pathlib import Path; from panoloc.core.scan.reading import read_scan; read_scan(Path(sys.argv[1])); "
         "print(sorted({'open3d', 'torch', 'laspy', 'pye57'} & set(sys.modules)))"

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.voxel_thinning import VoxelThinner, group_by_voxel, thin_cloud
-from tests.core.scan.scan_files import CLOUD
 
 
 def random_cloud(seed: int, num_points: int, kind: str) -> PointCloud:
@@ -38,13 +37,13 @@ clouds = st.builds(
 @pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(clouds, st.integers(1, 2000))
-def test_never_more_than_asked_inside_the_bounds_and_the_same_every_time(max_points: int) -> None:
-    thinned = thin_cloud(CLOUD, max_points)
+def test_never_more_than_asked_inside_the_bounds_and_the_same_every_time(cloud: PointCloud, max_points: int) -> None:
+    thinned = thin_cloud(cloud, max_points)
     assert 1 <= len(thinned) <= max_points
-    assert (thinned.bounds[0] >= CLOUD.bounds[0]).all()
-    assert (thinned.bounds[1] <= CLOUD.bounds[1]).all()
-    np.testing.assert_array_equal(thinned.origin_offset, CLOUD.origin_offset)
-    again = thin_cloud(CLOUD, max_points)
+    assert (thinned.bounds[0] >= cloud.bounds[0]).all()
+    assert (thinned.bounds[1] <= cloud.bounds[1]).all()
+    np.testing.assert_array_equal(thinned.origin_offset, cloud.origin_offset)
+    again = thin_cloud(cloud, max_points)
     np.testing.assert_array_equal(thinned.positions, again.positions)
     np.testing.assert_array_equal(thinned.colors, again.colors)
     assert thin_cloud(thinned, max_points) is thinned
@@ -52,10 +51,10 @@ def test_never_more_than_asked_inside_the_bounds_and_the_same_every_time(max_poi
 
 @settings(max_examples=40, deadline=None)
 @given(clouds, st.integers(1, 500))
-def test_labels_are_picked_from_the_points_never_made_up(max_points: int) -> None:
-    thinned = thin_cloud(CLOUD, max_points, color_kind="labels")
+def test_labels_are_picked_from_the_points_never_made_up(cloud: PointCloud, max_points: int) -> None:
+    thinned = thin_cloud(cloud, max_points, color_kind="labels")
     assert len(thinned) <= max_points
-    assert set(map(tuple, rows_of(thinned))) <= set(map(tuple, rows_of(CLOUD)))
+    assert set(map(tuple, rows_of(thinned))) <= set(map(tuple, rows_of(cloud)))
 
 
 def rows_of(cloud: PointCloud) -> list[list[float]]:
