@@ -12,8 +12,8 @@ from panoloc.core.scan.e57.coloring import ImageColors, with_poses
 from panoloc.core.scan.e57.images import images_of, pose_of
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error
 
-_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_POSITIONS = (("cartesianX", "cartesianY", "cartesianZ"), _SPHERICAL)
 _INVALID_FLAGS = ("cartesianInvalidState", "sphericalInvalidState", "isColorInvalid")
 _COLORS = ("colorRed", "colorGreen", "colorBlue")
 # Announced maxima are often those of the data; the depth is the next usual one.
@@ -59,7 +59,11 @@ class _Scan:
 
         Of a scan without colours those are (n, 0).
         """
-        position_names = self._position_names()
+        position_names = next((each for each in _POSITIONS if set(each) <= set(self.field_names)), None)
+        if position_names is None:
+            raise ScanContentError(
+                f"A scan of the E57 file has no coordinates; it has {', '.join(self.field_names)[:200]}."
+            )
         flags = [name for name in _INVALID_FLAGS if name in self.field_names]
         rotation, translation = pose_of(self._node)
         color_names = _COLORS if self.has_color else ()
@@ -89,14 +93,6 @@ class _Scan:
             raise ScanDamagedError(
                 f"A scan of the E57 file announces {self.num_points:,} points but holds {num_done:,}. {CUT_SHORT}"
             )
-
-    def _position_names(self) -> tuple[str, str, str]:
-        for names in (_CARTESIAN, _SPHERICAL):
-            if set(names) <= set(self.field_names):
-                return names
-        raise ScanContentError(
-            f"A scan of the E57 file has no coordinates; it has {', '.join(self.field_names)[:200]}."
-        )
 
 
 def _cartesian(

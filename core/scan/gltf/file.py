@@ -86,18 +86,16 @@ class GltfFile:
 
     def _view(self, number: Any) -> memoryview:
         view = self.entry("bufferViews", number)
-        data, start, length = self._buffer(view["buffer"]), view.get("byteOffset", 0), view["byteLength"]
+        number, start, length = view["buffer"], view.get("byteOffset", 0), view["byteLength"]
+        buffer = self.entry("buffers", number)
+        if number not in self._buffers:
+            self._buffers[number] = self._referred(buffer["uri"], "buffer") if "uri" in buffer else self._binary
+        data = self._buffers[number]
         if not 0 <= start <= start + length <= len(data):
             raise ScanDamagedError(
                 f"The glTF file places {length:,} bytes at byte {start:,} of a buffer that has {len(data):,}. {CUT_SHORT}"
             )
         return memoryview(data)[start : start + length]
-
-    def _buffer(self, number: Any) -> bytes:
-        buffer = self.entry("buffers", number)
-        if number not in self._buffers:
-            self._buffers[number] = self._referred(buffer["uri"], "buffer") if "uri" in buffer else self._binary
-        return self._buffers[number]
 
     def _referred(self, uri: str, what: str) -> bytes:
         if uri.startswith("data:"):
