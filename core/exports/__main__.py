@@ -12,8 +12,7 @@ from pathlib import Path
 
 from panoloc.core.errors import CoreError
 from panoloc.core.exports.formats import EXPORTERS, export
-from panoloc.core.exports.tour import ExportedFile
-from panoloc.core.exports.tour_file import read_tour
+from panoloc.core.exports.tour import ExportedFile, read_tour
 
 REFUSED = 3
 _EARLIEST = (1980, 1, 1, 0, 0, 0)  # of zip files: the same photos make the same bytes

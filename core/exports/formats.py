@@ -6,16 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports import e57, robots, viewers
-from panoloc.core.exports.earth import arcgis, geojson, gpano, stac
-from panoloc.core.exports.earth.placing import grid_of
-from panoloc.core.exports.reconstruction import colmap, colmap_rig, metashape, nerfstudio, opensfm
+from panoloc.core.exports import colmap, e57, earth, gpano, reconstruction, robots, viewers
 from panoloc.core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.core.shown_name import shown_name
 
 North = Literal["map", "grid", "true"]
-UNPLACED = "unplaced.txt"
 
 
 @dataclass(frozen=True)
@@ -35,12 +31,12 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "potree": Exporter(viewers.write_potree),
     "navvis": Exporter(viewers.write_navvis),
     "colmap": Exporter(colmap.write, colmap.why_not),
-    "colmap-rig": Exporter(colmap_rig.write),
-    "opensfm": Exporter(opensfm.write, uses_georeference=True),
-    "nerfstudio": Exporter(nerfstudio.write),
-    "metashape": Exporter(metashape.write),
-    "arcgis": Exporter(arcgis.write, arcgis.why_not, uses_grid=True),
-    "stac": Exporter(stac.write, uses_grid=True),
+    "colmap-rig": Exporter(colmap.write_rig),
+    "opensfm": Exporter(reconstruction.write_opensfm, uses_georeference=True),
+    "nerfstudio": Exporter(reconstruction.write_nerfstudio),
+    "metashape": Exporter(reconstruction.write_metashape),
+    "arcgis": Exporter(earth.write_arcgis, earth.why_not_in_arcgis, uses_grid=True),
+    "stac": Exporter(earth.write_stac, uses_grid=True),
     "e57": Exporter(e57.write, e57.why_not),
     "gpano": Exporter(gpano.write, gpano.why_not),
     "ros": Exporter(robots.write_ros, spheres_only=False),
@@ -48,7 +44,7 @@ EXPORTERS: dict[ExportFormat, Exporter] = {
     "gltf": Exporter(viewers.write_gltf, spheres_only=False),
     "psv": Exporter(viewers.write_psv),
     "pannellum": Exporter(viewers.write_pannellum),
-    "geojson": Exporter(geojson.write, spheres_only=False),
+    "geojson": Exporter(earth.write_geojson, spheres_only=False),
 }
 
 
@@ -67,14 +63,21 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
     held = _held(exporter, tour)
     yield from exporter.write(held)
     lines = "".join(f"{shown_name(each.name)}\t{each.reason}\n" for each in held.left_out)
-    yield ExportedFile(UNPLACED, lines.encode(errors="surrogateescape"))
-    yield ExportedFile("export.json", (json.dumps(_summary(format_name, held), indent=1) + "\n").encode())
+    yield ExportedFile("unplaced.txt", lines.encode(errors="surrogateescape"))
+    summary = {
+        "format": format_name,
+        "map": tour.name,
+        "north": north_of(format_name, tour),
+        "num_photos": len(held.photos),
+        "left_out": [{"name": each.name, "reason": each.reason} for each in held.left_out],
+    }
+    yield ExportedFile("export.json", (json.dumps(summary, indent=1) + "\n").encode())
 
 
 def north_of(format_name: ExportFormat, tour: Tour) -> North:
     """Return what headings and axes of an export refer to: the map's axes, those of its grid, or true north."""
     exporter = EXPORTERS[format_name]
-    if format_name in FORMATS_ON_EARTH and not (exporter.uses_grid and grid_of(tour) is not None):
+    if format_name in FORMATS_ON_EARTH and not (exporter.uses_grid and earth.grid_of(tour) is not None):
         return "true"
     if exporter.uses_georeference and tour.georeference is not None:
         return "true"
@@ -83,9 +86,9 @@ def north_of(format_name: ExportFormat, tour: Tour) -> North:
 
 def _held(exporter: Exporter, tour: Tour) -> Tour:
     """Return the tour without the photos that the format cannot hold; these are left out with a reason."""
-    reasons = [_why_not(exporter, photo) for photo in tour.photos]
-    photos = tuple(photo for photo, reason in zip(tour.photos, reasons, strict=True) if reason is None)
-    refused = [LeftOut(photo.name, reason) for photo, reason in zip(tour.photos, reasons, strict=True) if reason]
+    judged = [(photo, _why_not(exporter, photo)) for photo in tour.photos]
+    photos = tuple(photo for photo, reason in judged if reason is None)
+    refused = [LeftOut(photo.name, reason) for photo, reason in judged if reason is not None]
     return replace(tour, photos=photos, left_out=(*tour.left_out, *refused))
 
 
@@ -95,13 +98,3 @@ def _why_not(exporter: Exporter, photo: PlacedPhoto) -> str | None:
     if exporter.spheres_only and not photo.is_sphere:
         return "placed, but this format holds only full panoramas"
     return None if exporter.why_not is None else exporter.why_not(photo)
-
-
-def _summary(format_name: ExportFormat, tour: Tour) -> dict[str, object]:
-    return {
-        "format": format_name,
-        "map": tour.name,
-        "north": north_of(format_name, tour),
-        "num_photos": len(tour.photos),
-        "left_out": [{"name": each.name, "reason": each.reason} for each in tour.left_out],
-    }

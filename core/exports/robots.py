@@ -5,9 +5,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from panoloc.core.exports.geodesy import earth_pose
-from panoloc.core.exports.number_text import TIME_DECIMALS, plain
-from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
+from panoloc.core.exports.frames import earth_pose
+from panoloc.core.exports.tour import TIME_DECIMALS, ExportedFile, PlacedPhoto, Tour, json_file, plain, text_file
 from panoloc.core.geometry.pose import quaternion_of
 
 FRAME_ID = "map"

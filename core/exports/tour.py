@@ -3,10 +3,19 @@
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+from PIL import Image
+
 from panoloc.core.geometry.pose import Pose
+
+TIME_DECIMALS = 6
+"""Of seconds since 1970: a double holds no more."""
+_EXIF_IFD, _TAKEN, _TAKEN_OFFSET, _TAKEN_FRACTION, _ORIENTATION = 0x8769, 0x9003, 0x9011, 0x9291, 0x0112
+_ON_ITS_SIDE = (5, 6, 7, 8)
+_FIRST_BYTES = {".jpg": b"\xff\xd8\xff", ".jpeg": b"\xff\xd8\xff", ".png": b"\x89PNG"}
 
 
 @dataclass(frozen=True)
@@ -91,3 +100,76 @@ def json_file(path: str, document: Any) -> ExportedFile:
 def text_file(path: str, lines: Iterable[str]) -> ExportedFile:
     """Return lines as a text file."""
     return ExportedFile(path, "".join(f"{line}\n" for line in lines).encode())
+
+
+def plain(value: float, decimals: int = 9) -> str:
+    """Return a number as text without an exponent, without zeros at its end and without a negative zero."""
+    text = f"{value:.{decimals}f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text == "-0" else text
+
+
+def why_not_as_named(photo: PlacedPhoto) -> str | None:
+    """Return why a photo that is called a JPEG or PNG is none, None when it is: its name may lie. Raises OSError."""
+    assert photo.image is not None
+    ending = PurePosixPath(photo.name).suffix.lower()
+    with photo.image.open("rb") as stream:
+        if stream.read(4).startswith(_FIRST_BYTES[ending]):
+            return None
+    return f"its content does not match {ending}; rename it to match its content"
+
+
+def read_tour(path: Path) -> Tour:
+    """Return the tour that a JSON file describes: the input of the process that writes exports.
+
+    {"name": "map_…", "created_unix_s": 0, "georeference": null | {…}, "coordinate_system": null | "EPSG:25832",
+     "geoid_undulation_m": null | 46.2, "scan": null | "points.ply", "survey": null | "scan.e57",
+     "photos": [{"name": "a.jpg", "image": "/…/00000", "frame": "ros", "position_m": [x, y, z],
+                 "quaternion_xyzw": [x, y, z, w], "camera_model": "equirectangular", "confidence": 0.9,
+                 "position_radius_m": 0.02, "orientation_radius_deg": 0.3}],
+     "left_out": [{"name": "b.jpg", "reason": "not_localized"}]}
+
+    Sizes and times are read from the photos. Raises OSError for photos that cannot be opened.
+    """
+    document = json.loads(path.read_text(encoding="utf-8"))
+    place = document["georeference"]
+    given = {
+        **document,
+        "photos": tuple(_photo(**each) for each in document["photos"]),
+        "left_out": tuple(LeftOut(**each) for each in document["left_out"]),
+        "georeference": None if place is None else Georeference(**place),
+        **{name: None if document[name] is None else Path(document[name]) for name in ("scan", "survey")},
+    }
+    return Tour(**given)
+
+
+def _photo(
+    *, image: str, frame: Any, position_m: list[float], quaternion_xyzw: list[float], camera_model: str, **given: Any
+) -> PlacedPhoto:
+    # More pixels than Pillow likes were accepted when the photo was placed; nothing is decoded here.
+    Image.MAX_IMAGE_PIXELS = None
+    with Image.open(image) as opened:
+        exif = opened.getexif()
+        width, height = opened.size
+        time_unix_s = _time_taken(exif.get_ifd(_EXIF_IFD))
+    if exif.get(_ORIENTATION) in _ON_ITS_SIDE:
+        width, height = height, width
+    return PlacedPhoto(
+        map_from_camera=Pose.from_frame(position_m, quaternion_xyzw, frame),
+        width=width,
+        height=height,
+        is_sphere=camera_model == "equirectangular" and width == 2 * height,
+        time_unix_s=time_unix_s,
+        image=Path(image),
+        **given,
+    )
+
+
+def _time_taken(exif: dict[int, Any]) -> float | None:
+    """Return when a photo was taken in Unix seconds, None where unknown. A clock without an offset counts as UTC."""
+    text, offset, fraction = (str(exif.get(tag, "")).strip("\x00 ") for tag in (_TAKEN, _TAKEN_OFFSET, _TAKEN_FRACTION))
+    try:
+        taken = datetime.strptime(text + (offset or "+00:00"), "%Y:%m:%d %H:%M:%S%z")
+        return taken.astimezone(UTC).timestamp() + float(f"0.{fraction or 0}")
+    except ValueError:
+        return None

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.exports.angles import photo_angles
-from panoloc.core.exports.axes import GL_FROM_FLU, Y_UP_FROM_Z_UP, quaternion_wxyz
-from panoloc.core.exports.number_text import TIME_DECIMALS, fixed, plain
-from panoloc.core.exports.tour import ExportedFile, PlacedPhoto, Tour, json_file, text_file
+from panoloc.core.exports.frames import GL_FROM_FLU, Y_UP_FROM_Z_UP, photo_angles, quaternion_wxyz
+from panoloc.core.exports.tour import TIME_DECIMALS, ExportedFile, PlacedPhoto, Tour, json_file, plain, text_file
 from panoloc.core.geometry.pose import quaternion_of
 
 _POTREE_COLUMNS = ("filename", "time", "long", "lat", "alt", "course", "pitch", "roll")
@@ -48,12 +46,17 @@ def write_navvis(tour: Tour) -> Iterator[ExportedFile]:
         pose = photo.map_from_camera
         file_name = f"{number:05}-pano{PurePosixPath(photo.name).suffix or '.jpg'}"
         numbers = [time_unix_s, *pose.position, *quaternion_wxyz(pose.rotation)]
-        lines.append("; ".join([str(number), file_name, *(fixed(value, 6) for value in numbers)]))
+        lines.append("; ".join([str(number), file_name, *(_six_decimals(value) for value in numbers)]))
         names.append(f"{file_name}; {photo.name}")
         if photo.image is not None:
             yield ExportedFile(file_name, photo.image)
     yield text_file("pano-poses.csv", lines)
     yield text_file("names.csv", names)
+
+
+def _six_decimals(value: float) -> str:
+    text = f"{value:.6f}"
+    return text.removeprefix("-") if float(text) == 0 else text
 
 
 def write_psv(tour: Tour) -> Iterator[ExportedFile]:

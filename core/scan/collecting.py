@@ -8,11 +8,9 @@ from numpy.typing import NDArray
 from panoloc.core.errors import OptionsError, ScanContentError
 from panoloc.core.georeference import coordinate_system
 from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
-from panoloc.core.scan.color_range import ColorRange
-from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.point_cloud import Diagnostic, PointCloud
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext
-from panoloc.core.scan.voxel_grouping import column_bounds
-from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner
+from panoloc.core.scan.voxel_thinning import ThinnedPoints, VoxelThinner, column_bounds
 
 # float32 resolves 0.06 mm at 1 km; farther out an offset is needed.
 _LARGE_COORDINATE_M = 1000.0
@@ -20,6 +18,9 @@ _SMALLEST_PLAUSIBLE_M = 0.2
 _LARGEST_PLAUSIBLE_M = 2000.0
 # US survey feet are 2 millionths longer than international ones.
 _UNIT_TOLERANCE = 1e-5
+# A little above 1, for colours that were interpolated or sharpened.
+_UNIT_RANGE_LIMIT = 1.01
+_DARKEST_PLAUSIBLE = 16
 
 
 class ScanCollector:
@@ -45,14 +46,13 @@ class ScanCollector:
             usable &= _all_true(np.isfinite(chunk.colors))
         num_usable = int(np.count_nonzero(usable))
         self._num_dropped += len(positions) - num_usable
+        if not num_usable:
+            return
         colors: NDArray[Any] = chunk.colors
         if num_usable < len(positions):
             positions, colors = positions[usable], colors[usable]
-        if not num_usable:
-            return
         lowest, highest = column_bounds(positions)
-        self._lowest = np.minimum(self._lowest, lowest)
-        self._highest = np.maximum(self._highest, highest)
+        self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
         self._colors.observe(colors)
         self._thinner.add(positions, colors)
 
@@ -60,8 +60,7 @@ class ScanCollector:
         """Check the whole scan and return it."""
         self._check_content()
         thinned = self._thinner.finish()
-        self._note_conversions()
-        self._note_thinning(thinned)
+        self._note_conversions(thinned)
         offset = self._origin_offset()
         definition = self._coordinate_system()
         return PointCloud(
@@ -123,15 +122,13 @@ class ScanCollector:
             raise ScanContentError("The scan has a single usable point; a map needs many. Export the whole scan.")
         if not np.any(self._highest > self._lowest):
             raise ScanContentError(
-                f"All {num_usable:,} usable points lie at the same position ({self._position_text()}): the scan has "
-                "no extent. Check the coordinate columns and export the scan again."
+                f"All {num_usable:,} usable points lie at the same position "
+                f"({', '.join(f'{value:g}' for value in self._lowest)}): the scan has no extent. Check the coordinate "
+                "columns and export the scan again."
             )
         self._colors.check()
 
-    def _position_text(self) -> str:
-        return ", ".join(f"{value:g}" for value in self._lowest)
-
-    def _note_conversions(self) -> None:
+    def _note_conversions(self, thinned: ThinnedPoints) -> None:
         note, options = self._context.note, self._context.options
         if self._num_dropped:
             note(
@@ -152,16 +149,13 @@ class ScanCollector:
                 "and set it to m, cm, mm or ft.",
                 "warning",
             )
-
-    def _note_thinning(self, thinned: ThinnedPoints) -> None:
-        if thinned.voxel_size is None:
-            return
-        kept = "the mean" if self._context.options.color_kind == "rgb" else "the first point"
-        self._context.note(
-            "thinned",
-            f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
-            f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
-        )
+        if thinned.voxel_size is not None:
+            kept = "the mean" if options.color_kind == "rgb" else "the first point"
+            note(
+                "thinned",
+                f"{self._num_read - self._num_dropped:,} points were thinned to {len(thinned.positions):,}: "
+                f"{kept} of each voxel of {_metres(thinned.voxel_size)}.",
+            )
 
     def _origin_offset(self) -> NDArray[np.float64]:
         if max(np.abs(self._lowest).max(), np.abs(self._highest).max()) <= _LARGE_COORDINATE_M:
@@ -175,6 +169,76 @@ class ScanCollector:
             "warning",
         )
         return np.asarray(offset, np.float64)
+
+
+class ColorRange:
+    """Watches the raw colours of every chunk (see `RawChunk`) and scales them at the end.
+
+    uint8 is taken as it is. uint16 is 8-bit colour in 16-bit fields when nothing exceeds 255, else 16-bit colour.
+    float64 is 0..1, 0..255 or 0..65535 by its largest value.
+    """
+
+    def __init__(self) -> None:
+        self._lowest = 0.0
+        self._highest = 0.0
+        self._used_bits = 0
+        self._dtype: np.dtype[Any] = np.dtype(np.uint8)
+
+    def observe(self, colors: NDArray[Any]) -> None:
+        """Take note of finite raw colours, (n, 3)."""
+        if not len(colors):
+            return
+        self._dtype = colors.dtype
+        self._highest = max(self._highest, float(colors.max()))
+        if colors.dtype == np.uint16:
+            self._used_bits |= int(np.bitwise_or.reduce(colors, axis=None))
+        elif colors.dtype.kind == "f":
+            self._lowest = min(self._lowest, float(colors.min()))
+
+    def check(self) -> None:
+        """Raise ScanContentError for colours that are all zero or in no known range."""
+        if self._highest == 0 and self._lowest == 0:
+            raise ScanContentError(
+                "Every point of the scan has the colour (0, 0, 0): the file has colour fields, but they are empty. "
+                "Colour the scan from its photos before exporting it."
+            )
+        if self._lowest < -0.01 or self._highest > 65535:
+            raise ScanContentError(
+                f"The colours run from {self._lowest:g} to {self._highest:g}; expected 0..1, 0..255 or 0..65535. "
+                "Check which columns hold the colours and export the scan again."
+            )
+
+    def to_bytes(self, colors: NDArray[Any]) -> NDArray[np.uint8]:
+        """Scale raw colours (or means of them), (n, 3), to uint8."""
+        if colors.dtype == np.uint8:
+            return colors
+        return np.clip(np.rint(colors * self._factor), 0, 255).astype(np.uint8)
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """Say which range was found where it was not obvious."""
+        found = []
+        if self._dtype == np.uint16 and self._highest <= 255:
+            found.append(Diagnostic("color_range", "info", "8-bit colours in 16-bit fields: taken as 0..255."))
+        elif self._factor != 1.0:
+            top = "1" if self._factor == 255.0 else "65535"
+            found.append(Diagnostic("color_range", "info", f"Colours of the range 0..{top} were scaled to 0..255."))
+        brightest = self._highest * self._factor
+        if brightest < _DARKEST_PLAUSIBLE:
+            said = f"The brightest colour value is {brightest:.0f} of 255: the scan is dark, or its range is unusual."
+            found.append(Diagnostic("dark_colors", "warning", said))
+        return found
+
+    @property
+    def _factor(self) -> float:
+        if self._dtype == np.uint8:
+            return 1.0
+        if self._dtype.kind == "f" and self._highest <= _UNIT_RANGE_LIMIT:
+            return 255.0
+        if self._highest <= 255:
+            return 1.0
+        # Bytes moved to the upper half (value * 256) against the full 16-bit range.
+        is_shifted = self._dtype == np.uint16 and self._used_bits & 0xFF == 0
+        return 1 / 256 if is_shifted else 255 / 65535
 
 
 def _metres(length: float) -> str:

@@ -11,16 +11,9 @@ _GLTF_KEYS = (b'"asset"', b'"accessors"', b'"buffers"', b'"bufferViews"', b'"sce
 _OBJ_WORDS = {b"v", b"vt", b"vn", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl"}
 _PTX_HEADER = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]  # words on its lines
 _EXTENSION_FORMATS = {
-    "ply": "ply",
-    "pcd": "pcd",
-    "las": "las",
+    **{name: name for name in ("ply", "pcd", "las", "e57", "ptx", "gltf", "obj", "zip")},
     "laz": "las",
-    "e57": "e57",
-    "ptx": "ptx",
     "glb": "gltf",
-    "gltf": "gltf",
-    "obj": "obj",
-    "zip": "zip",
     **dict.fromkeys(("xyz", "txt", "csv", "pts", "asc", "xyzrgb", "neu"), "text"),
 }
 _OTHER_MAGIC = {
@@ -75,10 +68,8 @@ def extension_of(name: str) -> str:
 
 def is_named_like_a_scan(name: str) -> bool:
     """Tell whether a file's extension is used for scans alone."""
-    return _EXTENSION_FORMATS.get(extension_of(name).lstrip("."), "text") != "text" or extension_of(name) in (
-        ".xyz",
-        ".pts",
-    )
+    extension = extension_of(name).lstrip(".")
+    return _EXTENSION_FORMATS.get(extension, "text") != "text" or extension in ("xyz", "pts")
 
 
 def _format_by_magic(head: bytes) -> str | None:
@@ -111,11 +102,10 @@ def _is_obj(head: bytes) -> bool:
 
 def _text_format(head: bytes, named: str, expected: str | None) -> str:
     other = next((name for magic, name in _OTHER_MAGIC.items() if head.startswith(magic)), None)
-    if other is None and _is_text(head):
-        if expected in (None, "text"):
-            return "text"
-        if expected == "obj":  # it may begin with a long comment
-            return "obj"
+    printable = sum(byte >= 32 or byte in b"\t\n\r\v\f" for byte in head)
+    if other is None and b"\x00" not in head and printable >= 0.99 * len(head):
+        if expected in (None, "text", "obj"):  # an OBJ may begin with a long comment
+            return expected or "text"
         raise ScanFormatError(
             f"expected a scan as {KNOWN_FORMATS}, got a file named .{named} without that format's header: its "
             "content is plain text; give it the extension of its real format or export it again"
@@ -123,8 +113,3 @@ def _text_format(head: bytes, named: str, expected: str | None) -> str:
     found = other or f"unknown binary data (first bytes: {head[:8].hex(' ')})"
     claim = f"a file named .{named} that is " if expected else ""
     raise ScanFormatError(f"expected a scan as {KNOWN_FORMATS}, got {claim}{found}; export the scan in one of them")
-
-
-def _is_text(head: bytes) -> bool:
-    printable = sum(byte >= 32 or byte in b"\t\n\r\v\f" for byte in head)
-    return b"\x00" not in head and printable >= 0.99 * len(head)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -59,18 +60,18 @@ def draw_from_above(
 def _with_gaps_closed(picture: NDArray[np.uint8], shown: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Fill pixels of a picture (H, W, 3) without a point by the mean of their neighbours, where most have one; shown: (H, W)."""
     for _ in range(_GAP_PASSES):
-        colors = np.pad(picture * shown[..., None].astype(np.float32), ((1, 1), (1, 1), (0, 0)))
-        counts = np.pad(shown.astype(np.float32), 1)
-        around = [(i, j) for i in (0, 1, 2) for j in (0, 1, 2) if (i, j) != (1, 1)]
-        height, width = shown.shape
-        total = sum((counts[i : i + height, j : j + width] for i, j in around), start=np.zeros(shown.shape, np.float32))
-        mean = sum(
-            (colors[i : i + height, j : j + width] for i, j in around), start=np.zeros(picture.shape, np.float32)
-        )
-        gaps = ~shown & (total >= _FEWEST_NEIGHBOURS)
-        picture = np.where(gaps[..., None], mean / np.maximum(total, 1)[..., None], picture).astype(np.uint8)
+        counts = _sum_around(shown.astype(np.float32))
+        mean = _sum_around((picture * shown[..., None]).astype(np.float32)) / np.maximum(counts, 1)[..., None]
+        gaps = ~shown & (counts >= _FEWEST_NEIGHBOURS)
+        picture = np.where(gaps[..., None], mean, picture).astype(np.uint8)
         shown = shown | gaps
     return picture
+
+
+def _sum_around(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the sum over each pixel (H, W, …) and its eight neighbours."""
+    padded = np.pad(values, [(1, 1), (1, 1), *[(0, 0)] * (values.ndim - 2)])
+    return np.asarray(sliding_window_view(padded, (3, 3), axis=(0, 1)).sum(axis=(-1, -2)))
 
 
 def _cells(

@@ -30,8 +30,10 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
 
         # The serial decompressor: the parallel one allocates what a damaged chunk table announces.
         with laspy.open(context.path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=reads_extended) as reader:
-            num_points = reader.header.point_count
-            _check(reader.header, context)
+            num_points, kind = reader.header.point_count, reader.header.point_format
+            context.check_point_count(num_points)
+            if not set(_COLORS) <= set(kind.dimension_names):
+                raise no_color_error(f"LAS point format {kind.id}; formats 2, 3, 5, 7, 8 and 10 have colour")
             context.coordinate_system = _coordinate_system(reader.header)
             for points in reader.chunk_iterator(CHUNK_ROWS):
                 with np.errstate(over="ignore", invalid="ignore"):
@@ -41,7 +43,8 @@ def read_las(context: ReadingContext) -> Iterator[RawChunk]:
     except (ScanError, MemoryError, GeneratorExit):
         raise
     except BaseException as error:  # the Rust decompressor panics on some damaged data; its exception is no Exception
-        raise _unreadable_error(str(error), num_done, num_points) from error
+        reason = (str(error).strip().splitlines() or ["unknown error"])[0][:200]
+        raise _unreadable_error(reason, num_done, num_points) from error
     if num_done < num_points:
         raise _unreadable_error("the file ends", num_done, num_points)
 
@@ -64,12 +67,6 @@ def _check_records(context: ReadingContext) -> bool:
     return context.size_bytes - int(extended_start) <= _MAX_EXTENDED_BYTES
 
 
-def _check(header: Any, context: ReadingContext) -> None:
-    context.check_point_count(header.point_count)
-    if not set(_COLORS) <= set(header.point_format.dimension_names):
-        raise no_color_error(f"LAS point format {header.point_format.id}; formats 2, 3, 5, 7, 8 and 10 have colour")
-
-
 def _coordinate_system(header: Any) -> str | None:
     """Return WKT or "EPSG:…" from the records of the file, None where it says nothing."""
     from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
@@ -85,7 +82,6 @@ def _coordinate_system(header: Any) -> str | None:
 
 
 def _unreadable_error(reason: str, num_done: int, num_points: int) -> ScanDamagedError:
-    first_line = (reason.strip().splitlines() or ["unknown error"])[0][:200]
     return ScanDamagedError(
-        f"The LAS file cannot be read after {num_done:,} of {num_points:,} points ({first_line}). {CUT_SHORT}"
+        f"The LAS file cannot be read after {num_done:,} of {num_points:,} points ({reason}). {CUT_SHORT}"
     )

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from panoloc.core.scan.lzf import MAX_RATIO, decompress_lzf
 from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext, no_color_error, stack_columns
 from panoloc.core.scan.text.table import TextLines
 
@@ -17,9 +16,12 @@ _MAX_HEADER_BYTES = 1 << 16
 _MAX_RECORD_BYTES = 1 << 16
 # The decompressed file is held in memory as a whole: its columns lie one behind the other.
 _MAX_DECOMPRESSED_BYTES = 2 << 30
+# One three-byte reference of LZF yields at most this many bytes: more is a bomb or damage.
+_MAX_RATIO = 88
+_LITERAL_LIMIT, _LONG_LENGTH = 32, 7
 _SIZES = {"F": (4, 8), "U": (1, 2, 4, 8), "I": (1, 2, 4, 8)}
 _POSITION_NAMES = ("x", "y", "z")
-_PACKED_NAMES = ("rgb", "rgba")
+_PACKED_NAMES = (("rgb",), ("rgba",))
 _SEPARATE_NAMES = (("r", "g", "b"), ("red", "green", "blue"))
 
 
@@ -36,12 +38,7 @@ class _Header:
     @property
     def kinds(self) -> dict[str, np.dtype[Any]]:
         """Return the types of all fields, in their order."""
-        return {name: kind for name, (kind, *_) in (self.dtype.fields or {}).items()}
-
-    def kind_of(self, name: str) -> np.dtype[Any] | None:
-        """Return the type of a field of one value, None where there is no such field."""
-        found = self.kinds.get(name)
-        return None if found is None or found.shape else found
+        return {name: self.dtype[name] for name in self.dtype.names or ()}
 
 
 def read_pcd(context: ReadingContext) -> Iterator[RawChunk]:
@@ -53,13 +50,13 @@ def read_pcd(context: ReadingContext) -> Iterator[RawChunk]:
     with context.path.open("rb") as stream:
         header = _read_header(stream)
         context.check_point_count(header.num_points)
-        _check_fields(header)
+        colors = _color_names(header)
         stream.seek(header.size_bytes)
         num_done = 0
         for rows in _ITERATORS[header.encoding](stream, header, context.size_bytes):
             num_done += len(rows)
             positions = stack_columns(rows, _POSITION_NAMES, np.float64)
-            yield RawChunk(positions, _convert_colors(rows, header), num_done / header.num_points)
+            yield RawChunk(positions, _convert_colors(rows, header, colors), num_done / header.num_points)
 
 
 def _read_header(stream: BinaryIO) -> _Header:
@@ -103,8 +100,8 @@ def _parse_fields(entries: dict[str, list[str]]) -> np.dtype[np.void]:
             raise _header_error(f"a point takes more than {_MAX_RECORD_BYTES:,} bytes")
         dtype = f"<{kind.lower()}{size_bytes}"
         # Padding is called "_", as often as there is some.
-        fields[f"_{number}" if name == "_" else name] = (dtype, (num_values,)) if num_values > 1 else dtype
-    return np.dtype([(name, *(kind if isinstance(kind, tuple) else (kind,))) for name, kind in fields.items()])
+        fields[f"_{number}" if name == "_" else name] = (dtype, (num_values,)) if num_values > 1 else (dtype,)
+    return np.dtype([(name, *kind) for name, kind in fields.items()])
 
 
 def _parse_num_points(entries: dict[str, list[str]]) -> int:
@@ -129,19 +126,18 @@ def _header_error(what: str) -> ScanDamagedError:
     return ScanDamagedError(f"The PCD header is damaged: {what}. Export the scan again.")
 
 
-def _check_fields(header: _Header) -> None:
-    names = ", ".join(header.dtype.names or ())[:200]
-    if any(header.kind_of(name) is None for name in _POSITION_NAMES):
+def _color_names(header: _Header) -> tuple[str, ...]:
+    """Return the names of red, green and blue, or of the one field that packs them. Raises ScanContentError without."""
+    kinds = {name: kind for name, kind in header.kinds.items() if not kind.shape}
+    names = ", ".join(header.kinds)[:200]
+    if not kinds.keys() >= set(_POSITION_NAMES):
         raise ScanContentError(f"The PCD file has no x, y and z; its fields are {names}.")
-    packed = [kind for name in _PACKED_NAMES if (kind := header.kind_of(name)) is not None]
-    if not packed and _separate_names(header) is None:
-        raise no_color_error(names)
-    if any(kind.itemsize != 4 for kind in packed):
+    if any(name in kinds and kinds[name].itemsize != 4 for (name,) in _PACKED_NAMES):
         raise ScanDamagedError("The PCD header is damaged: packed colours must have the size 4. Export the scan again.")
-
-
-def _separate_names(header: _Header) -> tuple[str, str, str] | None:
-    return next((names for names in _SEPARATE_NAMES if all(header.kind_of(name) for name in names)), None)
+    found = next((each for each in (*_SEPARATE_NAMES, *_PACKED_NAMES) if kinds.keys() >= set(each)), None)
+    if found is None:
+        raise no_color_error(names)
+    return found
 
 
 def _iter_ascii(stream: BinaryIO, header: _Header, size_bytes: int) -> Iterator[NDArray[np.void]]:
@@ -184,7 +180,7 @@ def _decompress(stream: BinaryIO, header: _Header, size_bytes: int) -> bytes:
     num_compressed, num_bytes = struct.unpack("<II", stream.read(8).ljust(8, b"\0"))
     expected = header.num_points * header.dtype.itemsize
     compressed = stream.read(min(num_compressed, size_bytes))
-    if num_bytes != expected or num_bytes > max(num_compressed, 1) * MAX_RATIO or len(compressed) < num_compressed:
+    if num_bytes != expected or num_bytes > max(num_compressed, 1) * _MAX_RATIO or len(compressed) < num_compressed:
         raise ScanDamagedError(
             f"The PCD header announces {header.num_points:,} points ({expected:,} bytes), but its compressed data announces "
             f"{num_bytes:,} in {num_compressed:,} bytes, of which the file holds {len(compressed):,}. {CUT_SHORT}"
@@ -200,14 +196,12 @@ def _decompress(stream: BinaryIO, header: _Header, size_bytes: int) -> bytes:
         raise ScanDamagedError(f"The compressed PCD data is damaged: {error}. Export the scan again.") from error
 
 
-def _convert_colors(rows: NDArray[np.void], header: _Header) -> NDArray[Any]:
-    names = _separate_names(header)
-    if names is not None:
-        stored = rows.dtype[names[0]]
-        is_whole = stored.kind == "u" and stored.itemsize <= 2
-        return stack_columns(rows, names, stored.newbyteorder("=") if is_whole else np.float64)
-    name, declared = next((name, kind) for name in _PACKED_NAMES if (kind := header.kind_of(name)) is not None)
-    return _unpack_colors(rows[name], declared)
+def _convert_colors(rows: NDArray[np.void], header: _Header, names: tuple[str, ...]) -> NDArray[Any]:
+    stored = rows.dtype[names[0]]
+    if len(names) == 1:
+        return _unpack_colors(rows[names[0]], header.dtype[names[0]])
+    is_whole = stored.kind == "u" and stored.itemsize <= 2
+    return stack_columns(rows, names, stored.newbyteorder("=") if is_whole else np.float64)
 
 
 def _unpack_colors(packed: NDArray[Any], declared: np.dtype[Any]) -> NDArray[Any]:
@@ -230,3 +224,44 @@ def _unpack_colors(packed: NDArray[Any], declared: np.dtype[Any]) -> NDArray[Any
 
 def _split_words(words: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([words >> 16, words >> 8, words], axis=1).astype(np.uint8)
+
+
+def decompress_lzf(data: bytes, num_bytes: int) -> bytes:
+    """Return the `num_bytes` bytes that `data`, packed by liblzf, decompresses to; raise ValueError when it does not.
+
+    A byte below 32 announces that many literal bytes plus one; any other begins a reference: three bits of length
+    (seven: one more length byte follows) and thirteen bits of distance into what is already there.
+    """
+    output = bytearray()
+    position, end = 0, len(data)
+    try:
+        while position < end:
+            control = data[position]
+            position += 1
+            if control < _LITERAL_LIMIT:
+                output += data[position : position + control + 1]
+                position += control + 1
+                continue
+            length = control >> 5
+            if length == _LONG_LENGTH:
+                length += data[position]
+                position += 1
+            start = len(output) - ((control & 0x1F) << 8) - data[position] - 1
+            position += 1
+            _repeat(output, start, length + 2)
+            if len(output) > num_bytes:
+                break
+    except IndexError:
+        raise ValueError("the compressed data ends in the middle of a reference") from None
+    if len(output) != num_bytes or position != end:
+        raise ValueError(f"the compressed data gives {len(output):,} bytes, expected {num_bytes:,}")
+    return bytes(output)
+
+
+def _repeat(output: bytearray, start: int, length: int) -> None:
+    if start < 0:
+        raise ValueError("the compressed data refers to bytes before its beginning")
+    piece = output[start : start + length]
+    if len(piece) < length:  # the reference overlaps what it writes: the piece repeats itself
+        piece = (piece * (length // len(piece) + 1))[:length]
+    output += piece

@@ -82,8 +82,7 @@ def _read_station(lines: TextLines) -> _Station | None:
     if not np.isfinite(matrix).all() or not np.allclose(matrix[3], [0, 0, 0, 1]) or abs(np.linalg.det(matrix)) < 1e-9:
         raise ScanDamagedError(
             f"The PTX station at line {first_line:,} has a matrix that is not a pose (its last column should be 0 0 "
-            "0 1). "
-            "Export the scan again."
+            "0 1). Export the scan again."
         )
     return _Station(int(columns) * int(rows), matrix[:3, :3], matrix[:3, 3])
 

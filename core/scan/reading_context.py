@@ -1,9 +1,9 @@
 """What every reader gets and gives: the file with its limits, and chunks of raw points."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +49,6 @@ class ReadingContext:
 
     def check_point_count(self, num_points: int) -> None:
         """Refuse a count that no file may announce, before anything is allocated for it."""
-        if num_points < 0:
-            raise ScanDamagedError(f"The header announces {num_points} points; expected a positive count.")
         if num_points == 0:
             raise ScanContentError("The file holds no points: its header announces 0. Export the scan again.")
         self.options.check_num_points(num_points)
@@ -66,12 +64,40 @@ class ReadingContext:
         if num_colored > 1:
             self.note("scans_merged", f"{num_colored} {what} were merged with their poses.")
 
+    def companion(self, name: str, what: str) -> Path:
+        """Return the file that the scan calls `name`, relative to itself. what: for the message, such as "texture".
 
-class ScanReader(Protocol):
-    """A function that yields the points of one format."""
+        Raises ScanDamagedError for a name that leads out of the archive, ScanContentError where there is no such file.
+        """
+        relative = PurePosixPath(name.strip().replace("\\", "/"))
+        if self.folder is None:
+            raise ScanContentError(
+                f"The scan refers to the {what} {name[:100]!r}, which was not uploaded with it. Put the scan and all "
+                "files that it refers to into one zip and upload the zip."
+            )
+        root = self.folder.resolve()
+        if "\x00" in name:
+            raise _leads_out(name, what)
+        found = (self.path.parent / relative).resolve()
+        if relative.is_absolute() or not found.is_relative_to(root):
+            # Programs write the paths of the machine that they ran on; the file itself often lies beside the scan.
+            found = (self.path.parent / relative.name).resolve()
+        if not found.is_relative_to(root):
+            raise _leads_out(name, what)
+        if not found.is_file():
+            same = [
+                path for path in found.parent.glob("*") if path.name.lower() == found.name.lower() and path.is_file()
+            ]
+            if len(same) != 1:
+                raise ScanContentError(
+                    f"The scan refers to the {what} {name[:100]!r}, but the zip holds no such file. Add it and upload it again."
+                )
+            found = same[0]
+        return found
 
-    def __call__(self, context: ReadingContext) -> Iterator[RawChunk]:
-        """Yield the points of the file in `context`."""
+
+ScanReader = Callable[[ReadingContext], Iterator[RawChunk]]
+"""Yields the points of a file of one format."""
 
 
 def no_color_error(columns: str) -> ScanContentError:
@@ -82,10 +108,17 @@ def no_color_error(columns: str) -> ScanContentError:
     )
 
 
-def stack_columns(table: NDArray[np.void], names: tuple[str, str, str], dtype: Any) -> NDArray[Any]:
-    """Copy three fields of a structured array into an (n, 3) array of `dtype`."""
-    stacked = np.empty((len(table), 3), dtype)
+def stack_columns(table: NDArray[np.void], names: Sequence[str], dtype: Any) -> NDArray[Any]:
+    """Copy fields of a structured array into an (n, len(names)) array of `dtype`."""
+    stacked = np.empty((len(table), len(names)), dtype)
     with np.errstate(invalid="ignore"):  # signalling NaNs of damaged files
         for axis, name in enumerate(names):
             stacked[:, axis] = table[name]
     return stacked
+
+
+def _leads_out(name: str, what: str) -> ScanDamagedError:
+    return ScanDamagedError(
+        f"The scan refers to the {what} {name[:100]!r}, which is outside the upload. Refer only to files beside the "
+        "scan."
+    )

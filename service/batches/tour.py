@@ -1,4 +1,4 @@
-"""Results of images as the documents that `panoloc.core.exports` reads; of batches, and of folders of the command line."""
+"""Results of images as the tour that `panoloc.core.exports` reads; of batches, and of folders of the command line."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

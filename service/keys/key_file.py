@@ -8,12 +8,14 @@ import secrets
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
-from typing import Literal
-
-from pydantic import TypeAdapter, ValidationError
+from typing import TYPE_CHECKING, Literal
 
 from panoloc.service.keys.caller import ALL_SCOPES, Caller, Scope
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 NAME = "keys.json"
 
@@ -50,7 +52,12 @@ class _Document:
     format: Literal[1] = 1
 
 
-_DOCUMENT = TypeAdapter(_Document)
+@cache
+def _documents() -> "TypeAdapter[_Document]":
+    # Commands load this module only when they need it.
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(_Document)
 
 
 class KeyFile:
@@ -67,8 +74,10 @@ class KeyFile:
 
     def read(self) -> list[StoredKey]:
         """Return all keys that were ever made, none where there is no file. Raises KeyFileError and OSError."""
+        from pydantic import ValidationError
+
         try:
-            return _DOCUMENT.validate_json(self.path.read_bytes()).keys
+            return _documents().validate_json(self.path.read_bytes()).keys
         except FileNotFoundError:
             return []
         except ValidationError as error:
@@ -119,7 +128,7 @@ class KeyFile:
     def _change(self, update: Callable[[list[StoredKey]], list[StoredKey]]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self._locked():
-            document = _DOCUMENT.dump_json(_Document(update(self.read())), indent=1)
+            document = _documents().dump_json(_Document(update(self.read())), indent=1)
             part = self.path.with_suffix(".part")
             try:
                 with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:

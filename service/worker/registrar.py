@@ -17,10 +17,10 @@ from panoloc.core.index.map_diagnostics import map_diagnostics
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.options import MIN_POINTS
 from panoloc.core.pictures import draw_map_preview, encode_png
-from panoloc.core.scan.archive.unpacking import remove_remains
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.unpacking import remove_remains
 from panoloc.core.zip_opening import unpacked_bytes
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError

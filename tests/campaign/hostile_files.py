@@ -22,7 +22,7 @@ from panoloc.service.jobs import QueryImage
 from panoloc.service.worker.query_images import read_query
 from tests.campaign.damage import damaged
 from tests.campaign.outcome import Outcome, quantile
-from tests.core.scan.test_coordinate_systems import las_of
+from tests.core.scan.scan_files import las_of
 from tests.core.scan.test_photos_in_every_kind import BOX, KINDS
 
 _CHUNK = 250

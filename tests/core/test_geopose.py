@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from panoloc.core.exports.angles import photo_angles
-from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.frames import earth_pose, photo_angles
 from panoloc.core.exports.tour import Georeference
 from panoloc.core.geometry.pose import Pose, quaternion_of
 from panoloc.core.geopose import MapPose, geopose_of

@@ -1,38 +1,84 @@
-"""Whatever bytes come in as a scan of many parts, only errors of `core` come out."""
+"""Whatever bytes come in as a scan: a cloud or an error of `core` comes out, never anything else and never a hang."""
 
 import contextlib
-import tempfile
+import struct
+from collections.abc import Callable
 from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panoloc.core.errors import CoreError, ScanError
+from panoloc.core.errors import CoreError, ScanDamagedError, ScanError
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.core.scan.readers import READERS
-from panoloc.core.scan.reading import read_scan
+from panoloc.core.scan.reading import READERS
 from panoloc.core.scan.reading_context import ReadingContext
 from tests.core.painted_box import PaintedBox
 from tests.core.scan.mesh_files import colored_quad, glb, glb_of, obj_files, zip_of
-from tests.core.scan.ptx_files import station_text
-from tests.core.scan.splat_files import splat_ply
+from tests.core.scan.scan_files import las_of, pcd_of, read, splat_ply, station_text, table_of
 
-CLOUD = PaintedBox(size_m=(2.0, 2.0, 2.0)).scan(40)
-HALF = PointCloud(CLOUD.positions[:20], CLOUD.colors[:20])
-OBJ = obj_files(PaintedBox())["room.obj"]
+RNG = np.random.default_rng(11)
+CLOUD = PointCloud(
+    np.round(RNG.random((40, 3)) * 5, 3).astype(np.float32), RNG.integers(0, 256, (40, 3), dtype=np.uint8)
+)
+
+
+def ply_with_lists() -> bytes:
+    text = "ply\nformat binary_big_endian 1.0\nelement face 6\nproperty list uchar int vertex_indices\n"
+    text += "element vertex 40\nproperty list ushort short echo\nproperty double x\nproperty double y\n"
+    text += "property double z\nproperty float red\nproperty float green\nproperty float blue\nend_header\n"
+    data = b"".join(struct.pack(f">B{size}i", size, *range(size)) for size in (3, 4, 3, 5, 3, 4))
+    for number, (position, color) in enumerate(zip(CLOUD.positions, CLOUD.colors / 255, strict=True)):
+        size = number % 3
+        data += struct.pack(f">H{size}h3d3f", size, *range(size), *position, *color)
+    return text.encode() + data
+
+
+def ply_ascii() -> bytes:
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    properties += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    return f"ply\nformat ascii 1.0\nelement vertex 40\n{properties}end_header\n{table_of(CLOUD)}\n".encode()
+
+
+def e57() -> bytes:
+    pye57 = pytest.importorskip("pye57")
+    names = ("cartesianX", "cartesianY", "cartesianZ", "colorRed", "colorGreen", "colorBlue")
+    columns = [*CLOUD.positions.T.astype(float), *CLOUD.colors.T]
+    with TemporaryDirectory() as folder:
+        file = pye57.E57(f"{folder}/scan.e57", mode="w")
+        file.write_scan_raw(dict(zip(names, columns, strict=True)))
+        file.close()
+        return Path(folder, "scan.e57").read_bytes()
+
+
+MAKERS: dict[str, Callable[[], bytes]] = {
+    "binary.ply": lambda: encode_ply(CLOUD),
+    "ascii.ply": ply_ascii,
+    "lists.ply": ply_with_lists,
+    "splats.ply": lambda: splat_ply(CLOUD, np.full(40, 0.9)),
+    "binary.pcd": lambda: pcd_of(CLOUD),
+    "compressed.pcd": lambda: pcd_of(CLOUD, "binary_compressed"),
+    "scan.xyz": lambda: table_of(CLOUD).encode(),
+    "scan.pts": lambda: b"40\n" + table_of(CLOUD).encode(),
+    "scan.ptx": lambda: station_text(CLOUD.positions.astype(np.float64), CLOUD.colors, np.eye(3), np.ones(3)).encode(),
+    "scans.zip": lambda: zip_of({"a.ply": encode_ply(CLOUD), "b/c.xyz": b"0 0 0 1 2 3\n1 1 1 4 5 6\n"}),
+    "old.laz": lambda: las_of(CLOUD, 3),
+    "layered.laz": lambda: las_of(CLOUD, 7),
+    "scan.e57": e57,
+}
 # Read without their box, where an error of another kind would only be called a crash.
-APART = {"gltf": (glb(*colored_quad()), glb_of(PaintedBox())), "obj": (OBJ.replace(b"mtllib", b"#"),)}
-HERE = {
-    "ptx": station_text(CLOUD.positions.astype(np.float64), CLOUD.colors, np.eye(3), np.ones(3)).encode(),
-    "splats": splat_ply(CLOUD, np.full(40, 0.9)),
-    "zip": zip_of({"a.ply": encode_ply(HALF), "b/c.xyz": b"0 0 0 1 2 3\n1 1 1 4 5 6\n"}),
+MESHES = {
+    "plain.glb": ("gltf", glb(*colored_quad())),
+    "painted.glb": ("gltf", glb_of(PaintedBox())),
+    "painted.obj": ("obj", obj_files(PaintedBox())["room.obj"].replace(b"mtllib", b"#")),
 }
 changes = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8)
-FEW = ScanOptions(max_points=100_000, max_points_used=500)
+reaches = st.sampled_from((40, 400, 4000, 10**6, -200, -1000))
 
 
 def changed(data: bytes, edits: list[tuple[float, int]], reach: int) -> bytes:
@@ -45,42 +91,91 @@ def changed(data: bytes, edits: list[tuple[float, int]], reach: int) -> bytes:
     return bytes(damaged)
 
 
-reaches = st.sampled_from((40, 400, 4000, 10**6, -200, -1000))
+@pytest.fixture(scope="module")
+def intact() -> dict[str, bytes]:
+    return {name: make() for name, make in MAKERS.items()}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_the_files_are_good_before_they_are_damaged(intact: dict[str, bytes], name: str) -> None:
+    assert len(read(name, intact[name])) >= 40
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None)
-@given(st.sampled_from(sorted(HERE)), changes, reaches)
-def test_a_damaged_scan_is_refused_or_still_a_scan(kind: str, edits: list[tuple[float, int]], reach: int) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scan"
-        path.write_bytes(changed(HERE[kind], edits, reach))
-        with contextlib.suppress(CoreError):
-            read_scan(path, FEW)
+@settings(max_examples=150, deadline=None)
+@given(name=st.sampled_from([name for name in MAKERS if name != "scan.xyz"]), share=st.floats(0, 0.97))
+def test_a_cut_file_is_never_read_as_a_whole_one(intact: dict[str, bytes], name: str, share: float) -> None:
+    with pytest.raises(CoreError):
+        read(name, intact[name][: int(share * len(intact[name]))], max_points_used=500)
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
-@given(st.sampled_from(sorted(HERE)), st.floats(0, 1, exclude_max=True))
-def test_a_scan_cut_short_is_refused_or_still_a_scan(kind: str, share: float) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scan"
-        path.write_bytes(HERE[kind][: int(share * len(HERE[kind]))])
-        with contextlib.suppress(CoreError):
-            read_scan(path, FEW)
-
-
-@pytest.mark.slow
-@settings(max_examples=300, deadline=None)
-@given(st.sampled_from(sorted(APART)), st.integers(0, 1), changes, reaches)
-def test_a_damaged_mesh_is_refused_or_still_a_mesh(
-    kind: str, number: int, edits: list[tuple[float, int]], reach: int
+@settings(max_examples=400, deadline=None)
+@given(name=st.sampled_from(sorted(MAKERS)), edits=changes, reach=reaches)
+def test_changed_bytes_give_a_cloud_or_a_core_error(
+    intact: dict[str, bytes], name: str, edits: list[tuple[float, int]], reach: int
 ) -> None:
-    files = APART[kind]
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scan"
-        path.write_bytes(changed(files[number % len(files)], edits, reach))
-        context = ReadingContext(path, FEW, path.stat().st_size)
+    try:
+        cloud = read(name, changed(intact[name], edits, reach), max_points_used=500)
+    except CoreError as error:
+        said = str(error)
+    else:
+        said = "a whole cloud" if 0 < len(cloud) <= 500 and np.isfinite(cloud.positions).all() else ""
+    assert len(said) > 5
+
+
+@pytest.mark.slow
+@settings(max_examples=300, deadline=None)
+@given(name=st.sampled_from(sorted(MESHES)), edits=changes, reach=reaches)
+def test_a_damaged_mesh_is_refused_or_still_a_mesh(name: str, edits: list[tuple[float, int]], reach: int) -> None:
+    kind, data = MESHES[name]
+    with TemporaryDirectory() as folder:
+        path = Path(folder, name)
+        path.write_bytes(changed(data, edits, reach))
+        context = ReadingContext(path, ScanOptions(max_points=100_000, max_points_used=500), path.stat().st_size)
         with contextlib.suppress(ScanError):
             for _ in READERS[kind](context):
                 pass
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.binary(max_size=300), name=st.sampled_from(["scan.ply", "scan.pcd", "scan.laz", "scan.xyz", "scan"]))
+def test_random_bytes_are_refused(data: bytes, name: str) -> None:
+    starts = {"scan.ply": b"ply\n", "scan.pcd": b"# .PCD v0.7\n", "scan.laz": b"LASF"}
+    with pytest.raises(CoreError):
+        read(name, starts.get(name, b"") + b"\x00" + data)
+
+
+PROPERTY_TYPES = ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"]
+CODES = dict(zip(PROPERTY_TYPES, ["i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"], strict=True))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    extras=st.lists(st.sampled_from(PROPERTY_TYPES), max_size=6),
+    coordinate=st.sampled_from(["float", "double"]),
+    color=st.sampled_from(["uchar", "float", "double", "int"]),
+    order=st.randoms(use_true_random=False),
+    big_endian=st.booleans(),
+)
+def test_any_order_of_any_properties_reads_back(
+    extras: list[str], coordinate: str, color: str, order: Random, big_endian: bool
+) -> None:
+    properties = [(axis, coordinate) for axis in "xyz"] + [(name, color) for name in ("red", "green", "blue")]
+    properties += [(f"extra_{number}", kind) for number, kind in enumerate(extras)]
+    order.shuffle(properties)
+    sign = ">" if big_endian else "<"
+    table = np.zeros(40, [(name, sign + CODES[kind]) for name, kind in properties])
+    for axis, (position, channel) in enumerate(zip("xyz", ("red", "green", "blue"), strict=True)):
+        table[position], table[channel] = CLOUD.positions[:, axis], CLOUD.colors[:, axis]
+    encoding = "binary_big_endian" if big_endian else "binary_little_endian"
+    lines = [
+        f"ply\nformat {encoding} 1.0\nelement vertex 40",
+        *(f"property {kind} {name}" for name, kind in properties),
+    ]
+    data = "\n".join([*lines, "end_header\n"]).encode() + table.tobytes()
+    cloud = read("scan.ply", data)
+    np.testing.assert_array_equal(cloud.positions, CLOUD.positions)
+    np.testing.assert_array_equal(cloud.colors, CLOUD.colors)
+    with pytest.raises(ScanDamagedError):
+        read("scan.ply", data[:-1])

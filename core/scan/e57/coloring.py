@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from panoloc.core.errors import ScanContentError
@@ -89,18 +90,12 @@ class ImageColors:
     def close_gaps(self) -> None:
         """End the first pass: a gap between nearer points becomes as near as they are."""
         for station in self._stations:
-            padded = np.pad(station.depth, ((1, 1), (0, 0)), mode="edge")
-            around = np.stack(
-                [
-                    np.roll(padded, aside, axis=1)[1 + down : 1 + down + _DEPTH_ROWS]
-                    for down in (-1, 0, 1)
-                    for aside in (-1, 0, 1)
-                    if down or aside
-                ]
-            )
-            nearer = around < _HOLE * station.depth
-            behind = nearer.sum(axis=0) >= _MOST_NEIGHBOURS
-            station.depth = np.where(behind, np.where(nearer, around, 0).max(axis=0), station.depth)
+            rows = np.pad(station.depth, ((1, 1), (0, 0)), mode="edge")
+            windows = sliding_window_view(np.pad(rows, ((0, 0), (1, 1)), mode="wrap"), (3, 3))
+            around = windows.reshape(_DEPTH_ROWS, _DEPTH_COLUMNS, 9)
+            nearer = around < _HOLE * station.depth[..., None]
+            is_gap = nearer.sum(axis=-1) >= _MOST_NEIGHBOURS
+            station.depth = np.where(is_gap, np.where(nearer, around, 0).max(axis=-1), station.depth)
 
     def of(self, positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return the colours (n, 3) of points in 0..255, and which points any image shows."""

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.scan.e57.scan_entry import pose_of
+from panoloc.core.errors import ScanDamagedError
+from panoloc.core.geometry.pose import Pose
 
 _BLOBS = {"jpegImage": ".jpg", "pngImage": ".png"}
 _MAX_IMAGE_BYTES = 256 << 20
 _SAME_PLACE_M = 0.01
-# Rows: the axes of the standard's pinhole camera (x right, y up, z backward)
-# in ours (x forward, y left, z up).
+# Rows: the axes of the standard's pinhole camera (x right, y up, z backward) in ours (x forward, y left, z up).
 _PINHOLE_AXES = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
 
@@ -81,28 +81,22 @@ def _is_one_of(position: NDArray[np.float64] | None, places: NDArray[np.float64]
 def _image(node: Any, number: int) -> E57Image | None:
     if node.isDefined("sphericalRepresentation"):
         picture, pinhole = node["sphericalRepresentation"], None
-        if int(picture["imageWidth"].value()) != 2 * int(picture["imageHeight"].value()):
-            return None
+        is_read = int(picture["imageWidth"].value()) == 2 * int(picture["imageHeight"].value())
     elif node.isDefined("pinholeRepresentation"):
         picture = node["pinholeRepresentation"]
         pinhole = _pinhole(picture)
-        if pinhole is None:
-            return None
+        is_read = pinhole is not None
     else:
         return None
-    for blob_name, suffix in _BLOBS.items():
-        if not picture.isDefined(blob_name):
-            continue
-        blob = picture[blob_name]
-        num_bytes = int(blob.byteCount())
-        if not 0 < num_bytes <= _MAX_IMAGE_BYTES:
-            return None
-        name = str(node["name"].value()) if node.isDefined("name") else ""
-        rotation, position = pose_of(node) if node.isDefined("pose") else (None, None)
-        if rotation is not None and pinhole is not None:
-            rotation = rotation @ _PINHOLE_AXES
-        return E57Image(name.strip() or f"image-{number:04}", suffix, num_bytes, pinhole, rotation, position, blob)
-    return None
+    found = [(picture[name], suffix) for name, suffix in _BLOBS.items() if picture.isDefined(name)]
+    if not is_read or not found or not 0 < found[0][0].byteCount() <= _MAX_IMAGE_BYTES:
+        return None
+    blob, suffix = found[0]
+    name = str(node["name"].value()).strip() if node.isDefined("name") else ""
+    rotation, position = pose_of(node) if node.isDefined("pose") else (None, None)
+    if rotation is not None and pinhole is not None:
+        rotation = rotation @ _PINHOLE_AXES
+    return E57Image(name or f"image-{number:04}", suffix, blob.byteCount(), pinhole, rotation, position, blob)
 
 
 def _pinhole(node: Any) -> Pinhole | None:
@@ -118,3 +112,21 @@ def _pinhole(node: Any) -> Pinhole | None:
     if not all(0 <= at <= size for at, size in zip(middle, (width, height), strict=True)):
         return None
     return Pinhole(width, height, focal_m / pixels_m[0], focal_m / pixels_m[1], *middle)
+
+
+def pose_of(node: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return rotation (3, 3) and translation (3,) from a scan's or image's frame to the file's; identity without a pose."""
+    if not node.isDefined("pose"):
+        return np.eye(3), np.zeros(3)
+    pose = node["pose"]
+    position, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    if pose.isDefined("translation"):
+        position = tuple(pose["translation"][axis].value() for axis in "xyz")
+    if pose.isDefined("rotation"):
+        turn = tuple(pose["rotation"][part].value() for part in "xyzw")
+    if not 1e-6 < math.hypot(*turn) < math.inf:
+        raise ScanDamagedError(
+            "A scan or an image of the E57 file has a pose without a rotation. Export the scan again."
+        )
+    found = Pose.from_frame(position, turn, "ros")
+    return found.rotation, found.position

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanContentError, ScanDamagedError
-from panoloc.core.scan.companions import companion
 from panoloc.core.scan.reading_context import ReadingContext
 
 Json = dict[str, Any]
@@ -87,18 +86,16 @@ class GltfFile:
 
     def _view(self, number: Any) -> memoryview:
         view = self.entry("bufferViews", number)
-        data, start, length = self._buffer(view["buffer"]), view.get("byteOffset", 0), view["byteLength"]
+        number, start, length = view["buffer"], view.get("byteOffset", 0), view["byteLength"]
+        buffer = self.entry("buffers", number)
+        if number not in self._buffers:
+            self._buffers[number] = self._referred(buffer["uri"], "buffer") if "uri" in buffer else self._binary
+        data = self._buffers[number]
         if not 0 <= start <= start + length <= len(data):
             raise ScanDamagedError(
                 f"The glTF file places {length:,} bytes at byte {start:,} of a buffer that has {len(data):,}. {CUT_SHORT}"
             )
         return memoryview(data)[start : start + length]
-
-    def _buffer(self, number: Any) -> bytes:
-        buffer = self.entry("buffers", number)
-        if number not in self._buffers:
-            self._buffers[number] = self._referred(buffer["uri"], "buffer") if "uri" in buffer else self._binary
-        return self._buffers[number]
 
     def _referred(self, uri: str, what: str) -> bytes:
         if uri.startswith("data:"):
@@ -109,7 +106,7 @@ class GltfFile:
                 f"The glTF file refers to the {what} {uri[:100]!r} by a URL, and readers fetch nothing. Export it as "
                 "GLB."
             )
-        return companion(self._context, unquote(uri), what).read_bytes()
+        return self._context.companion(unquote(uri), what).read_bytes()
 
 
 def _chunks(data: bytes) -> dict[int, bytes]:

@@ -1,7 +1,7 @@
 """The data of a PLY file, ascii or binary, element by element, in bounded batches."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError
 from panoloc.core.scan.ply.header import PlyElement, PlyHeader
-from panoloc.core.scan.reading_context import CHUNK_ROWS
+from panoloc.core.scan.reading_context import CHUNK_ROWS, stack_columns
 from panoloc.core.scan.text.table import TextBlock, TextLines
 
 _BLOCK_BYTES = 1 << 23
@@ -39,70 +39,86 @@ class PlyBody:
 
     def skip(self, element: PlyElement) -> None:
         """Move behind `element`."""
-        if self._lines is not None:
-            for _ in _iter_lines(self._lines, element):
-                pass
-        elif element.has_lists:
-            for _ in self.iter_list_rows(element):
-                pass
-        else:
-            self._stream.seek(element.count * element.min_row_bytes(is_ascii=False), 1)
-
-    def iter_list_rows(self, element: PlyElement) -> Iterator[list[RowBatch]]:
-        """Yield the rows of an element with lists, block by block; the batches of a block hold its rows in any order."""
-        if self._lines is None:
-            yield from _iter_binary_lists(self._stream, element)
+        if self._lines is None and not element.has_lists:
+            self._stream.seek(element.count * _record_dtype(element, ()).itemsize, 1)
             return
-        element = _as_numbers(element)
-        first_row = 0
-        for block in _iter_lines(self._lines, element):
-            data = block.to_values().tobytes()
-            offsets, lengths, end = _walk_rows(data, element, len(block))
-            # Every row has to begin and end where its line does.
-            found = np.append(offsets, end)
-            expected = np.concatenate([[0], np.cumsum(block.num_values) * np.dtype(_NUMBER).itemsize])
-            wrong = np.flatnonzero(found != expected[: len(found)])
-            if len(wrong) or len(offsets) < len(block):
-                row = int(wrong[0]) - 1 if len(wrong) else len(offsets)
-                raise ScanDamagedError(
-                    f"Line {block.numbers[row]:,} does not fit the lists of the PLY element {element.name!r}: "
-                    f"{block.excerpt(row)}. The file is damaged; export the scan again."
-                )
-            yield list(_gather_batches(data, element, first_row, offsets, lengths))
-            first_row += len(block)
+        for _ in self.iter_rows(element) if self._lines is None else _iter_lines(self._lines, element):
+            pass
 
-    def iter_scalar_rows(self, element: PlyElement, names: list[str]) -> Iterator[NDArray[np.void]]:
-        """Yield structured arrays that hold at least the scalar properties `names`, in the order of the file."""
-        if element.has_lists:
-            for batches in self.iter_list_rows(element):
-                yield _merge_scalars(batches, names)
-        elif self._lines is not None:
-            dtype = _record_dtype(_as_numbers(element), ())
-            for block in _iter_lines(self._lines, element):
-                yield block.to_table(len(element.properties)).view(dtype)[:, 0]
-        else:
-            yield from _iter_binary_rows(self._stream, element)
+    def iter_rows(self, element: PlyElement) -> Iterator[list[RowBatch]]:
+        """Yield the rows of an element block by block; the batches of a block hold its rows in any order."""
+        if self._lines is not None:
+            return _iter_text_rows(self._lines, element)
+        return _iter_binary_lists(self._stream, element) if element.has_lists else _iter_records(self._stream, element)
+
+    def iter_scalars(self, element: PlyElement, names: Sequence[str]) -> Iterator[NDArray[np.void]]:
+        """Yield structured arrays of the scalar properties `names`, in the order of the file."""
+        for batches in self.iter_rows(element):
+            rows = np.concatenate([batch.rows for batch in batches])
+            yield np.concatenate([batch.records[list(names)] for batch in batches])[np.argsort(rows)]
 
 
-def _as_numbers(element: PlyElement) -> PlyElement:
-    """Return the element as its values come from text."""
-    properties = [replace(prop, type=_NUMBER, count_type=prop.count_type and _NUMBER) for prop in element.properties]
-    return replace(element, properties=tuple(properties))
+def convert_colors(rows: NDArray[np.void], element: PlyElement, names: tuple[str, str, str]) -> NDArray[Any]:
+    """Return the raw colours of `rows`, (n, 3) in a type that tells their range apart (see RawChunk)."""
+    declared = element.scalars[names[0]]
+    num_bytes = int(declared[2])
+    if declared[1] == "f" or num_bytes > 2:
+        return stack_columns(rows, names, np.float64)
+    # Some programs call their colour bytes "char" or "short"; nobody means negative colours.
+    unsigned = np.dtype(f"u{num_bytes}")
+    if rows.dtype[names[0]].kind != "f":
+        return stack_columns(rows, names, unsigned)
+    values = stack_columns(rows, names, np.float64)
+    if not np.array_equal(values, np.clip(np.rint(values), 0, np.iinfo(unsigned).max)):
+        raise ScanDamagedError(
+            f"The PLY header declares colours as whole numbers of {num_bytes * 8} bits, but the data holds "
+            f"values from {np.nanmin(values):g} to {np.nanmax(values):g}. Export the scan again."
+        )
+    return values.astype(unsigned)
 
 
 def _iter_lines(lines: TextLines, element: PlyElement) -> Iterator[TextBlock]:
-    num_lines = element.count if element.properties else 0
-    return lines.iter_rows(num_lines, "The PLY header", f"rows of {element.name!r}")
+    count = element.count if element.properties else 0
+    return lines.iter_rows(count, "The PLY header", f"rows of {element.name!r}")
 
 
-def _iter_binary_rows(stream: BinaryIO, element: PlyElement) -> Iterator[NDArray[np.void]]:
+def _iter_text_rows(lines: TextLines, element: PlyElement) -> Iterator[list[RowBatch]]:
+    numbers = [replace(prop, type=_NUMBER, count_type=prop.count_type and _NUMBER) for prop in element.properties]
+    element = replace(element, properties=tuple(numbers))
+    first_row = 0
+    for block in _iter_lines(lines, element):
+        if element.has_lists:
+            yield list(_parse_lists(block, element, first_row))
+        else:
+            records = block.to_table(len(numbers)).view(_record_dtype(element, ()))[:, 0]
+            yield [RowBatch(np.arange(len(records)), records)]
+        first_row += len(block)
+
+
+def _parse_lists(block: TextBlock, element: PlyElement, first_row: int) -> Iterator[RowBatch]:
+    data = block.to_values().tobytes()
+    offsets, lengths, end = _walk_rows(data, element, len(block))
+    # Every row has to begin and end where its line does.
+    found = np.append(offsets, end)
+    expected = np.concatenate([[0], np.cumsum(block.num_values) * np.dtype(_NUMBER).itemsize])
+    wrong = np.flatnonzero(found != expected[: len(found)])
+    if len(wrong) or len(offsets) < len(block):
+        row = int(wrong[0]) - 1 if len(wrong) else len(offsets)
+        raise ScanDamagedError(
+            f"Line {block.numbers[row]:,} does not fit the lists of the PLY element {element.name!r}: "
+            f"{block.excerpt(row)}. The file is damaged; export the scan again."
+        )
+    return _gather_batches(data, element, first_row, offsets, lengths)
+
+
+def _iter_records(stream: BinaryIO, element: PlyElement) -> Iterator[list[RowBatch]]:
     dtype = _record_dtype(element, ())
     for start in range(0, element.count, CHUNK_ROWS):
         num_rows = min(CHUNK_ROWS, element.count - start)
         data = stream.read(num_rows * dtype.itemsize)
         if len(data) < num_rows * dtype.itemsize:
             raise _cut_short_error(element, start + len(data) // dtype.itemsize)
-        yield np.frombuffer(data, dtype)
+        yield [RowBatch(np.arange(num_rows), np.frombuffer(data, dtype))]
 
 
 def _iter_binary_lists(stream: BinaryIO, element: PlyElement) -> Iterator[list[RowBatch]]:
@@ -193,14 +209,3 @@ def _gather_batches(
         rows = np.flatnonzero(groups == number)
         row_bytes = codes[starts[rows][:, None] + np.arange(dtype.itemsize)]
         yield RowBatch(rows + first_row, np.ascontiguousarray(row_bytes).view(dtype)[:, 0])
-
-
-def _merge_scalars(batches: list[RowBatch], names: list[str]) -> NDArray[np.void]:
-    rows = np.concatenate([batch.rows for batch in batches])
-    first_row = rows.min()
-    dtypes = batches[0].records.dtype
-    merged = np.empty(len(rows), [(name, dtypes[name]) for name in names])
-    for batch in batches:
-        for name in names:
-            merged[name][batch.rows - first_row] = batch.records[name]
-    return merged

@@ -7,10 +7,11 @@ from typing import BinaryIO
 from panoloc.core.errors import CUT_SHORT, ScanDamagedError
 from panoloc.core.options import ScanOptions
 
-MAX_HEADER_BYTES = 1 << 20
-MAX_ELEMENTS = 64
-MAX_PROPERTIES = 1024
+_MAX_HEADER_BYTES = 1 << 20
+_MAX_ELEMENTS = 64
+_MAX_PROPERTIES = 1024
 
+POSITION_NAMES = ("x", "y", "z")
 # Names of a type in the notation of numpy, without its byte order.
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -22,6 +23,12 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+_COLOR_NAMES = (
+    ("red", "green", "blue"),
+    ("r", "g", "b"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+    ("scalar_red", "scalar_green", "scalar_blue"),
+)
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -50,31 +57,28 @@ class PlyElement:
     @property
     def has_lists(self) -> bool:
         """Tell whether any property is a list, so that rows differ in size."""
-        return any(prop.count_type is not None for prop in self.properties)
+        return len(self.scalars) < len(self.properties)
 
-    def min_row_bytes(self, is_ascii: bool) -> int:
-        """Return the bytes that a row takes at least; as text, a digit and what follows it per value."""
-        return 2 * len(self.properties) if is_ascii else sum(prop.min_bytes for prop in self.properties)
+    @property
+    def scalars(self) -> dict[str, str]:
+        """Return the types of the properties of one value, by name."""
+        return {prop.name: prop.type for prop in self.properties if prop.count_type is None}
 
-    def min_bytes(self, is_ascii: bool) -> int:
-        """Return the bytes that the whole table takes at least."""
-        return max(self.count * self.min_row_bytes(is_ascii) - int(is_ascii), 0)
+    @property
+    def color_names(self) -> tuple[str, str, str] | None:
+        """Return the names of the properties that are colours, None without any."""
+        return next((names for names in _COLOR_NAMES if self.scalars.keys() >= set(names)), None)
 
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """encoding: "ascii", "binary_little_endian" or "binary_big_endian". size_bytes, num_lines: where the data begins."""
+    """is_ascii: the data are text, one row a line. size_bytes, num_lines: where they begin."""
 
-    encoding: str
+    is_ascii: bool
     elements: tuple[PlyElement, ...]
     comments: tuple[str, ...]
     size_bytes: int
     num_lines: int
-
-    @property
-    def is_ascii(self) -> bool:
-        """Tell whether the data are text, one row a line."""
-        return self.encoding == "ascii"
 
     def element(self, name: str) -> PlyElement | None:
         """Return the element of that name, or None."""
@@ -96,17 +100,19 @@ def read_ply_header(stream: BinaryIO) -> PlyHeader:
         elif keyword == "format" and len(words) == 3 and words[1] in _BYTE_ORDERS and not encoding:
             encoding = words[1]
         elif keyword == "element" and len(words) == 3 and encoding:
-            tables.append((words[1].lower(), _parse_count(words[2], line), []))
+            if not (words[2].isdecimal() and words[2].isascii() and len(words[2]) < 20):
+                raise _header_error(f"the count in {line[:80]!r} is not a positive whole number")
+            tables.append((words[1].lower(), int(words[2]), []))
         elif keyword == "property" and tables:
             _add_property(tables[-1][2], words, _BYTE_ORDERS[encoding], line)
         else:
             raise _header_error(f"line {number} is not understood: {line[:80]!r}")
     if not encoding:
         raise _header_error("there is no 'format ascii|binary_little_endian|binary_big_endian 1.0' line")
-    if len({name for name, _, _ in tables}) < len(tables) or len(tables) > MAX_ELEMENTS:
+    if len({name for name, _, _ in tables}) < len(tables) or len(tables) > _MAX_ELEMENTS:
         raise _header_error("an element is declared twice, or there are too many elements")
     elements = tuple(PlyElement(name, count, tuple(properties)) for name, count, properties in tables)
-    return PlyHeader(encoding, elements, tuple(comments), size_bytes, len(lines) + 1)
+    return PlyHeader(encoding == "ascii", elements, tuple(comments), size_bytes, len(lines) + 1)
 
 
 def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
@@ -114,8 +120,9 @@ def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
     available = size_bytes - header.size_bytes
     needed = 0
     for element in header.elements:
-        row_bytes = element.min_row_bytes(header.is_ascii)
-        needed += element.min_bytes(header.is_ascii)
+        # At least; as text, a digit and what follows it per value, but for the last one of the file.
+        row_bytes = sum(2 if header.is_ascii else prop.min_bytes for prop in element.properties)
+        needed += max(element.count * row_bytes - int(header.is_ascii), 0)
         if needed > available:
             num_found = max(int(element.count - (needed - available) / row_bytes), 0)
             rows = "points" if element.name == "vertex" else f"rows of {element.name!r}"
@@ -130,8 +137,7 @@ def check_file_size(header: PlyHeader, size_bytes: int) -> str | None:
 
 
 def check_ply_file(path: Path, options: ScanOptions) -> None:
-    """Compare the size of a PLY file with its header, without reading the data. Files of other formats pass, and so do
-    headers that are not understood.
+    """Compare the size of a PLY file with its header, without reading the data. Other files and headers pass.
 
     Raises ScanTooLargeError and ScanDamagedError.
     """
@@ -150,26 +156,18 @@ def check_ply_file(path: Path, options: ScanOptions) -> None:
 
 
 def _header_lines(stream: BinaryIO) -> tuple[list[str], int]:
-    start = stream.read(MAX_HEADER_BYTES)
+    start = stream.read(_MAX_HEADER_BYTES)
     # The line end of the first line decides: after "end_header" a binary byte may look like one.
     newline = next((end for end in (b"\r\n", b"\n", b"\r") if start[3:16].lstrip(b" \t").startswith(end)), b"\n")
     lines: list[str] = []
     position = 0
-    while True:
-        end = start.find(newline, position)
-        if end < 0:
-            raise _header_error(f"no 'end_header' line within the first {len(start)} bytes")
+    while (end := start.find(newline, position)) >= 0:
         line = start[position:end].decode("ascii", errors="replace").strip()
         position = end + len(newline)
         if line == "end_header":
             return lines, position
         lines.append(line)
-
-
-def _parse_count(word: str, line: str) -> int:
-    if not (word.isdecimal() and word.isascii() and len(word) < 20):
-        raise _header_error(f"the count in {line[:80]!r} is not a positive whole number")
-    return int(word)
+    raise _header_error(f"no 'end_header' line within the first {len(start)} bytes")
 
 
 def _add_property(properties: list[PlyProperty], words: list[str], byte_order: str, line: str) -> None:
@@ -183,8 +181,8 @@ def _add_property(properties: list[PlyProperty], words: list[str], byte_order: s
     name = words[-1].lower()
     if any(prop.name == name for prop in properties):
         raise _header_error(f"the property {name[:80]!r} is declared twice in one element")
-    if len(properties) >= MAX_PROPERTIES:
-        raise _header_error(f"an element has more than {MAX_PROPERTIES} properties")
+    if len(properties) >= _MAX_PROPERTIES:
+        raise _header_error(f"an element has more than {_MAX_PROPERTIES} properties")
     properties.append(PlyProperty(name, found[-1], found[0] if is_list else None))
 
 

@@ -1,5 +1,6 @@
 """Run a reader in the sandbox, with limits of memory and time."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -7,18 +8,21 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from typing import NoReturn
+from typing import Any, NoReturn
+
+import numpy as np
 
 import panoloc.core.errors
 from panoloc.core.errors import ScanContentError, ScanDamagedError, ScanError
-from panoloc.core.scan.reading_context import RawChunk, ReadingContext
-from panoloc.core.scan.sandbox.limits import SandboxLimits
-from panoloc.core.scan.sandbox.messages import MAX_LINE_BYTES, Message, parse, receive_chunk
+from panoloc.core.scan.reading_context import CHUNK_ROWS, RawChunk, ReadingContext
+from panoloc.core.scan.sandbox.child import SandboxLimits
 
 _READ_BYTES = 1 << 20
+_MAX_LINE_BYTES = 1 << 16
+_COLOR_TYPES = ("|u1", "<u2", "<f8")
 _NEEDED = frozenset({"PATH", "HOME", "LANG", "TMPDIR", "LD_LIBRARY_PATH", "PROJ_DATA", "PROJ_LIB", "MALLOC_ARENA_MAX"})
+_FAMILIES = ("LC_", "PYTHON")
 _SIMPLIFY = "Make the scan simpler (fewer triangles, smaller textures) or split it, and upload it again."
 _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 
@@ -26,7 +30,7 @@ _EXPORT_AGAIN = "The file is damaged or malicious; export the scan again."
 def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits | None = None) -> Iterator[RawChunk]:
     """Yield the chunks of a reader; its notes and its coordinate system reach `context` at the end.
 
-    reader: a format of `panoloc.core.scan.readers.READERS`, or "module:function".
+    reader: a format of `panoloc.core.scan.reading.READERS`, or "module:function".
 
     Raises the reader's own errors; ScanDamagedError when it crashes, ScanContentError when it exceeds `limits`.
     """
@@ -34,7 +38,7 @@ def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits 
     try:
         while (message := sandbox.next_message())["kind"] != "end":
             if message["kind"] == "chunk":
-                yield receive_chunk(message, sandbox.take)
+                yield sandbox.take_chunk(message)
             elif message["kind"] == "note":
                 context.note(str(message["code"]), str(message["message"]), str(message["severity"]))
             else:
@@ -42,11 +46,6 @@ def read_in_sandbox(reader: str, context: ReadingContext, limits: SandboxLimits 
         context.coordinate_system = message.get("coordinate_system")
     finally:
         sandbox.close()
-
-
-def _environment() -> dict[str, str]:
-    """Return the part of the environment that a reader needs: no passwords, no tokens."""
-    return {name: value for name, value in os.environ.items() if name in _NEEDED or name.startswith(("LC_", "PYTHON"))}
 
 
 class _Sandbox:
@@ -59,32 +58,49 @@ class _Sandbox:
             "options": dataclasses.asdict(context.options),
             "limits": dataclasses.asdict(limits),
         }
-        one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        # Only what a reader needs: no passwords, no tokens.
+        environment = {name: text for name, text in os.environ.items() if name in _NEEDED or name.startswith(_FAMILIES)}
+        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         # A session of its own: a terminal's interrupt is for the parent, which then ends the child.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "panoloc.core.scan.sandbox.child", json.dumps(job)],
             stdin=subprocess.PIPE,  # closed by the system when this process dies, which ends the child
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**_environment(), **one_thread, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env={**environment, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,
         )
         assert self._process.stdout is not None
         self._pipe = self._process.stdout.fileno()
         self._pending = bytearray()
 
-    def next_message(self) -> Message:
+    def next_message(self) -> dict[str, Any]:
         """Return the next message. Raises as `read_in_sandbox` does when the process ends or falls silent."""
         while (end := self._pending.find(b"\n")) < 0:
-            if len(self._pending) > MAX_LINE_BYTES:
+            if len(self._pending) > _MAX_LINE_BYTES:
                 raise self._crashed("it wrote no message")
             self._fill()
         line = bytes(self._pending[:end])
         del self._pending[: end + 1]
-        return parse(line)
+        try:
+            message = json.loads(line)
+        except (ValueError, RecursionError):
+            message = None
+        if not isinstance(message, dict) or not isinstance(message.get("kind"), str):
+            raise _nonsense()
+        return message
 
-    def take(self, num_bytes: int) -> bytearray:
-        """Return the next bytes behind a message."""
+    def take_chunk(self, message: dict[str, Any]) -> RawChunk:
+        """Return the chunk that a message announces."""
+        match message:
+            case {"rows": int(rows), "colors": str(colors), "fraction": float(fraction)}:
+                if 0 < rows <= CHUNK_ROWS and colors in _COLOR_TYPES:
+                    positions = np.frombuffer(self._take(rows * 24), np.float64).reshape(rows, 3)
+                    raw = self._take(rows * 3 * np.dtype(colors).itemsize)
+                    return RawChunk(positions, np.frombuffer(raw, colors).reshape(rows, 3), fraction)
+        raise _nonsense()
+
+    def _take(self, num_bytes: int) -> bytearray:
         while len(self._pending) < num_bytes:
             self._fill()
         taken = self._pending[:num_bytes]
@@ -123,9 +139,9 @@ class _Sandbox:
 
     def _ended(self) -> ScanError:
         """Return the error for a process that ended without a message."""
-        deadline = time.monotonic() + 10.0
-        while (code := self._process.poll()) is None and time.monotonic() < deadline:
-            time.sleep(0.01)
+        code: int | None = None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            code = self._process.wait(timeout=10.0)
         # The soft limit of processor time kills with SIGXCPU, the hard one, which is the same, with SIGKILL.
         if code == -signal.SIGXCPU:
             return self._too_slow(self._limits.cpu_s)
@@ -141,3 +157,7 @@ class _Sandbox:
 
     def _crashed(self, how: str) -> ScanError:
         return ScanDamagedError(f"The {self._reader} file cannot be read: its reader failed ({how}). {_EXPORT_AGAIN}")
+
+
+def _nonsense() -> ScanDamagedError:
+    return ScanDamagedError("The reader of the file failed while reading it. Export the scan again.")

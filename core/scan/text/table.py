@@ -3,7 +3,7 @@
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 import numpy as np
@@ -15,7 +15,6 @@ from panoloc.core.scan.reading_context import CHUNK_ROWS
 BLOCK_BYTES = 1 << 22
 _NEWLINE = 10
 _WHITESPACE = np.isin(np.arange(256), np.frombuffer(b" \t\n\v\f\r", np.uint8))
-_PLAIN_SPACES = bytes.maketrans(b"\t\v\f", b"   ")
 # How C runtimes and table programs spell "not a number".
 _MISSING_VALUE = re.compile(rb"(?i)(?<!\S)[-+]?(?:nan\(\w*\)|1\.#\w+|null|none|n/?a)(?!\S)")
 
@@ -46,22 +45,25 @@ class TextBlock:
         """Return the beginning of a line for an error message."""
         return repr(self.line(row)[:60].decode("utf-8", errors="replace"))
 
-    def rows(self, start: int, stop: int) -> "TextBlock":
-        """Return the lines from `start` to `stop` (exclusive) as a block of their own."""
-        kept = slice(start, stop)
-        return TextBlock(
-            self.text, self.begins[kept], self.ends[kept], self.num_values[kept], self.numbers[kept], self.end_offset
-        )
+    def first_bytes(self) -> NDArray[np.uint8]:
+        """Return the first byte of each line, (n,)."""
+        return np.frombuffer(self.text, np.uint8)[self.begins]
 
-    def drop_lines(self, dropped: NDArray[np.bool_]) -> "TextBlock":
-        """Return a block without the marked lines."""
+    def rows(self, chosen: slice | NDArray[np.bool_]) -> "TextBlock":
+        """Return some of the lines as a block of their own."""
+        begins, ends, values, numbers = (
+            array[chosen] for array in (self.begins, self.ends, self.num_values, self.numbers)
+        )
+        return TextBlock(self.text, begins, ends, values, numbers, self.end_offset)
+
+    def without(self, dropped: NDArray[np.bool_]) -> "TextBlock":
+        """Return a block without the marked lines, which become blank."""
         if not dropped.any():
             return self
-        kept = np.flatnonzero(~dropped)
-        pieces = [self.text[self.begins[row] : self.ends[row]] for row in kept]
-        ends = np.cumsum([len(piece) for piece in pieces], dtype=np.int64)
-        begins = np.concatenate([np.zeros(1, np.int64), ends])[: len(pieces)]
-        return TextBlock(b"".join(pieces), begins, ends, self.num_values[kept], self.numbers[kept], self.end_offset)
+        text = bytearray(self.text)
+        for begin, end in zip(self.begins[dropped].tolist(), self.ends[dropped].tolist(), strict=True):
+            text[begin:end] = b" " * (end - begin)
+        return replace(self, text=bytes(text)).rows(~dropped)
 
     def to_table(self, num_columns: int) -> NDArray[np.float64]:
         """Parse all lines as (n, num_columns) float64; raise ScanDamagedError naming the first line that differs."""
@@ -74,8 +76,7 @@ class TextBlock:
                 f"Line {self.numbers[row]:,} has {self.num_values[row]} values, expected {num_columns}: "
                 f"{self.excerpt(row)}. The file is damaged or truncated; export the scan again."
             )
-        values = self.to_values()
-        return values.reshape(len(self), num_columns)
+        return self.to_values().reshape(len(self), num_columns)
 
     def to_values(self) -> NDArray[np.float64]:
         """Parse every value of all lines as one flat float64 array."""
@@ -102,17 +103,15 @@ class TextBlock:
 class TextLines:
     """The lines of a stream from its current position on, block by block.
 
-    separators: bytes that part values beside white space. Raises ScanDamagedError for a line longer than a block.
+    table: what `substitutions` returns. Raises ScanDamagedError for a line longer than a block.
     """
 
-    def __init__(self, stream: BinaryIO, first_line: int = 1, separators: bytes = b"", decimal_comma: bool = False):
+    def __init__(self, stream: BinaryIO, first_line: int = 1, table: bytes | None = None):
         self._stream = stream
         self._next_line = first_line
         self._pending: TextBlock | None = None
         self._rest = b""
-        self._substitutions = _PLAIN_SPACES.translate(bytes.maketrans(separators, b" " * len(separators)))
-        if decimal_comma:
-            self._substitutions = self._substitutions.translate(bytes.maketrans(b",", b"."))
+        self._table = table or substitutions()
 
     def take(self, max_lines: int) -> TextBlock | None:
         """Return the next block of at most `max_lines` lines that are not blank, or None at the end of the file."""
@@ -121,7 +120,7 @@ class TextLines:
             if not text:
                 return None
             self._pending = self._split(text)
-        block, self._pending = self._pending.rows(0, max_lines), self._pending.rows(max_lines, len(self._pending))
+        block, self._pending = self._pending.rows(slice(max_lines)), self._pending.rows(slice(max_lines, None))
         return block
 
     def iter_rows(self, count: int, announcer: str, what: str) -> Iterator[TextBlock]:
@@ -157,7 +156,7 @@ class TextLines:
             text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         if not text.endswith(b"\n"):
             text += b"\n"
-        text = text.translate(self._substitutions)
+        text = text.translate(self._table)
         codes = np.frombuffer(text, np.uint8)
         ends = np.flatnonzero(codes == _NEWLINE) + 1
         begins = np.concatenate([[0], ends[:-1]])
@@ -169,6 +168,21 @@ class TextLines:
         self._next_line += len(ends)
         filled = num_values > 0
         return TextBlock(text, begins[filled], ends[filled], num_values[filled], numbers[filled], self._stream.tell())
+
+
+def substitutions(separators: bytes = b"", decimal_comma: bool = False) -> bytes:
+    """Return the table for `bytes.translate` that leaves numbers parted by spaces alone."""
+    spaces = b"\t\v\f" + separators
+    return bytes.maketrans(spaces + b"," * decimal_comma, b" " * len(spaces) + b"." * decimal_comma)
+
+
+def is_number(word: str | bytes) -> bool:
+    """Tell whether a word is a number as text files write it."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return not isinstance(word, bytes) or b"_" not in word
 
 
 def parse_numbers(text: bytes) -> NDArray[np.float64] | None:

@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import ExportRefusedError
-from panoloc.core.exports.earth.jpeg_xmp import with_fields, xmp_of
 from panoloc.core.exports.formats import EXPORTERS, export, north_of
+from panoloc.core.exports.gpano import with_fields, xmp_of
 from panoloc.core.exports.tour import LeftOut, Tour
 from panoloc.core.options import ExportFormat
 from panoloc.core.panorama.gpano import crop_fields
@@ -22,7 +22,8 @@ from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 from tests.core.exports.readers import READERS
-from tests.core.exports.tours import GOLDEN, LARGE, golden_tour, jpeg, rotation_of, written
+from tests.core.exports.tours import GOLDEN, LARGE, document_of, golden_tour, jpeg, rotation_of, written
+from tests.core.scan.e57_files import add_scan, buffers_of
 
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 
@@ -73,7 +74,7 @@ def test_a_photo_that_is_no_sphere_is_left_out_of_what_holds_spheres_and_kept_wh
     tour = golden_tour(tmp_path)
     tour = replace(tour, photos=(*tour.photos, replace(tour.photos[0], name="phone.jpg", is_sphere=False)))
     for name in FORMATS:
-        summary = json.loads((written(name, tour, tmp_path / name) / "export.json").read_text())
+        summary = document_of(name, tour, tmp_path / name)
         assert summary["num_photos"] == (1 if EXPORTERS[name].spheres_only else 2), name
     (node,) = [
         node for node in pygltflib.GLTF2().load(str(tmp_path / "gltf" / "tour.gltf")).nodes if "phone" in node.name
@@ -97,7 +98,7 @@ def test_what_a_format_cannot_hold_is_left_out_with_its_reason(
 ) -> None:
     tour = golden_tour(tmp_path)
     tour = replace(tour, photos=(replace(tour.photos[0], **change),))  # type: ignore[arg-type]
-    summary = json.loads((written(name, tour, tmp_path / "out") / "export.json").read_text())
+    summary = document_of(name, tour, tmp_path / "out")
     assert summary["num_photos"] == 0
     assert reason in summary["left_out"][0]["reason"]
 
@@ -114,7 +115,7 @@ def test_photos_whose_names_differ_little_stay_different_photos(tmp_path: Path) 
         cut = {str(path.relative_to(rig / "images" / face)) for path in (rig / "images" / face).rglob("*.jpg")}
         assert cut == {line.split("; ")[0] for line in (rig / "names.csv").read_text().splitlines()[1:]}
         assert len(cut) == len(names)
-    images = json.loads((written("stac", tour, tmp_path / "stac") / "items.json").read_text())["features"]
+    images = document_of("stac", tour, tmp_path / "stac", "items.json")["features"]
     assert len({item["id"].lower() for item in images}) == len(names)
     assert [item["assets"]["image"]["href"] for item in images] == list(names)
     cameras = ElementTree.parse(written("metashape", tour, tmp_path / "metashape") / "cameras.xml").findall(".//camera")
@@ -171,7 +172,7 @@ def test_gpano_replaces_what_a_camera_wrote_of_its_pose_and_keeps_the_rest_of_it
 
 @pytest.mark.slow
 def test_items_of_stac_are_valid_by_the_schema_of_stac_itself(tmp_path: Path) -> None:
-    (item,) = json.loads((written("stac", golden_tour(), tmp_path) / "items.json").read_text())["features"]
+    (item,) = document_of("stac", golden_tour(), tmp_path, "items.json")["features"]
     core_only = {**item, "stac_extensions": []}  # those of extensions are fetched from the network
     assert pystac.Item.from_dict(core_only).validate()
     properties = item["properties"]
@@ -250,46 +251,32 @@ def test_the_scans_of_an_e57_come_out_as_they_went_in_with_photos_beside_them(tm
 def test_fields_of_every_kind_of_node_survive(tmp_path: Path) -> None:
     from pye57 import E57, libe57
 
-    name = "fields.e57"
-    file = E57(str(tmp_path / name), mode="w")
+    file = E57(str(tmp_path / "fields.e57"), mode="w")
     image_file = file.image_file
     image_file.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
-    scan, prototype = libe57.StructureNode(image_file), libe57.StructureNode(image_file)
-    prototype.set("sphericalRange", libe57.FloatNode(image_file, 0.0, libe57.E57_DOUBLE))
-    prototype.set("sphericalAzimuth", libe57.ScaledIntegerNode(image_file, 0, -4_000_000, 4_000_000, 1e-6, 0.0))
-    prototype.set("timeStamp", libe57.IntegerNode(image_file, 0, 0, 2**53))
-    prototype.set("nor:normalX", libe57.FloatNode(image_file, 0.0, libe57.E57_SINGLE, -1.0, 1.0))
+    kinds = {
+        "sphericalAzimuth": libe57.ScaledIntegerNode(image_file, 0, -4_000_000, 4_000_000, 1e-6, 0.0),
+        "timeStamp": libe57.IntegerNode(image_file, 0, 0, 2**53),
+        "nor:normalX": libe57.FloatNode(image_file, 0.0, libe57.E57_SINGLE, -1.0, 1.0),
+    }
     columns = {
         "sphericalRange": np.linspace(0.1, 9, 7),
         "sphericalAzimuth": np.arange(-3, 4) * 0.123456,
         "timeStamp": 2.0**53 - np.arange(7),
         "nor:normalX": np.linspace(-1, 1, 7),
     }
-    scan.set("guid", libe57.StringNode(image_file, "{one}"))
-    points = libe57.CompressedVectorNode(image_file, prototype, libe57.VectorNode(image_file, True))
-    scan.set("points", points)
-    file.data3d.append(scan)
-    buffers = libe57.VectorSourceDestBuffer()
-    for field, column in columns.items():
-        buffers.append(libe57.SourceDestBuffer(image_file, field, column, 7, True, True))
-    writer = points.writer(buffers)
-    writer.write(7)
-    writer.close()
+    add_scan(file, columns, kinds, guid="{one}")
     file.close()
-    tour = replace(golden_tour(tmp_path), survey=tmp_path / name)
+    tour = replace(golden_tour(tmp_path), survey=tmp_path / "fields.e57")
     out = E57(str(written("e57", tour, tmp_path / "out") / "tour.e57"))
     copied = out.root["data3D"][0]
     assert copied["guid"].value() == "{one}"
     found = {field: np.zeros(7) for field in columns}
-    buffers = libe57.VectorSourceDestBuffer()
-    for field, column in found.items():
-        buffers.append(libe57.SourceDestBuffer(out.image_file, field, column, 7, True, True))
-    reader = copied["points"].reader(buffers)
+    reader = copied["points"].reader(buffers_of(out.image_file, found))
     assert reader.read() == 7
     for field, column in columns.items():
-        np.testing.assert_allclose(
-            found[field], column, rtol=0, atol=6e-8 if field.startswith("nor") else 0, err_msg=field
-        )
+        atol = 6e-8 if field.startswith("nor") else 0
+        np.testing.assert_allclose(found[field], column, rtol=0, atol=atol, err_msg=field)
     reader.close()
     out.close()
 

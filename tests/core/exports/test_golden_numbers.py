@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.frames import earth_pose
 from panoloc.core.exports.robots import RADIUS_PER_SIGMA
 from panoloc.core.geometry.pose import quaternion_of
 from panoloc.core.options import ExportFormat
@@ -23,6 +23,7 @@ from tests.core.exports.tours import (
     PIXEL,
     POINT,
     WIDTH,
+    document_of,
     golden_tour,
     jpeg,
     written,
@@ -47,7 +48,7 @@ def files(name: ExportFormat, folder: Path) -> Path:
 
 
 def document(name: ExportFormat, file: str, folder: Path) -> Any:
-    return json.loads((files(name, folder) / file).read_text())
+    return document_of(name, golden_tour(folder), folder / "out", file)
 
 
 def test_the_golden_pose_is_the_one_of_the_specification() -> None:

@@ -1,7 +1,6 @@
 """Maps in a projected coordinate system: grid angles where formats name the grid, true north where they do not."""
 
 import csv
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from panoloc.core.exports.tour import Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ExportFormat
 from tests.core.exports.readers import GL, READERS
-from tests.core.exports.tours import GOLDEN, golden_tour, written
+from tests.core.exports.tours import GOLDEN, document_of, golden_tour, written
 
 UTM = "EPSG:25832"
 AT = np.array([291_250.25, 5_612_480.5, 212.75])
@@ -40,7 +39,7 @@ def true_heading_deg() -> float:
 
 
 def feature(name: ExportFormat, file: str, tour: Tour, folder: Path) -> dict[str, Any]:
-    (found,) = json.loads((written(name, tour, folder / name) / file).read_text())["features"]
+    (found,) = document_of(name, tour, folder / name, file)["features"]
     return dict(found)
 
 

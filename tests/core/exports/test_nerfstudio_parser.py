@@ -19,7 +19,7 @@ from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
-from tests.core.exports.tours import GOLDEN, LARGE, PIXEL, POINT, golden_tour, jpeg, written
+from tests.core.exports.tours import GOLDEN, LARGE, PIXEL, POINT, document_of, golden_tour, jpeg, written
 
 CAMERA_MODELS = {"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "EQUIRECTANGULAR"}
 INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy")
@@ -98,7 +98,7 @@ def test_distances_in_the_parsers_world_are_those_of_the_map_times_its_scale(tmp
 
 
 def test_a_survey_leaves_without_its_offset_and_says_so(tmp_path: Path) -> None:
-    document = json.loads((written("nerfstudio", tour_at(LARGE, tmp_path), tmp_path) / "transforms.json").read_text())
+    document = document_of("nerfstudio", tour_at(LARGE, tmp_path), tmp_path, "transforms.json")
     at = np.array(document["frames"][0]["transform_matrix"])[:3, 3]
     np.testing.assert_allclose(at + document["map_offset_m"], GOLDEN.position + LARGE, atol=1e-8)
     assert np.abs(at).max() < 10

@@ -1,6 +1,5 @@
 """A point of the map lands on its pixel by the projection of each target itself."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,11 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from panoloc.core.exports.reconstruction.colmap_rig import FACES, cut_face, face_size, turned
+from panoloc.core.exports.colmap import FACES, cut_face, face_size, turned
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from tests.core.exports.readers import GL
-from tests.core.exports.tours import GOLDEN, HEIGHT, PIXEL, POINT, WIDTH, golden_tour, written
+from tests.core.exports.tours import GOLDEN, HEIGHT, PIXEL, POINT, WIDTH, document_of, golden_tour, written
 
 
 def test_colmap_projects_a_point_of_the_map_to_its_pixel(tmp_path: Path) -> None:
@@ -65,38 +64,13 @@ def test_what_a_face_shows_is_what_the_panorama_shows_in_its_direction() -> None
             np.testing.assert_allclose(shown[r, c], ray / np.linalg.norm(ray), atol=0.012, err_msg=face)
 
 
-def test_opensfm_sees_a_point_at_its_image_coordinates(tmp_path: Path) -> None:
-    (reconstruction,) = json.loads((written("opensfm", golden_tour(), tmp_path) / "reconstruction.json").read_text())
-    shot = reconstruction["shots"]["pano.jpg"]
-    vector = np.array(shot["rotation"])
-    angle = np.linalg.norm(vector)
-    axis = vector / angle
-    turned_point = (
-        POINT * np.cos(angle) + np.cross(axis, POINT) * np.sin(angle) + axis * (axis @ POINT) * (1 - np.cos(angle))
-    )
-    x, y, z = turned_point + shot["translation"]
-    u, v = np.arctan2(x, z) / (2 * np.pi), -np.arctan2(-y, np.hypot(x, z)) / (2 * np.pi)
-    assert (u, v) == pytest.approx((0.002142422, 0.004371152), abs=1e-9)
-
-
-def test_nerfstudio_sees_a_point_at_its_pixel(tmp_path: Path) -> None:
-    """Its rays: theta = −π (0.5 + u) … in a camera of right, up, backward: (−sin θ sin φ, cos φ, −cos θ sin φ)."""
-    (frame,) = json.loads((written("nerfstudio", golden_tour(), tmp_path) / "transforms.json").read_text())["frames"]
-    matrix = np.array(frame["transform_matrix"])
-    u, v = (PIXEL[0] - WIDTH / 2) / (WIDTH / 2), (PIXEL[1] - HEIGHT / 2) / HEIGHT
-    theta, phi = -np.pi * u, np.pi * (0.5 + v)
-    ray = matrix[:3, :3] @ [-np.sin(theta) * np.sin(phi), np.cos(phi), -np.cos(theta) * np.sin(phi)]
-    direction = (POINT - matrix[:3, 3]) / np.linalg.norm(POINT - matrix[:3, 3])
-    np.testing.assert_allclose(ray, direction, atol=1e-8)
-
-
 def test_three_js_draws_a_point_in_the_middle_of_a_gltf_camera_that_looks_at_it(tmp_path: Path) -> None:
     """A photo turned so that its centre shows the point: the camera of its node looks along −z, with y up."""
     forward = (POINT - GOLDEN.position) / np.linalg.norm(POINT - GOLDEN.position)
     left = np.cross([0, 0, 1], forward) / np.linalg.norm(np.cross([0, 0, 1], forward))
     pose = Pose(np.stack([forward, left, np.cross(forward, left)], axis=1), GOLDEN.position)
     tour = Tour("map_1", (PlacedPhoto("pano.jpg", pose, WIDTH, HEIGHT),))
-    (node,) = json.loads((written("gltf", tour, tmp_path) / "tour.gltf").read_text())["nodes"]
+    (node,) = document_of("gltf", tour, tmp_path, "tour.gltf")["nodes"]
     x, y, z, w = node["rotation"]
     world = np.array([POINT[0], POINT[2], -POINT[1]]) - node["translation"]
     vector = -np.array([x, y, z])

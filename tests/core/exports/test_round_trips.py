@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.exports.formats import EXPORTERS
-from panoloc.core.exports.geodesy import earth_pose
+from panoloc.core.exports.frames import earth_pose
 from panoloc.core.exports.tour import Georeference, Tour
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from tests.core.exports.readers import READERS

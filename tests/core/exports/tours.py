@@ -1,7 +1,9 @@
 """Tours with known poses: the golden one of the formats, and many turned every way."""
 
 import io
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -97,3 +99,8 @@ def written(format_name: ExportFormat, tour: Tour, folder: Path) -> Path:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.content if isinstance(file.content, bytes) else file.content.read_bytes())
     return folder
+
+
+def document_of(format_name: ExportFormat, tour: Tour, folder: Path, file: str = "export.json") -> Any:
+    """Write an export into a folder, and return one of its documents of JSON."""
+    return json.loads((written(format_name, tour, folder) / file).read_text())

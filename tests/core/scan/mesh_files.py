@@ -12,6 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
+from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.painted_box import PaintedBox
 
 Array = NDArray[np.float64]
@@ -39,6 +40,32 @@ def walls_of(box: PaintedBox) -> list[Wall]:
         texels = (shares * (len(picture) - 1) + 0.5) / len(picture)  # row by the first axis, column by the second
         walls.append(Wall(corners, texels[:, ::-1], picture))
     return walls
+
+
+def assert_mixed(cloud: PointCloud) -> None:
+    """The points lie on a floor of 4 x 3 m; colours are mixed between corners that are red, green and blue."""
+    low, high = cloud.bounds
+    np.testing.assert_allclose([*low, *high], [0, 0, 0, 4, 3, 0], atol=0.1)
+    x, y = cloud.positions[:, 0] / 4, cloud.positions[:, 1] / 3
+    lower = y < x  # the triangle of the three corners
+    np.testing.assert_allclose(cloud.colors[lower, 0], 255 * (1 - x[lower]), atol=8)
+    np.testing.assert_allclose(cloud.colors[lower, 2], 255 * y[lower], atol=8)
+
+
+def assert_painted(cloud: PointCloud, box: PaintedBox, worst: float = 6.0) -> None:
+    """The points lie on the walls, evenly, and have their colours but for what lies between two pixels."""
+    size = np.array(box.size_m)
+    positions = cloud.positions.astype(np.float64) + cloud.origin_offset
+    gaps = np.minimum(np.abs(positions), np.abs(positions - size))
+    assert gaps.min(axis=1).max() < 0.03
+    away = np.sort(gaps, axis=1)[:, 1] > 0.1  # a voxel at an edge holds points of two walls
+    off = np.abs(cloud.colors.astype(float) - box.color_at(positions))[away]
+    assert off.mean() < worst, off.mean()
+    per_wall = [
+        np.count_nonzero(np.abs(positions[:, face % 3] - (face // 3) * size[face % 3]) < 1e-3) for face in range(6)
+    ]
+    areas = [size.prod() / size[face % 3] for face in range(6)]
+    np.testing.assert_allclose(np.array(per_wall) / np.sum(per_wall), np.array(areas) / np.sum(areas), rtol=0.1)
 
 
 def y_up(points: Array) -> Array:

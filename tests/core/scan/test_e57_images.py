@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,16 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import ScanContentError
-from panoloc.core.exports.axes import quaternion_wxyz
-from panoloc.core.exports.reconstruction.colmap_rig import FACES, cut_face, turned
+from panoloc.core.exports.colmap import FACES, cut_face, turned
+from panoloc.core.exports.frames import quaternion_wxyz
 from panoloc.core.exports.tour import PlacedPhoto, Tour
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.e57.__main__ import REFUSED, main
 from panoloc.core.scan.reading import read_scan
 from tests.core.exports.tours import written
 from tests.core.painted_box import PaintedBox, rotation_of
+from tests.core.scan.e57_files import CARTESIAN, pose_node, structure
+from tests.core.scan.scan_files import codes_of
 
 pye57 = pytest.importorskip("pye57")
 
@@ -40,7 +43,7 @@ def without_colors(path: Path, positions: np.ndarray) -> Path:
 
 def add_points(file: Any, positions: np.ndarray) -> None:
     shift = np.floor(positions.min(axis=0))
-    columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), (positions - shift).T, strict=True))
+    columns = dict(zip(CARTESIAN, (positions - shift).T, strict=True))
     file.write_scan_raw(columns, name="station", rotation=np.array([1.0, 0, 0, 0]), translation=shift)
 
 
@@ -70,17 +73,6 @@ def painted_survey(folder: Path, offset: np.ndarray) -> Path:
     return survey(folder, BOX.scan(24_000).positions.astype(np.float64) + offset, photos)
 
 
-@pytest.mark.slow
-def test_points_get_the_colours_of_the_panoramas_that_see_them(tmp_path: Path) -> None:
-    cloud = read_scan(painted_survey(tmp_path, LARGE))
-    assert "colored_by_images" in {note.code for note in cloud.diagnostics}
-    assert len(cloud) > 0.97 * 24_000
-    at = cloud.positions.astype(np.float64) + cloud.origin_offset - LARGE
-    difference = np.abs(cloud.colors.astype(int) - BOX.color_at(at)).max(axis=1)
-    assert np.median(difference) <= 4
-    assert np.mean(difference < 40) > 0.9  # pixels at the edges of pictures show what is beside
-
-
 def cube_survey(folder: Path, offset: np.ndarray, size: int = 256) -> Path:
     """Write points without colours, and six faces of a cube per station, all of one name."""
     path = folder / "cubes.e57"
@@ -96,50 +88,38 @@ def cube_survey(folder: Path, offset: np.ndarray, size: int = 256) -> Path:
 
 
 def _add_pinhole(file: Any, name: str, pose: Pose, colors: np.ndarray, has_pose: bool = True) -> None:
-    """Add a pinhole image of 90 degrees with the axes of ASTM E2807: x right, y up, z backward; its pose may be left unsaid."""
-    libe57, image_file = pye57.libe57, file.image_file
-    data = np.frombuffer(png(colors), np.uint8).copy()
-
-    def structure(**children: Any) -> Any:
-        node = libe57.StructureNode(image_file)
-        for child, value in children.items():
-            node.set(child, libe57.FloatNode(image_file, value) if isinstance(value, float) else value)
-        return node
-
+    """Add a pinhole image of 90 degrees, axes by ASTM E2807: x right, y up, z backward; its pose may be left unsaid."""
+    image_file, data, size = file.image_file, np.frombuffer(png(colors), np.uint8).copy(), len(colors)
     right_up_back = np.stack([-pose.rotation[:, 1], pose.rotation[:, 2], -pose.rotation[:, 0]], axis=1)
-    turn, size = quaternion_wxyz(right_up_back), len(colors)
-    rotation = structure(**dict(zip("wxyz", map(float, turn), strict=True)))
-    position = structure(**dict(zip("xyz", map(float, pose.position), strict=True)))
     picture = structure(
-        pngImage=libe57.BlobNode(image_file, len(data)),
-        imageWidth=libe57.IntegerNode(image_file, size),
-        imageHeight=libe57.IntegerNode(image_file, size),
+        image_file,
+        pngImage=pye57.libe57.BlobNode(image_file, len(data)),
+        imageWidth=size,
+        imageHeight=size,
         focalLength=0.01,
         pixelWidth=0.02 / size,
         pixelHeight=0.02 / size,
         principalPointX=size / 2,
         principalPointY=size / 2,
     )
+    posed = {"pose": pose_node(image_file, quaternion_wxyz(right_up_back), pose.position.tolist())} if has_pose else {}
     images = file.root["images2D"]
-    images.append(
-        structure(
-            guid=libe57.StringNode(image_file, f"{len(images)}"),
-            name=libe57.StringNode(image_file, name),
-            pinholeRepresentation=picture,
-            **({"pose": structure(rotation=rotation, translation=position)} if has_pose else {}),
-        )
-    )
+    images.append(structure(image_file, guid=f"{len(images)}", name=name, pinholeRepresentation=picture, **posed))
     images[len(images) - 1]["pinholeRepresentation"]["pngImage"].write(data, 0, len(data))
 
 
 @pytest.mark.slow
-def test_faces_of_cubes_colour_points_as_panoramas_do(tmp_path: Path) -> None:
-    cloud = read_scan(cube_survey(tmp_path, LARGE))
+@pytest.mark.parametrize(("make", "median"), [(painted_survey, 4), (cube_survey, 6)])
+def test_points_get_the_colours_of_the_panoramas_or_cube_faces_that_see_them(
+    tmp_path: Path, make: Callable[[Path, np.ndarray], Path], median: int
+) -> None:
+    cloud = read_scan(make(tmp_path, LARGE))
+    assert "colored_by_images" in codes_of(cloud)
     assert len(cloud) > 0.97 * 24_000
     at = cloud.positions.astype(np.float64) + cloud.origin_offset - LARGE
     difference = np.abs(cloud.colors.astype(int) - BOX.color_at(at)).max(axis=1)
-    assert np.median(difference) <= 6
-    assert np.mean(difference < 40) > 0.9
+    assert np.median(difference) <= median
+    assert np.mean(difference < 40) > 0.9  # pixels at the edges of pictures show what is beside
 
 
 @pytest.mark.slow
@@ -150,16 +130,10 @@ def test_faces_of_cubes_come_out_with_their_cameras(tmp_path: Path, capsys: pyte
     cameras = json.loads((folder / "cameras.json").read_text())
     assert sorted(cameras) == sorted(file.name for file in folder.glob("*.png"))
     assert len(cameras) == 12
+    sizes = {"width_px": 64, "height_px": 64, "cx_px": 32, "cy_px": 32, "fx_px": 32, "fy_px": 32}
     for camera in cameras.values():
-        assert camera == {
-            "model": "pinhole",
-            "width_px": 64,
-            "height_px": 64,
-            "cx_px": 32.0,
-            "cy_px": 32.0,
-            "fx_px": pytest.approx(32.0),
-            "fy_px": pytest.approx(32.0),
-        }
+        assert camera.pop("model") == "pinhole"
+        assert camera == pytest.approx(sizes)
 
 
 @pytest.mark.slow

@@ -1,50 +1,40 @@
 """The content decides which format a file has; its name is only the second sign."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from panoloc.core.errors import ScanDamagedError, ScanFormatError
-from panoloc.core.options import ScanOptions
 from panoloc.core.scan.format_detection import extension_of
 from panoloc.core.scan.ply.writer import encode_ply
-from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.core.scan.reading import read_scan
-
-ScanFile = Callable[[str, bytes | str], Path]
+from tests.core.scan.scan_files import CLOUD, read
 
 
 @pytest.mark.parametrize("name", ["scan.las", "scan.PCD", "scan.xyz", "scan.jpg"])
-def test_a_wrong_extension_is_resolved_by_the_content_and_said(
-    cloud: PointCloud, scan_file: ScanFile, name: str
-) -> None:
-    read = read_scan(scan_file(name, encode_ply(cloud)))
-    np.testing.assert_array_equal(read.positions, cloud.positions)
-    assert read.diagnostics[0].code == "extension_mismatch"
-    assert read.diagnostics[0].severity == "warning"
-    assert "PLY" in read.diagnostics[0].message
+def test_a_wrong_extension_is_resolved_by_the_content_and_said(name: str) -> None:
+    found = read(name, encode_ply(CLOUD))
+    np.testing.assert_array_equal(found.positions, CLOUD.positions)
+    assert found.diagnostics[0].code == "extension_mismatch"
+    assert found.diagnostics[0].severity == "warning"
+    assert "PLY" in found.diagnostics[0].message
 
 
 @pytest.mark.parametrize("name", ["scan.ply", "SCAN.PLY", "scan"])
-def test_a_fitting_extension_or_none_needs_no_remark(cloud: PointCloud, scan_file: ScanFile, name: str) -> None:
-    path = scan_file(name, encode_ply(cloud))
-    assert read_scan(path, ScanOptions(format="ply")).diagnostics == ()
-    assert read_scan(path).diagnostics == ()
+def test_a_fitting_extension_or_none_needs_no_remark(name: str) -> None:
+    assert read(name, encode_ply(CLOUD), format="ply").diagnostics == ()
+    assert read(name, encode_ply(CLOUD)).diagnostics == ()
 
 
 @pytest.mark.parametrize("name", ["scan.ply", "scan.pcd", "scan.las", "scan.laz", "scan.e57"])
-def test_text_under_a_binary_name_is_an_unresolved_disagreement(scan_file: ScanFile, name: str) -> None:
+def test_text_under_a_binary_name_is_an_unresolved_disagreement(name: str) -> None:
     with pytest.raises(ScanFormatError, match=rf"named \.{name[-3:]}.*plain text"):
-        read_scan(scan_file(name, "0 0 0 1 2 3\n1 1 1 4 5 6\n"))
+        read(name, "0 0 0 1 2 3\n1 1 1 4 5 6\n")
 
 
-def test_the_format_option_stands_in_for_a_missing_extension(scan_file: ScanFile) -> None:
-    path = scan_file("upload", "0 0 0 1 2 3\n1 1 1 4 5 6\n")
-    assert len(read_scan(path, ScanOptions(format=".xyz"))) == 2
+def test_the_format_option_stands_in_for_a_missing_extension() -> None:
+    text = "0 0 0 1 2 3\n1 1 1 4 5 6\n"
+    assert len(read("upload", text, format=".xyz")) == 2
     with pytest.raises(ScanFormatError, match=r"named \.ply.*plain text"):
-        read_scan(path, ScanOptions(format=".ply"))
+        read("upload", text, format=".ply")
 
 
 @pytest.mark.parametrize(
@@ -57,21 +47,21 @@ def test_the_format_option_stands_in_for_a_missing_extension(scan_file: ScanFile
         (b"\x00\x01\x02\x03", "unknown binary data"),
     ],
 )
-def test_other_files_are_named(scan_file: ScanFile, start: bytes, said: str) -> None:
+def test_other_files_are_named(start: bytes, said: str) -> None:
     for name in ("scan.ply", "scan.xyz", "scan"):
         with pytest.raises(ScanFormatError, match=said):
-            read_scan(scan_file(name, start + bytes(100)))
+            read(name, start + bytes(100))
 
 
-def test_an_empty_file_is_said_to_be_empty(scan_file: ScanFile) -> None:
+def test_an_empty_file_is_said_to_be_empty() -> None:
     with pytest.raises(ScanDamagedError, match=r"empty \(0 bytes\)"):
-        read_scan(scan_file("scan.ply", b""))
+        read("scan.ply", b"")
 
 
 @pytest.mark.parametrize("content", [b"\n\n\n", b" ", b"\xef\xbb\xbf", b"\r"])
-def test_white_space_is_not_a_scan(scan_file: ScanFile, content: bytes) -> None:
+def test_white_space_is_not_a_scan(content: bytes) -> None:
     with pytest.raises(ScanFormatError):
-        read_scan(scan_file("scan.xyz", content))
+        read("scan.xyz", content)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """OBJ models with vertex colours, or with materials and textures beside them."""
 
 import io
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +8,10 @@ import pytest
 from PIL import Image
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.options import ScanOptions
-from panoloc.core.scan.obj.materials import read_materials
-from panoloc.core.scan.reading import read_scan
-from tests.core.scan.mesh_files import zip_of
+from panoloc.core.scan.obj import read_materials
+from tests.core.scan.mesh_files import assert_mixed, zip_of
+from tests.core.scan.scan_files import read
 
-ScanFile = Callable[[str, bytes | str], Path]
 FLOOR = """# four corners with colours
 o floor
 v 0 0 0 1 0 0
@@ -29,24 +26,18 @@ f 1//1 2//1 3//1 4//1
 
 @pytest.mark.parametrize("name", ["floor.obj", "floor", "floor.txt"])
 @pytest.mark.parametrize("scale", [1, 255])
-def test_vertex_colours_of_a_lone_obj_are_mixed_over_its_faces(scan_file: ScanFile, name: str, scale: int) -> None:
+def test_vertex_colours_of_a_lone_obj_are_mixed_over_its_faces(name: str, scale: int) -> None:
     text = FLOOR
     if scale != 1:
         lines = [line.split() for line in text.splitlines()]
         scaled = [[*w[:4], *(str(255 * int(v)) for v in w[4:])] if w[0] == "v" else w for w in lines]
         text = "\n".join(" ".join(words) for words in scaled)
-    cloud = read_scan(scan_file(name, text), ScanOptions(max_points_used=3000))
-    low, high = cloud.bounds
-    np.testing.assert_allclose([*low, *high], [0, 0, 0, 4, 3, 0], atol=0.1)
-    x, y = cloud.positions[:, 0] / 4, cloud.positions[:, 1] / 3
-    lower = y < x
-    np.testing.assert_allclose(cloud.colors[lower, 0], 255 * (1 - x[lower]), atol=8)
-    np.testing.assert_allclose(cloud.colors[lower, 2], 255 * y[lower], atol=8)
+    assert_mixed(read(name, text, max_points_used=3000))
 
 
-def test_vertices_without_faces_are_points(scan_file: ScanFile) -> None:
+def test_vertices_without_faces_are_points() -> None:
     text = "\n".join(line for line in FLOOR.splitlines() if not line.startswith("f"))
-    cloud = read_scan(scan_file("floor.obj", text))
+    cloud = read("floor.obj", text)
     np.testing.assert_array_equal(cloud.positions, [[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]])
     np.testing.assert_array_equal(cloud.colors[:2], [[255, 0, 0], [0, 255, 0]])
 
@@ -62,26 +53,25 @@ def test_vertices_without_faces_are_points(scan_file: ScanFile) -> None:
         ("f 1//1 2//1 3//1 4//1", "f 1//1 nan//1 3//1", "is not understood"),
         ("v 4 3 0 0 0 1", "v 4 3", "Line 5 of the OBJ file is not understood"),
         ("v 4 3 0 0 0 1", "v 4 3 x 0 0 1", "Line 5 of the OBJ file is not understood"),
-        ("usemtl", "mtllib room.mtl\nusemtl", ""),
     ],
 )
-def test_lines_that_are_not_understood_are_named(scan_file: ScanFile, old: str, new: str, said: str) -> None:
-    path = scan_file("floor.obj", FLOOR.replace(old, new))
-    if not said:  # a library that is not needed does not have to be there
-        assert len(read_scan(path)) > 1000
-        return
+def test_lines_that_are_not_understood_are_named(old: str, new: str, said: str) -> None:
     with pytest.raises(ScanDamagedError, match=said):
-        read_scan(path)
+        read("floor.obj", FLOOR.replace(old, new))
 
 
-def test_an_obj_without_colours_is_told_what_to_send(scan_file: ScanFile) -> None:
+def test_a_library_that_is_not_needed_does_not_have_to_be_there() -> None:
+    assert len(read("floor.obj", f"mtllib room.mtl\n{FLOOR}")) > 1000
+
+
+def test_an_obj_without_colours_is_told_what_to_send() -> None:
     bare = "\n".join(" ".join(line.split()[:4]) if line.startswith("v ") else line for line in FLOOR.splitlines())
     with pytest.raises(ScanContentError, match="no colour"):
-        read_scan(scan_file("floor.obj", bare))
+        read("floor.obj", bare)
     with pytest.raises(ScanContentError, match=r"refers to the material file 'room\.mtl'.*one zip"):
-        read_scan(scan_file("floor.obj", "mtllib room.mtl\n" + bare))
+        read("floor.obj", "mtllib room.mtl\n" + bare)
     with pytest.raises(ScanContentError, match="holds no vertices"):
-        read_scan(scan_file("floor.obj", "# nothing\no room\n"))
+        read("floor.obj", "# nothing\no room\n")
 
 
 def test_options_of_a_texture_are_parted_from_its_name(tmp_path: Path) -> None:
@@ -100,7 +90,7 @@ def test_options_of_a_texture_are_parted_from_its_name(tmp_path: Path) -> None:
         read_materials(path)
 
 
-def test_a_texture_that_no_face_can_have_is_told_of(scan_file: ScanFile) -> None:
+def test_a_texture_that_no_face_can_have_is_told_of() -> None:
     picture = io.BytesIO()
     Image.new("RGB", (4, 4), (90, 60, 30)).save(picture, "PNG")
     files = {
@@ -108,7 +98,7 @@ def test_a_texture_that_no_face_can_have_is_told_of(scan_file: ScanFile) -> None
         "floor.mtl": b"newmtl whatever\nKd 0.5 0.2 0.1\nmap_Kd wood.png\n",
         "wood.png": picture.getvalue(),
     }
-    cloud = read_scan(scan_file("floor.zip", zip_of(files)), ScanOptions(max_points_used=3000))
+    cloud = read("floor.zip", zip_of(files), max_points_used=3000)
     (note,) = [note for note in cloud.diagnostics if note.code == "texture_unused"]
     assert note.severity == "warning"
     assert "'whatever'" in note.message

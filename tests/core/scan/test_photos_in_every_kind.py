@@ -1,7 +1,6 @@
 """A painted box as a file of every kind: registered, a panorama of it is found where it was taken."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,12 +11,10 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.core.scan.reading import read_scan
 from tests.core.found_pose import assert_found
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.scan.mesh_files import glb_of, obj_files, zip_of
-from tests.core.scan.ptx_files import station_text
-from tests.core.scan.splat_files import splat_ply
+from tests.core.scan.scan_files import read, splat_ply, station_text
 
 BOX = PaintedBox(seed=3)
 
@@ -57,11 +54,9 @@ KINDS: dict[str, Callable[[PaintedBox], bytes]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
-def test_a_panorama_is_found_within_five_centimetres(
-    scan_file: Callable[[str, bytes | str], Path], localizer: Localizer, name: str
-) -> None:
+def test_a_panorama_is_found_within_five_centimetres(localizer: Localizer, name: str) -> None:
     pose = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-    index = build_map_index(read_scan(scan_file(name, KINDS[name](BOX))), IndexOptions(spacing_m=0.8))
+    index = build_map_index(read(name, KINDS[name](BOX)), IndexOptions(spacing_m=0.8))
     found = localizer.localize(BOX.panorama(pose), [index])
     assert_found(found, pose, 0.05, 1.0)
     assert found.status == "localized"

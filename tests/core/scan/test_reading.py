@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +12,11 @@ from panoloc.core.options import ScanOptions
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
-
-ScanFile = Callable[[str, bytes | str], Path]
+from tests.core.scan.scan_files import CLOUD, codes_of, put, read
 
 
 class WithdrawnError(Exception):
     """What a caller may raise who no longer wants the work."""
-
-
-def codes(cloud: PointCloud) -> list[str]:
-    return [note.code for note in cloud.diagnostics]
 
 
 def text_scan(positions: np.ndarray, color: str = "10 200 30") -> str:
@@ -32,15 +26,15 @@ def text_scan(positions: np.ndarray, color: str = "10 200 30") -> str:
 ROOM = np.array([[0, 0, 0], [4, 3, 2.5], [1, 2, 0.5], [3.5, 0.25, 1.25]])
 
 
-def test_points_that_are_not_finite_are_dropped_and_counted(cloud: PointCloud, scan_file: ScanFile) -> None:
-    positions = cloud.positions.copy()
+def test_points_that_are_not_finite_are_dropped_and_counted() -> None:
+    positions = CLOUD.positions.copy()
     positions[[1, 5, 9], [0, 1, 2]] = [np.nan, np.inf, -np.inf]
     positions[11, 0] = 3e38
-    read = read_scan(scan_file("scan.ply", encode_ply(PointCloud(positions, cloud.colors))))
-    np.testing.assert_array_equal(read.positions, np.delete(cloud.positions, [1, 5, 9, 11], axis=0))
-    assert codes(read) == ["non_finite_points"]
-    assert "4 of 60 points were dropped" in read.diagnostics[0].message
-    assert read.num_points_read == 60
+    found = read("scan.ply", encode_ply(PointCloud(positions, CLOUD.colors)))
+    np.testing.assert_array_equal(found.positions, np.delete(CLOUD.positions, [1, 5, 9, 11], axis=0))
+    assert codes_of(found) == ["non_finite_points"]
+    assert "4 of 60 points were dropped" in found.diagnostics[0].message
+    assert found.num_points_read == 60
 
 
 @pytest.mark.parametrize(
@@ -52,17 +46,15 @@ def test_points_that_are_not_finite_are_dropped_and_counted(cloud: PointCloud, s
         (np.full((5, 3), 2.0), "same position"),
     ],
 )
-def test_a_scan_without_extent_or_finite_points_is_refused(
-    scan_file: ScanFile, positions: np.ndarray, said: str
-) -> None:
+def test_a_scan_without_extent_or_finite_points_is_refused(positions: np.ndarray, said: str) -> None:
     colors = np.full((len(positions), 3), 99, np.uint8)
     with pytest.raises(ScanContentError, match=said):
-        read_scan(scan_file("scan.ply", encode_ply(PointCloud(positions.astype(np.float32), colors))))
+        read("scan.ply", encode_ply(PointCloud(positions.astype(np.float32), colors)))
 
 
-def test_colours_that_are_all_zero_are_refused(cloud: PointCloud, scan_file: ScanFile) -> None:
+def test_colours_that_are_all_zero_are_refused() -> None:
     with pytest.raises(ScanContentError, match=r"colour \(0, 0, 0\)"):
-        read_scan(scan_file("scan.ply", encode_ply(PointCloud(cloud.positions, np.zeros_like(cloud.colors)))))
+        read("scan.ply", encode_ply(PointCloud(CLOUD.positions, np.zeros_like(CLOUD.colors))))
 
 
 @pytest.mark.parametrize(
@@ -74,70 +66,66 @@ def test_colours_that_are_all_zero_are_refused(cloud: PointCloud, scan_file: Sca
         ("13107 65535 0", (51, 255, 0), ["color_range"]),
     ],
 )
-def test_colour_ranges_are_found_and_said(
-    scan_file: ScanFile, color: str, expected: tuple[int, int, int], noted: list[str]
-) -> None:
-    read = read_scan(scan_file("scan.xyz", text_scan(ROOM, color)))
-    assert (read.colors == expected).all()
-    assert codes(read) == noted
+def test_colour_ranges_are_found_and_said(color: str, expected: tuple[int, int, int], noted: list[str]) -> None:
+    found = read("scan.xyz", text_scan(ROOM, color))
+    assert (found.colors == expected).all()
+    assert codes_of(found) == noted
 
 
 @pytest.mark.parametrize("color", ["-20 10 10", "1 2 70000"])
-def test_colours_in_no_known_range_are_refused(scan_file: ScanFile, color: str) -> None:
+def test_colours_in_no_known_range_are_refused(color: str) -> None:
     header = "x y z r g b\n"
     with pytest.raises(ScanContentError, match=r"expected 0\.\.1, 0\.\.255 or 0\.\.65535"):
-        read_scan(scan_file("scan.xyz", header + text_scan(ROOM, color)))
+        read("scan.xyz", header + text_scan(ROOM, color))
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("ft", 0.3048)])
-def test_units_become_metres(scan_file: ScanFile, unit: str, metres: float) -> None:
-    read = read_scan(scan_file("scan.xyz", text_scan(ROOM / metres)), ScanOptions(unit=unit))  # type: ignore[arg-type]
-    np.testing.assert_allclose(read.positions, ROOM, atol=1e-6)
-    assert codes(read) == ([] if unit == "m" else ["unit_converted"])
+def test_units_become_metres(unit: str, metres: float) -> None:
+    found = read("scan.xyz", text_scan(ROOM / metres), unit=unit)
+    np.testing.assert_allclose(found.positions, ROOM, atol=1e-6)
+    assert codes_of(found) == ([] if unit == "m" else ["unit_converted"])
 
 
-def test_y_up_becomes_z_up_and_stays_right_handed(scan_file: ScanFile) -> None:
-    read = read_scan(scan_file("scan.xyz", text_scan(ROOM)), ScanOptions(up_axis="y"))
+def test_y_up_becomes_z_up_and_stays_right_handed() -> None:
+    found = read("scan.xyz", text_scan(ROOM), up_axis="y")
     x, y, z = ROOM.T
-    np.testing.assert_allclose(read.positions, np.stack([x, -z, y], axis=1), atol=1e-6)
-    assert codes(read) == ["axes_converted"]
+    np.testing.assert_allclose(found.positions, np.stack([x, -z, y], axis=1), atol=1e-6)
+    assert codes_of(found) == ["axes_converted"]
 
 
-def test_large_coordinates_lose_nothing_to_float32(scan_file: ScanFile) -> None:
+def test_large_coordinates_lose_nothing_to_float32() -> None:
     origin = np.array([691_000.1234, 5_335_000.5678, 520.0])
-    read = read_scan(scan_file("scan.xyz", text_scan(ROOM + origin)))
-    np.testing.assert_allclose(read.positions + read.origin_offset, ROOM + origin, atol=1e-6, rtol=0)
-    np.testing.assert_array_equal(read.origin_offset, np.rint(read.origin_offset))
-    assert codes(read) == ["large_coordinates"]
+    found = read("scan.xyz", text_scan(ROOM + origin))
+    np.testing.assert_allclose(found.positions + found.origin_offset, ROOM + origin, atol=1e-6, rtol=0)
+    np.testing.assert_array_equal(found.origin_offset, np.rint(found.origin_offset))
+    assert codes_of(found) == ["large_coordinates"]
 
 
 @pytest.mark.parametrize("factor", [1000, 0.001])
-def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_unit(
-    scan_file: ScanFile, factor: float
-) -> None:
-    read = read_scan(scan_file("scan.xyz", text_scan(ROOM * factor)))
-    note = next(note for note in read.diagnostics if note.code == "suspicious_extent")
+def test_a_room_of_four_kilometres_or_four_millimetres_makes_one_ask_for_the_unit(factor: float) -> None:
+    found = read("scan.xyz", text_scan(ROOM * factor))
+    note = next(note for note in found.diagnostics if note.code == "suspicious_extent")
     assert note.severity == "warning"
     assert "check the unit" in note.message
 
 
 @pytest.mark.slow
-def test_progress_rises_from_zero_to_one(scan_file: ScanFile) -> None:
+def test_progress_rises_from_zero_to_one(tmp_path: Path) -> None:
     text = text_scan(np.random.default_rng(0).random((150_000, 3)))
     seen: list[float] = []
-    read_scan(scan_file("scan.xyz", text), progress=seen.append)
+    read_scan(put(tmp_path, "scan.xyz", text), progress=seen.append)
     assert seen == sorted(seen)
     assert (seen[0], seen[-1]) == (0.0, 1.0)
     assert len(seen) >= 4
 
 
-def test_what_the_progress_callback_raises_passes_through(cloud: PointCloud, scan_file: ScanFile) -> None:
+def test_what_the_progress_callback_raises_passes_through(tmp_path: Path) -> None:
     def cancel(fraction: float) -> None:
         if fraction > 0:
             raise WithdrawnError("withdrawn")
 
     with pytest.raises(WithdrawnError, match="withdrawn"):
-        read_scan(scan_file("scan.ply", encode_ply(cloud)), progress=cancel)
+        read_scan(put(tmp_path, "scan.ply", encode_ply(CLOUD)), progress=cancel)
 
 
 @pytest.mark.parametrize(
@@ -148,8 +136,8 @@ def test_options_out_of_their_range_are_refused(wrong: dict[str, object]) -> Non
         ScanOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_reading_a_ply_imports_no_heavy_library(cloud: PointCloud, scan_file: ScanFile) -> None:
-    path = scan_file("scan.ply", encode_ply(cloud))
+def test_reading_a_ply_imports_no_heavy_library(tmp_path: Path) -> None:
+    path = put(tmp_path, "scan.ply", encode_ply(CLOUD))
     program = (
         "import sys; from pathlib import Path; from panoloc.core.scan.reading import read_scan; read_scan(Path(sys.argv[1])); "
         "print(sorted({'open3d', 'torch', 'laspy', 'pye57'} & set(sys.modules)))"

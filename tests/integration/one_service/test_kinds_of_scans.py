@@ -13,7 +13,7 @@ from pyproj import CRS, Proj, Transformer
 
 from panoloc.core.geometry.pose import Pose, pose_error
 from tests.core.painted_box import rotation_of
-from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_of
+from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_at
 from tests.core.scan.test_photos_in_every_kind import BOX, KINDS
 from tests.integration.running_service import RunningService, eventually
 
@@ -49,7 +49,7 @@ def test_a_photo_is_found_in_a_mesh_with_its_textures(service: RunningService, p
 
 
 def test_a_scan_in_utm_gives_headings_from_true_north(service: RunningService, panorama: bytes) -> None:
-    scan = las_of(BOX.scan(), CRS(UTM_32).to_wkt())
+    scan = las_at(BOX.scan(), CRS(UTM_32).to_wkt())
     posted = service.http.post("/maps", files={"file": ("room.laz", scan)}, data={"options": OPTIONS})
     path = f"/maps/{posted.json()['id']}"
     assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 240)

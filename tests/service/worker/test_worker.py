@@ -27,7 +27,7 @@ from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.pictures import encode_png
 from panoloc.core.results import Candidate, SearchSummary
 from panoloc.core.results import Localization as Found
-from panoloc.core.scan import readers
+from panoloc.core.scan import reading
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.service.answer import Localization
@@ -138,7 +138,7 @@ def query(panorama: bytes | None = None, seconds: float = 30, maps: tuple[MapRef
 @pytest.mark.slow
 def test_a_registered_map_is_in_redis_and_describes_itself(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     # The scan is parsed in a sandbox, not in this process.
-    monkeypatch.setattr(readers, "READERS", {})
+    monkeypatch.setattr(reading, "READERS", {})
     reply = place.registrar.register(place.job)
     assert reply.failure is None
     assert reply.outcome is not None

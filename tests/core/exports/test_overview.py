@@ -7,11 +7,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from panoloc.core.exports.overview.__main__ import main
-from panoloc.core.exports.overview.contact_sheet import draw_contact_sheet
-from panoloc.core.exports.overview.document import PhotoSeen, Placement, read_placement
-from panoloc.core.exports.overview.lettering import COLOR_OF, PAPER, font_of, legible, shortened
-from panoloc.core.exports.overview.plan import draw_plan
+from panoloc.core.exports.overview import (
+    COLOR_OF,
+    PAPER,
+    PhotoSeen,
+    Placement,
+    draw_contact_sheet,
+    draw_plan,
+    font_of,
+    legible,
+    main,
+    read_placement,
+    shortened,
+)
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.core.scan.point_cloud import PointCloud

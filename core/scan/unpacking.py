@@ -22,6 +22,7 @@ MAX_RATIO = 200
 """Of unpacked to packed bytes, all files together. Tables of numbers reach 10, empty ones 1000."""
 _UNSUSPICIOUS_BYTES = 256 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, UnicodeDecodeError, FileExistsError)
 _LOCAL_HEADER_BYTES = 30
 _CLUTTER = ("__macosx", "thumbs.db", "desktop.ini")
 _PREFIX = "panoloc-zip-"
@@ -53,8 +54,8 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
             free = shutil.disk_usage(folder).free - _SPARE_BYTES
             if total > free:
                 raise ScanContentError(
-                    f"The zip takes {total:,} bytes unpacked, but there is room for {max(free, 0):,}. Upload the scans one by one, or ask "
-                    "the operator for space."
+                    f"The zip takes {total:,} bytes unpacked, but there is room for {max(free, 0):,}. Upload the scans "
+                    "one by one, or ask the operator for space."
                 )
             num_done = 0
             for info, place in members:
@@ -65,14 +66,7 @@ def _unpack(path: Path, folder: Path, report: Callable[[float], None]) -> None:
                         unpacked_file.write(block)
                         num_done += len(block)
                         report(num_done / max(total, 1))
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,
-        UnicodeDecodeError,
-        FileExistsError,
-    ) as error:
+    except _UNREADABLE as error:
         raise ScanDamagedError(
             f"The zip cannot be unpacked ({str(error)[:120] or type(error).__name__}). {_PACK_AGAIN}"
         ) from error
@@ -91,18 +85,13 @@ def remove_remains(temporary: Path) -> None:
     """Remove the folders of killed processes of this machine; every registration begins with it."""
     for folder in temporary.glob(f"{_PREFIX}*"):
         match = re.match(rf"{_PREFIX}{re.escape(socket.gethostname())}-(\d+)-", folder.name)
-        if match and not _is_alive(int(match.group(1))):
+        try:
+            if match:
+                os.kill(int(match[1]), 0)
+        except ProcessLookupError:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+        except OSError:  # a process of another user
+            pass
 
 
 def _checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zipfile.ZipInfo, PurePosixPath]]:
@@ -115,19 +104,21 @@ def _checked_members(archive: zipfile.ZipFile, size_bytes: int) -> list[tuple[zi
         raise ScanContentError(
             f"The zip holds {len(infos):,} files; expected at most {MAX_MEMBERS:,}. Leave out files that are not scans."
         )
-    members = [(info, _place(info)) for info in infos]
+    places = [_checked_place(info) for info in infos]
     for info in infos:
         _check_kind(info)
     _check_sizes(infos, size_bytes)
-    _check_overlap(infos)
-    names = [str(place).casefold() for _, place in members]
-    if len(set(names)) < len(names):
-        twice, _ = Counter(names).most_common(1)[0]
-        raise ScanDamagedError(f"The zip holds the file {twice[:100]!r} twice. Pack it again.")
-    return [(info, place) for info, place in members if not _is_clutter(place)]
+    for name, count in Counter(str(place).casefold() for place in places).most_common(1):
+        if count > 1:
+            raise ScanDamagedError(f"The zip holds the file {name[:100]!r} twice. Pack it again.")
+    return [(info, place) for info, place in zip(infos, places, strict=True) if not _is_clutter(place)]
 
 
-def _place(info: zipfile.ZipInfo) -> PurePosixPath:
+def _is_clutter(place: PurePosixPath) -> bool:
+    return any(part.startswith(".") or part.casefold() in _CLUTTER for part in place.parts)
+
+
+def _checked_place(info: zipfile.ZipInfo) -> PurePosixPath:
     # As stored: zipfile cuts names at a zero byte.
     name = info.orig_filename.replace("\\", "/")
     place = PurePosixPath(name)
@@ -154,25 +145,18 @@ def _check_sizes(infos: Sequence[zipfile.ZipInfo], size_bytes: int) -> None:
     unpacked, packed = sum(info.file_size for info in infos), sum(info.compress_size for info in infos)
     if packed > size_bytes:
         raise ScanDamagedError(
-            f"The zip announces {packed:,} packed bytes, but the file has {size_bytes:,}. Pack the scan again and upload it again."
+            f"The zip announces {packed:,} packed bytes, but the file has {size_bytes:,}. Pack the scan again and "
+            "upload it again."
         )
     if unpacked > MAX_UNPACKED_BYTES or unpacked > max(MAX_RATIO * packed, _UNSUSPICIOUS_BYTES):
         raise ScanContentError(
             f"The zip of {size_bytes:,} bytes would take {unpacked:,} bytes unpacked; the limits are "
             f"{MAX_UNPACKED_BYTES:,} bytes and {MAX_RATIO} times the packed size. Upload the scans one by one."
         )
-
-
-def _check_overlap(infos: Sequence[zipfile.ZipInfo]) -> None:
-    """A bomb lets many files share the same packed bytes."""
     end = 0
     for info in sorted(infos, key=lambda each: each.header_offset):
-        if info.header_offset < end:
+        if info.header_offset < end:  # a bomb lets many files share the same packed bytes
             raise ScanDamagedError(
                 f"{info.filename[:100]!r} in the zip shares its bytes with another file. Pack the scan again."
             )
         end = info.header_offset + _LOCAL_HEADER_BYTES + info.compress_size
-
-
-def _is_clutter(place: PurePosixPath) -> bool:
-    return any(part.startswith(".") or part.casefold() in _CLUTTER for part in place.parts)

@@ -1,1 +1,0 @@
-"""Formats of geographic systems: ArcGIS, STAC, GeoJSON, GPano; all need a map with a georeference."""

@@ -1,1 +1,0 @@
-"""Formats of photogrammetry and splatting: COLMAP, OpenSfM, nerfstudio, Metashape."""

@@ -1,1 +1,0 @@
-"""Surfaces with colours and textures, sampled evenly: what the readers of meshes have in common."""

@@ -1,1 +1,0 @@
-"""OBJ models with their materials and textures."""
