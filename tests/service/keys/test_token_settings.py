@@ -25,14 +25,14 @@ def test_tokens_close_a_service_and_open_it(tmp_path: Path) -> None:
     assert keys.tokens is not None
     asyncio.run(keys.tokens.keys.refresh())
     assert keys.find(ISSUED.token()) is not None
-    assert not Settings(data_dir=tmp_path, oidc_issuer="", oidc_audience="", oidc_keys="").keys.required
+    assert not Settings(data_dir=tmp_path).keys.required
 
 
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
         ({"oidc_audience": None}, "expected PANOLOC_OIDC_AUDIENCE as well"),
-        ({"oidc_issuer": "", "oidc_keys": ""}, "expected PANOLOC_OIDC_ISSUER and PANOLOC_OIDC_KEYS as well"),
+        ({"oidc_issuer": None, "oidc_keys": None}, "expected PANOLOC_OIDC_ISSUER and PANOLOC_OIDC_KEYS as well"),
         ({"oidc_keys": "nowhere/jwks.json"}, "No such file"),
         ({"oidc_keys": __file__}, "expected a JWK set"),
         ({"oidc_keys": "http://login.example.org/jwks"}, "expected an https:// URL or a file"),
