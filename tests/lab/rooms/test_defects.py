@@ -12,7 +12,7 @@ from panoloc.lab.rooms import View, make_case, suite_of, with_any_defect
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look
 from panoloc.lab.rooms.capture.defects import DEFECT_KINDS, DefectKind, add_defect
 from panoloc.lab.rooms.capture.free_space import sample_pose
-from panoloc.lab.rooms.capture.spherical_camera import take_panorama
+from panoloc.lab.rooms.capture.views import take_panorama
 from panoloc.lab.rooms.scenes.generator import SceneSpec, build_scene
 
 

@@ -22,7 +22,7 @@ from panoloc.lab.rooms import (
     take_view,
 )
 from panoloc.lab.rooms.capture.camera_look import PHOTO, looked
-from panoloc.lab.rooms.capture.tracking import session_axes, tracked
+from panoloc.lab.rooms.capture.shooting import session_axes, tracked
 
 LENSES = {
     "pinhole": Camera.from_hfov("pinhole", 160, 120, 69.0),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions
 from panoloc.lab.rooms import Scan, Scene, View, scan_with_truth, take_panorama
-from panoloc.lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
+from panoloc.lab.rooms.capture.views import pixel_centers, viewing_directions
 
 
 def pixel_of(points: NDArray[np.floating], pose: Pose, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
