@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from panoloc.lab.background_service import BackgroundService, start_in_background, wait_until_ready
-from panoloc.lab.commands.core_errors import core_errors_shown
+from panoloc.lab.display import core_errors_shown
 from panoloc.service.cli.answer_files import AnswerFolder
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from panoloc.service.cli.progress import show_waiting
@@ -33,16 +33,15 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the room.")] = 4,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
-) -> int:
+) -> ExitCode:
     """Make a furnished room, register its scan, localize two panoramas and a photo, and check the resulting poses.
 
     Uses the service at --url; where none runs on this machine, one is started and left running.
     """
     session: Session = ctx.obj
     session.json_output = json
-    with core_errors_shown(session) as failed:
+    with core_errors_shown(session):
         return _run(session, folder, seed, url)
-    return ExitCode.ERROR if failed else ExitCode.OK
 
 
 def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
