@@ -10,8 +10,8 @@ from panoloc.core.config import LocalizerConfig, SearchConfig
 from panoloc.core.errors import OptionsError
 from panoloc.core.index.map_codec import decode_map_index, encode_map_index
 from panoloc.core.localizer import Localizer
+from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.registration import time_registration
-from panoloc.lab.benchmark.rooms import Rooms
 from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.timing import Say, repeated
 from panoloc.lab.benchmark.whole_query import time_query

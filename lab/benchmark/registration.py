@@ -16,12 +16,10 @@ from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.index.map_codec import encode_map_index
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.reading import read_scan
+from panoloc.lab.benchmark.painted_maps import room_spacing, write_room_scan
 from panoloc.lab.benchmark.painted_room import PaintedRoom
-from panoloc.lab.benchmark.rooms import spacing_for
-from panoloc.lab.benchmark.scan_files import write_room_scan
 from panoloc.lab.benchmark.timing import Say, Spread, spread_of
 
-_SAMPLE_POINTS = 100_000
 _PAGE_LINES = {"VmHWM": "peak", "VmRSS": "resident"}
 
 
@@ -74,11 +72,6 @@ def time_registration(points: int, starts: int, repeats: int, scan_format: str, 
     median = found[totals.index(statistics.median_low(totals))]
     peaks = [each.peak_bytes for each in found if each.peak_bytes is not None]
     return RegistrationCost(scan_format, median, spread_of(totals), max(peaks, default=None))
-
-
-def room_spacing(points: int, starts: int) -> float:
-    """Return the spacing, metres, that puts about `starts` starts into the map of a painted room scanned with `points` points."""
-    return spacing_for(PaintedRoom(0).scan(min(points, _SAMPLE_POINTS)), starts)
 
 
 def register_in_new_process(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:

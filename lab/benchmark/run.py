@@ -17,7 +17,7 @@ from rich.markup import escape
 
 from panoloc.core.errors import OptionsError
 from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
-from panoloc.lab.benchmark.rooms import Rooms
+from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark, service_benchmark
 from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.tables import tables_of

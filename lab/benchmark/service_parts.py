@@ -11,10 +11,9 @@ from typing import Any
 
 from panoloc.lab.background_service import own_service, wait_until_ready
 from panoloc.lab.benchmark.cameras import measure_cameras
+from panoloc.lab.benchmark.painted_maps import room_spacing, write_room_scan
 from panoloc.lab.benchmark.painted_room import PaintedRoom
 from panoloc.lab.benchmark.query_load import KnownQuery, LoadFigures, load_figures
-from panoloc.lab.benchmark.registration import room_spacing
-from panoloc.lab.benchmark.scan_files import write_room_scan
 from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.timing import Say
 from panoloc.lab.benchmark.whole_query import encode_jpeg

@@ -11,7 +11,7 @@ from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.results import Localization
-from panoloc.lab.benchmark.rooms import IndexedRoom
+from panoloc.lab.benchmark.painted_maps import IndexedRoom
 from panoloc.lab.benchmark.timing import Spread, spread_of
 
 

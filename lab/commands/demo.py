@@ -114,4 +114,4 @@ def _say_what_remains(session: Session, url: str, service: BackgroundService | N
     show(f"  panoloc localize PANORAMA --map {map_id} --out answers", markup=False)
     show("  panoloc register SCAN", markup=False)
     if service is not None:
-        show(f"Stop it with: kill {service.process_id}")
+        show(f"Stop it with: kill {service.process.pid}")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.options import Hints
+from panoloc.core.options import ColorKind, Hints
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.session import Session
 from panoloc.core.panorama.session_sphere import session_on_sphere
@@ -48,7 +48,7 @@ class Case:
     cloud: PointCloud
     query: Panorama | Session
     pose: Pose
-    color_kind: str
+    color_kind: ColorKind
     changed_pixels: NDArray[np.bool_] | None
     changed_points: NDArray[np.bool_]
     seed: int
@@ -78,7 +78,7 @@ class Suite:
     kind: SceneKind = "room"
     change: float = 0.0
     look: CameraLook | Callable[[np.random.Generator], CameraLook] = PHOTO
-    color_kind: str = "rgb"
+    color_kind: ColorKind = "rgb"
     at_night: bool = False
     num_stations: int | None = None
     num_points: int = 300_000

@@ -14,9 +14,9 @@ from panoloc.core.config import StartsConfig
 from panoloc.core.errors import OptionsError, ScanError
 from panoloc.core.index.starts import octree_starts
 from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
+from panoloc.lab.benchmark.painted_maps import Rooms, spacing_for
 from panoloc.lab.benchmark.painted_room import PaintedRoom
 from panoloc.lab.benchmark.registration import register, register_in_new_process
-from panoloc.lab.benchmark.rooms import Rooms, spacing_for
 from panoloc.lab.benchmark.sizes import QUICK
 from panoloc.lab.benchmark.timing import repeated, spread_of, timed
 

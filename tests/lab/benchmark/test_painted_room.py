@@ -9,9 +9,9 @@ from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import ScanOptions
 from panoloc.core.scan.reading import read_scan
-from panoloc.lab.benchmark import scan_files
+from panoloc.lab.benchmark import painted_maps
+from panoloc.lab.benchmark.painted_maps import write_room_scan
 from panoloc.lab.benchmark.painted_room import PaintedRoom
-from panoloc.lab.benchmark.scan_files import write_room_scan
 
 ROOM = PaintedRoom(7)
 
@@ -86,7 +86,7 @@ def test_a_scan_file_holds_what_the_scan_holds(tmp_path: Path) -> None:
 def test_a_scan_file_of_several_stations_is_that_of_the_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
-    monkeypatch.setattr(scan_files, "_POINTS_PER_STATION", 2_000)
+    monkeypatch.setattr(painted_maps, "_POINTS_PER_STATION", 2_000)
     path = tmp_path / f"scan.{ending}"
     write_room_scan(path, ROOM, 5_000)
     cloud, expected = read_scan(path, ScanOptions(max_points_used=10_000)), ROOM.scan(5_000)

@@ -8,8 +8,8 @@ import pytest
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.results import Localization, SearchSummary
-from panoloc.lab.evaluation.change_metrics import change_metrics, points_of_index, resampled
 from panoloc.lab.evaluation.known_cases import KnownQuery
+from panoloc.lab.evaluation.metrics import change_metrics, points_of_index, resampled
 from tests.core.painted_box import PaintedBox
 
 EMPTY = Localization("localized", SearchSummary("fast", 1, 1, 1, 1), {})

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from panoloc.lab.evaluation.ranking_metrics import (
+from panoloc.lab.evaluation.metrics import (
     area_under_roc,
     average_precision,
     expected_calibration_error,
