@@ -1,6 +1,7 @@
 """How much memory processes really take together. Linux only: reads /proc."""
 
 import contextlib
+from collections import Counter
 from pathlib import Path
 
 from panoloc.service.host.process_tree import command_of, descendants
@@ -18,9 +19,9 @@ def proportional_bytes(pid: int) -> int:
 
 
 def family_bytes(pid: int) -> dict[str, int]:
-    """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <command>"`."""
-    found: dict[str, int] = {}
+    """Return the proportional bytes of `pid` and of everything below it, added up by command, the largest first."""
+    found: Counter[str] = Counter()
     for member in [pid, *descendants(pid)]:
         with contextlib.suppress(OSError):
-            found[f"{member} {command_of(member)}"] = proportional_bytes(member)
-    return found
+            found[command_of(member)] += proportional_bytes(member)
+    return dict(found.most_common())

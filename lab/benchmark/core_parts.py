@@ -67,7 +67,7 @@ def _registration(run: CoreBenchmark) -> Figures:
     rows = [time_registration(sizes.points, sizes.starts, sizes.few_repeats, "ply", run.say)]
     if run.large_points is not None:
         rows += [time_registration(run.large_points, sizes.starts, 1, each, run.say) for each in run.scan_formats]
-    return {"rows": [asdict(row) for row in rows]}
+    return {"rows": rows}
 
 
 def _index(run: CoreBenchmark) -> Figures:

@@ -15,7 +15,7 @@ from panoloc.service.cli.session import Session
 from panoloc.service.client import ClientError, JsonObject
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KnownQuery:
     """A query: its images, its options as `POST /localize` takes them, the map, and map_from_camera of the first image."""
 

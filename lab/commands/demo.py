@@ -20,7 +20,7 @@ from panoloc.service.client import JsonObject, PanolocClient
 from panoloc.service.jobs import ARTIFACTS
 
 if TYPE_CHECKING:
-    from panoloc.lab.commands.demo_scene import DemoQuery
+    from panoloc.lab.demo_room import DemoQuery
 
 LOCALIZE_TIMEOUT_S = 120.0
 
@@ -47,7 +47,7 @@ def demo(
 def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
     """Make a room, register it, localize in it, and say what keeps running."""
     # The generator needs numpy and a ray caster, which client commands must not load.
-    from panoloc.lab.commands.demo_scene import make_demo_scene
+    from panoloc.lab.demo_room import make_demo_scene
     from panoloc.lab.rooms.scenes.surface import load_open3d
 
     load_open3d()  # before a service is started that nothing could be shown with

@@ -17,8 +17,7 @@ from panoloc.core.panorama.reader import read_image
 from panoloc.core.panorama.session import Photo
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab import demo_room
-from panoloc.lab.commands import demo_scene
-from panoloc.lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
+from panoloc.lab.demo_room import DemoQuery, DemoScene, make_demo_scene
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
@@ -27,7 +26,7 @@ def make(folder: Path) -> DemoScene:
     """Make the room of the demo with small files."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("NUM_SCAN_POINTS", 20_000), ("PANORAMA_WIDTH", 128), ("_PHOTO_SIZE", (480, 360))):
-            patch.setattr(demo_scene, name, value)
+            patch.setattr(demo_room, name, value)
         return make_demo_scene(folder, 3, lambda text: None)
 
 
@@ -46,7 +45,7 @@ def small_scene(monkeypatch: pytest.MonkeyPatch, scan: Path, panorama: Path) -> 
     def make(folder: Path, seed: int, say: Callable[[str], None]) -> DemoScene:
         return scene
 
-    monkeypatch.setattr(demo_scene, "make_demo_scene", make)
+    monkeypatch.setattr(demo_room, "make_demo_scene", make)
     return scene
 
 
@@ -81,7 +80,7 @@ def test_a_photo_that_shows_too_little_is_no_failure_of_the_demo(
     panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], may_stay_open=True),))
-    monkeypatch.setattr(demo_scene, "make_demo_scene", lambda folder, seed, say: photo)
+    monkeypatch.setattr(demo_room, "make_demo_scene", lambda folder, seed, say: photo)
     fake.status = "not_localized"
     assert panoloc("demo", "--folder", tmp_path / "demo").code == 0
 
@@ -131,7 +130,7 @@ def test_what_is_known_of_an_image_is_sent_with_it(
 ) -> None:
     told = {"cameras": [{"model": "pinhole", "hfov_deg": 69.0}]}
     photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], options=told),))
-    monkeypatch.setattr(demo_scene, "make_demo_scene", lambda folder, seed, say: photo)
+    monkeypatch.setattr(demo_room, "make_demo_scene", lambda folder, seed, say: photo)
     assert panoloc("demo", "--folder", tmp_path / "demo").code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == told["cameras"]
 
