@@ -8,7 +8,6 @@ import numpy as np
 import torch
 
 from panoloc.core.config import StartsConfig
-from panoloc.core.errors import OptionsError
 from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.index.starts import octree_starts
@@ -77,13 +76,10 @@ def room_spacing(points: int, starts: int) -> float:
 def write_room_scan(path: Path, room: PaintedRoom, num_points: int, say: Say = lambda text: None) -> None:
     """Write a scan of `num_points` points in the format that the ending names: ply, laz or e57.
 
-    say: receives what is being written. Raises OptionsError for another ending, and OSError when the disk is full.
+    say: receives what is being written. Raises OSError when the disk is full.
     """
-    write = {".ply": _write_ply, ".laz": _write_laz, ".e57": _write_e57}.get(path.suffix)
-    if write is None:
-        raise OptionsError(f"scan format: expected ply, laz or e57, got {path.suffix!r}")
     say(f"writing a scan of {num_points:,} points")
-    write(path, room, num_points)
+    {".ply": _write_ply, ".laz": _write_laz, ".e57": _write_e57}[path.suffix](path, room, num_points)
 
 
 def _write_ply(path: Path, room: PaintedRoom, num_points: int) -> None:

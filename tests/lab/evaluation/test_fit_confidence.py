@@ -138,30 +138,22 @@ def test_what_tracking_adds_to_several_images_is_no_matter_of_the_fit() -> None:
     assert radius_models(_drawn_rows(0, num_images=4))[0] == RadiusModel(0.0, 1.0, 0.0, 0.0)
 
 
-def test_the_radius_never_falls_with_the_formal_one() -> None:
+def test_the_radius_ignores_wrong_poses_and_never_falls_with_the_formal_one() -> None:
     rows = [
         made_row(n, position_m=0.1 / (n + 1), formal_position_m=0.01 * (n + 1), formal_orientation_deg=0.1)
         for n in range(20)
     ]
-    model, _ = radius_models(rows)
-    assert model.formal_power == 0
+    wrong = [made_row(99, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
+    assert radius_models(rows) == radius_models(rows + wrong)
+    assert radius_models(rows)[0].formal_power == 0
 
 
-def test_the_radius_ignores_wrong_poses() -> None:
-    rows = [made_row(n, position_m=0.02, formal_position_m=0.01, formal_orientation_deg=0.1) for n in range(5)]
-    rows += [made_row(9, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
-    assert radius_models(rows)[0].radius(0.01, None, 1.0) == pytest.approx(0.02)
-
-
-def test_rows_without_measures_cannot_be_fitted() -> None:
-    with pytest.raises(RowsError, match="measures"):
-        fit_confidence([made_row()])
-
-
-def test_rows_that_are_all_right_cannot_be_fitted() -> None:
-    rows = [made_row(n, search={"measures": measures(0.5), "score": 1.0}) for n in range(4)]
-    with pytest.raises(RowsError, match="all 4 are right"):
-        fit_confidence(rows)
+@pytest.mark.parametrize(
+    ("search", "said"), [({}, "measures"), ({"measures": measures(0.5), "score": 1.0}, "all 4 are right")]
+)
+def test_rows_that_say_nothing_cannot_be_fitted(search: dict[str, object], said: str) -> None:
+    with pytest.raises(RowsError, match=said):
+        fit_confidence([made_row(n, search=search) for n in range(4)])
 
 
 def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:

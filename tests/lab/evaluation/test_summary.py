@@ -60,12 +60,6 @@ def test_methods_stand_side_by_side_and_several_groups_have_a_line_for_all() -> 
     assert found == [("a", "m", 2), ("a", "n", 2), ("b", "m", 2), ("b", "n", 2), ("all", "m", 4), ("all", "n", 4)]
 
 
-def test_change_metrics_are_means_over_the_rows_that_have_them() -> None:
-    rows = [made_row(0, change={"ap_2d": 0.6}), made_row(1, change={"ap_2d": 0.8, "ap_3d": 0.5}), made_row(2)]
-    (summary,) = summaries(rows)
-    assert summary.change == {"ap_2d": pytest.approx(0.7), "ap_3d": pytest.approx(0.5)}
-
-
 def test_calibration_counts_strangers_as_wrong() -> None:
     rows = [made_row(0, confidence=0.9), made_row(1, None, cross=True, confidence=0.9)]
     found = calibration_of(rows)
