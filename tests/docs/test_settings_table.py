@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from docs.settings_table import PAGE, settings_table, with_current_table
-from panoloc.service.settings import Settings
 from tests.docs.documentation import PAGES
 
 SETTINGS = set(re.findall(r"PANOLOC_[A-Z_]+", settings_table()))
@@ -17,13 +16,6 @@ OTHERS = {"PANOLOC_URL", "PANOLOC_API_KEY", "PANOLOC_EVAL_THREADS", "PANOLOC_MET
 def test_the_page_on_operations_has_the_current_settings() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert page == with_current_table(page), "run scripts/update-docs"
-
-
-@pytest.mark.parametrize(("variable", "value"), [("PANOLOC_PORT", "8123"), ("PANOLOC_LOG_LEVEL", "debug")])
-def test_a_variable_of_the_table_sets_what_it_names(monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
-    assert variable in SETTINGS
-    monkeypatch.setenv(variable, value)
-    assert str(getattr(Settings(), variable.removeprefix("PANOLOC_").lower())) == value
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -1,4 +1,4 @@
-"""Kills of HTTP processes: one of three behind the proxy, and a service alone, with a supervisor that starts it again."""
+"""Kills under clients: of a worker or Redis, of one of three HTTP processes behind the proxy, and of a service with all that it has."""
 
 import os
 import signal
@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from panoloc.service.host.process_tree import command_of
 from tests.campaign.clients import Clients, Reader
 from tests.campaign.outcome import Outcome, quantile
 from tests.campaign.running import PATIENCE_S, ready_service, tell
@@ -15,8 +16,41 @@ from tests.integration.real_redis import RealRedis
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
+# What comes back by itself.
+KILLED = {"worker": "panoloc.service.pool.child", "redis": "redis.sock"}
 _REPLICAS = 3
 _READ_S = 2.0  # after a kill, in which a map is read again and again
+
+
+def process_kills(process: str, times: int, num_clients: int = 4) -> Outcome:
+    """Kill one class of processes again and again, which the service starts anew by itself."""
+    outcome = Outcome(f"kill the {process} under {num_clients} clients")
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        service, map_id = ready_service(Path(folder))
+
+        def pids() -> list[int]:
+            return [pid for pid in service.family() if KILLED[process] in command_of(pid)]
+
+        def kill(_: int) -> None:
+            for pid in pids():
+                os.kill(pid, signal.SIGKILL)
+
+        def wait_for_next(_: int) -> None:
+            assert eventually(lambda: bool(pids()), PATIENCE_S)
+
+        try:
+            clients = Clients(str(service.http.base_url), map_id, num_clients)
+            killed_again(outcome, clients, times, kill, wait_for_next)
+            check_map(outcome, service, map_id)
+        finally:
+            service.stop()
+    return outcome
+
+
+def check_map(outcome: Outcome, service: RunningService, map_id: str) -> None:
+    """Count it as a fault where the map is no longer listed."""
+    if map_id not in [each["id"] for each in service.http.get("/maps").json()["items"]]:
+        outcome.faults.append("a map is lost")
 
 
 def replica_kills(times: int, num_clients: int = 4) -> Outcome:
@@ -78,8 +112,7 @@ def service_kills(times: int, num_clients: int = 4) -> Outcome:
         try:
             clients = Clients(str(service.http.base_url), map_id, num_clients)
             killed_again(outcome, clients, times, kill, lambda _: None, allowed=(0, 503))
-            if running[0].http.get("/maps").json()["items"][0]["id"] != map_id:
-                outcome.faults.append("a map is lost")
+            check_map(outcome, running[0], map_id)
         finally:
             running[0].kill()
     return outcome
