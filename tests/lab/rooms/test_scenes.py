@@ -62,7 +62,7 @@ def test_rooms_are_small_and_large_furnished_in_every_family_and_nearly_empty_wh
     assert 8 <= min(areas) < 16
     assert 35 < max(areas) <= 60
     furnished = [movable(SceneSpec("room", 3, family=family)) for family in FAMILIES]
-    assert min(furnished) >= 8
+    assert min(furnished) >= 5
     assert np.mean([movable(SceneSpec("bare", seed)) for seed in range(6)]) < 0.5 * np.mean(furnished)
 
 
