@@ -1,5 +1,6 @@
 """In which order the files begin where several processes share the tests, and which of them stay together."""
 
+import gc
 from typing import Any
 
 import pytest
@@ -7,6 +8,15 @@ from xdist.scheduler import LoadFileScheduling
 
 # Their tests share one service, which one process can start.
 TOGETHER = "tests/integration/one_service/"
+
+# Whatever is imported to collect the tests stays: to look through it again and again takes a sixth of the collection.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage from now on, but not among what is there already."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
