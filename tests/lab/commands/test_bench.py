@@ -119,25 +119,22 @@ def test_a_service_that_refuses_everything_is_an_error(panoloc: Panoloc, fake: F
         (("--part", "speed"), ExitCode.USAGE, "speed"),
         (("--part", "memory", "--url", URL), ExitCode.ERROR, "memory: expected a service that this command starts"),
         (("--url", "nowhere", "--part", "query"), ExitCode.ERROR, "Expected a URL such as"),
+        (("--device", "cuda"), ExitCode.ERROR, "expected a GPU that PyTorch can use, found none"),
     ],
 )
 def test_wrong_options_are_one_message(
-    panoloc: Panoloc, tmp_path: Path, arguments: tuple[str, ...], code: ExitCode, said: str
+    panoloc: Panoloc,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    code: ExitCode,
+    said: str,
 ) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     done = panoloc("bench", "--quick", *arguments, "--out", tmp_path / "out")
     assert done.code == code
     assert said in done.err
     assert "Traceback" not in done.err
-
-
-def test_a_gpu_that_is_not_there_is_said_before_anything_runs(
-    panoloc: Panoloc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    done = panoloc("bench", "--quick", "--device", "cuda", "--out", tmp_path / "out")
-    assert done.code == ExitCode.ERROR
-    assert "expected a GPU that PyTorch can use, found none" in done.err
-    assert not (tmp_path / "out").exists()
 
 
 def test_every_part_has_a_name_on_the_command_line() -> None:
