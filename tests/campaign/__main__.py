@@ -47,10 +47,9 @@ def main(arguments: list[str]) -> int:
 
 def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
     # Torch takes seconds to import, for which `--help` need not wait.
-    from tests.campaign.cluster_nodes import node_killed
     from tests.campaign.hostile_files import hostile_images, hostile_scans
     from tests.campaign.hostile_requests import hostile_requests
-    from tests.campaign.kills import process_kills, replica_kills, service_kills
+    from tests.campaign.kills import node_killed, process_kills, replica_kills, service_kills
     from tests.campaign.overload import impatient, newcomers
     from tests.campaign.running import soak
 
