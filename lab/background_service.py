@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from panoloc.service.client import ClientError, JsonObject, PanolocClient, UnreachableError, WaitTimeoutError
+from panoloc.service.client import ClientError, PanolocClient, UnreachableError, WaitTimeoutError
 from panoloc.service.host.address import why_not_free
 from panoloc.service.host.child_processes import ending_with_parent
 
 # A service is ready after seconds on an idle machine, after minutes where others start beside it.
-START_LIMIT_S = 600.0
+_START_LIMIT_S = 600.0
 _POLL_S = 0.25
 _STOP_LIMIT_S = 30.0
 _LOG_TAIL_LINES = 15
@@ -37,16 +37,13 @@ class BackgroundService:
     process: subprocess.Popen[bytes]
     log_file: Path
 
-    @property
-    def process_id(self) -> int:
-        """Return the id to stop it by."""
-        return self.process.pid
-
     def raise_if_ended(self) -> None:
         """Raise StartError with the end of the log when the process has ended."""
         code = self.process.poll()
         if code is not None:
-            raise StartError(f"The service ended with exit code {code} while it started. {self._log_tail()}")
+            lines = self.log_file.read_text(encoding="utf-8", errors="replace").splitlines()[-_LOG_TAIL_LINES:]
+            tail = "\n".join([f"The end of {self.log_file}:", *(f"  {line}" for line in lines)])
+            raise StartError(f"The service ended with exit code {code} while it started. {tail}")
 
     def stop(self) -> None:
         """Ask the process to end and wait for it; its child processes end with it."""
@@ -55,10 +52,6 @@ class BackgroundService:
             self.process.wait(_STOP_LIMIT_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
-
-    def _log_tail(self) -> str:
-        lines = self.log_file.read_text(encoding="utf-8", errors="replace").splitlines()[-_LOG_TAIL_LINES:]
-        return "\n".join([f"The end of {self.log_file}:", *(f"  {line}" for line in lines)])
 
 
 @dataclass(frozen=True)
@@ -94,7 +87,7 @@ def own_service(
         stack.callback(service.stop)
         client = stack.enter_context(PanolocClient(url))
         wait_until_ready(client, service, say)
-        yield OwnService(url, client, folder, service.process_id)
+        yield OwnService(url, client, folder, service.process.pid)
 
 
 def start_in_background(
@@ -115,17 +108,8 @@ def start_in_background(
             f"No service can be started at {url}: {fault}. Choose another port with --url, "
             "such as http://127.0.0.1:8001."
         )
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "panoloc.service.cli",
-        "serve",
-        "--host",
-        address.hostname,
-        "--port",
-        str(port),
-    ]
+    serve = ["-P", "-m", "panoloc.service.cli", "serve", "--host", address.hostname, "--port", str(port)]
+    command = [sys.executable, *serve]
     log_file.parent.mkdir(parents=True, exist_ok=True)
     with log_file.open("wb") as log:
         process = subprocess.Popen(
@@ -139,17 +123,12 @@ def start_in_background(
     return BackgroundService(process, log_file)
 
 
-def wait_until_ready(
-    client: PanolocClient,
-    service: BackgroundService | None,
-    on_state: Callable[[str], None],
-    limit_s: float = START_LIMIT_S,
-) -> None:
+def wait_until_ready(client: PanolocClient, service: BackgroundService | None, on_state: Callable[[str], None]) -> None:
     """Poll until the service serves requests; `on_state` receives what it waits for.
 
-    Raises StartError when `service` ends meanwhile and WaitTimeoutError after `limit_s`.
+    Raises StartError when `service` ends meanwhile and WaitTimeoutError after ten minutes.
     """
-    give_up, missing = time.monotonic() + limit_s, "its process"
+    give_up, missing = time.monotonic() + _START_LIMIT_S, "its process"
     while time.monotonic() < give_up:
         if service is not None:
             service.raise_if_ended()
@@ -161,17 +140,11 @@ def wait_until_ready(
         else:
             if ready:
                 return
-            missing = _missing(details)
+            waiting_for = details.get("waiting_for") or details.get("detail") or "something it does not name"
+            missing = ", ".join(map(str, waiting_for)) if isinstance(waiting_for, list) else str(waiting_for)
         on_state(f"the service waits for {missing}")
         time.sleep(_POLL_S)
-    raise WaitTimeoutError(f"The service was not ready after {limit_s:g} s; it still waits for {missing}.")
-
-
-def _missing(details: JsonObject) -> str:
-    waiting_for = (
-        details.get("waiting_for") or details.get("missing") or details.get("detail") or "something it does not name"
-    )
-    return ", ".join(map(str, waiting_for)) if isinstance(waiting_for, list) else str(waiting_for)
+    raise WaitTimeoutError(f"The service was not ready after {_START_LIMIT_S:g} s; it still waits for {missing}.")
 
 
 def _free_port() -> int:

@@ -1,12 +1,17 @@
-"""What the commands of the lab show: a bar of progress, and tables made of one dictionary per row, heading to text."""
+"""What the commands of the lab show: a bar of progress, errors, and tables made of one dictionary per row, heading to text."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
+import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+
+from panoloc.core.errors import CoreError
+from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.service.cli.session import Session
 
 
 def table(rows: Sequence[Mapping[str, object]], labels: int, title: str | None = None) -> Table:
@@ -41,3 +46,15 @@ def progress(console: Console, total: int) -> Iterator[tuple[Callable[[str], Non
     with Progress(shown, *columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
         yield lambda text: bar.update(task, description=escape(text)), lambda: bar.advance(task)
+
+
+@contextmanager
+def core_errors_shown(session: Session) -> Iterator[None]:
+    """End the command with one message where the algorithm or a source raises an error."""
+    try:
+        yield
+    except CoreError as error:
+        if session.json_output:
+            session.print_json({"error": {"type": type(error).__name__, "message": str(error)}})
+        session.messages.print(f"[bold red]Error:[/] {escape(str(error))}")
+        raise typer.Exit(ExitCode.ERROR) from error

@@ -1,6 +1,7 @@
 """How much memory processes really take together, and which they are. Linux only."""
 
 import contextlib
+from collections import Counter
 
 import psutil
 
@@ -14,12 +15,12 @@ def proportional_bytes(pid: int) -> int:
 
 
 def family_bytes(pid: int) -> dict[str, int]:
-    """Return the proportional bytes of `pid` and of everything below it, keyed by `"<pid> <command>"`."""
-    found: dict[str, int] = {}
+    """Return the proportional bytes of `pid` and of everything below it, added up by command, the largest first."""
+    found: Counter[str] = Counter()
     for member in [pid, *descendants(pid)]:
         with contextlib.suppress(psutil.Error):
-            found[f"{member} {command_of(member)}"] = proportional_bytes(member)
-    return found
+            found[command_of(member)] += proportional_bytes(member)
+    return dict(found.most_common())
 
 
 def descendants(pid: int) -> list[int]:

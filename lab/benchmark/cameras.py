@@ -4,7 +4,7 @@ They are sent in turn, so that whatever else the machine does meets them alike.
 """
 
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.lab.benchmark.query_load import KnownQuery, send_queries
 from panoloc.lab.benchmark.sizes import Sizes
-from panoloc.lab.benchmark.timing import Say, Spread, spread_of
+from panoloc.lab.benchmark.timing import Say, spread_of
 from panoloc.lab.rooms import Case, suite_cases
 from panoloc.service.cli.session import Session
 from panoloc.service.client import JsonObject, PanolocClient
@@ -26,22 +26,10 @@ _CAMERAS = ("panorama", "photo", "frames6")
 _PHOTO_SHARE = 15 / 16  # of a panorama's width: 1920 x 1440 beside 2048 x 1024
 
 
-@dataclass(frozen=True)
-class CameraFigures:
-    """What the queries of one camera took. right: within 0.3 m and 10 degrees. ratio: of the median to that of panoramas."""
-
-    camera: str
-    images: int
-    queries: int
-    localized: int
-    right: int
-    latency: Spread
-    ratio: float
-
-
 def measure_cameras(session: Session, url: str, sizes: Sizes, say: Say) -> list[dict[str, Any]]:
     """Return the figures of each camera in furnished rooms of which 60 % has changed; each room's queries are sent repeatedly.
 
+    right: answers within 0.3 m and 10 degrees, sure or not. ratio: of the median latency to that of panoramas.
     Raises a ClientError when the service refuses a scan or a query.
     """
     with tempfile.TemporaryDirectory(prefix="pl-") as folder, session.client(url) as client:
@@ -57,22 +45,20 @@ def measure_cameras(session: Session, url: str, sizes: Sizes, say: Say) -> list[
     if errors:
         raise errors[-1]
     counted = answers[len(in_turn) :]
-    found: list[CameraFigures] = []
-    for camera, own in queries.items():
-        given = [answer for answer in counted if any(answer.query is query for query in own)]
-        latency = spread_of([answer.milliseconds for answer in given])
-        found.append(
-            CameraFigures(
-                camera=camera,
-                images=len(own[0].images),
-                queries=len(given),
-                localized=sum(answer.is_localized for answer in given),
-                right=sum(answer.error is not None and answer.error.within(RIGHT_M, RIGHT_DEG) for answer in given),
-                latency=latency,
-                ratio=latency.median_ms / (found[0].latency if found else latency).median_ms,
-            )
-        )
-    return [asdict(figures) for figures in found]
+    given = {camera: [answer for answer in counted if answer.query in own] for camera, own in queries.items()}
+    latency = {camera: spread_of([answer.milliseconds for answer in of]) for camera, of in given.items()}
+    return [
+        {
+            "camera": camera,
+            "images": len(queries[camera][0].images),
+            "queries": len(of),
+            "localized": sum(answer.is_localized for answer in of),
+            "right": sum(answer.error is not None and answer.error.within(RIGHT_M, RIGHT_DEG) for answer in of),
+            "latency": asdict(latency[camera]),
+            "ratio": latency[camera].median_ms / latency["panorama"].median_ms,
+        }
+        for camera, of in given.items()
+    ]
 
 
 def _make_queries(client: PanolocClient, folder: Path, sizes: Sizes, say: Say) -> dict[str, list[KnownQuery]]:
@@ -106,12 +92,8 @@ def _upload(case: Case, stem: Path) -> tuple[tuple[Path, ...], JsonObject]:
     for number, image in enumerate(case.query.images):
         files.append(_jpeg(image.photo.color, stem.with_name(f"{stem.name}-{number}.jpg")))
         lens, pose = image.photo.camera, image.session_from_camera
-        camera: dict[str, Any] = {
-            "model": lens.model,
-            "width_px": lens.width_px,
-            "height_px": lens.height_px,
-            "fx_px": lens.fx_px,
-        }
+        names = ("model", "width_px", "height_px", "fx_px")
+        camera: dict[str, Any] = {name: getattr(lens, name) for name in names}
         if len(case.query.images) > 1:
             camera["session_from_camera"] = {
                 "position_m": dict(zip("xyz", pose.position.tolist(), strict=True)),

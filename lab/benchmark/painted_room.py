@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.scan.point_cloud import PointCloud
@@ -20,7 +19,8 @@ from panoloc.core.scan.point_cloud import PointCloud
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
-HEIGHT_M = 2.6
+_AREA_M2 = 24.0
+_HEIGHT_M = 2.6
 _WIDTH_TO_DEPTH = 1.4
 _NUM_BOXES = 8
 _PAINT_CELL_M = 0.3
@@ -36,13 +36,12 @@ class PaintedRoom:
     """A room over (0, 0, 0) to `size_m`, z up, with boxes that stand on its floor; the same seed gives the same room."""
 
     seed: int = 0
-    area_m2: float = 24.0
 
     @cached_property
     def size_m(self) -> Array:
         """Return the lengths of the edges (3,), metres."""
-        depth = (self.area_m2 / _WIDTH_TO_DEPTH) ** 0.5
-        return np.array([_WIDTH_TO_DEPTH * depth, depth, HEIGHT_M])
+        depth = (_AREA_M2 / _WIDTH_TO_DEPTH) ** 0.5
+        return np.array([_WIDTH_TO_DEPTH * depth, depth, _HEIGHT_M])
 
     @cached_property
     def boxes(self) -> tuple[Array, Array]:
@@ -124,17 +123,12 @@ class PaintedRoom:
         return hidden
 
     def pose(self, number: int = 0) -> Pose:
-        """Return one of the poses to take panoramas from, in any orientation, 0.4 m from everything.
-
-        Raises OptionsError where the room is too small for that.
-        """
+        """Return one of the poses to take panoramas from, in any orientation, 0.4 m from everything."""
         rng = np.random.default_rng((self.seed, 4, number))
         drawn = rng.uniform(0, 1, (512, 3)) * self.size_m
         free = ((drawn >= _CLEARANCE_M) & (drawn <= self.size_m - _CLEARANCE_M)).all(axis=1)
         for low, high in zip(*self.boxes, strict=True):
             free &= ((drawn < low - _CLEARANCE_M) | (drawn > high + _CLEARANCE_M)).any(axis=1)
-        if not free.any():
-            raise OptionsError(f"area_m2: expected a room with free space for a camera, got {self.area_m2:g}")
         return Pose(_random_rotation(rng), drawn[free][0])
 
     def panorama(self, pose: Pose, width: int) -> Panorama:

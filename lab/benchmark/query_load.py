@@ -1,11 +1,9 @@
 """Sends queries to a service from several clients at the same time, and measures what each waited."""
 
-import queue
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from panoloc.service.cli.session import Session
 from panoloc.service.client import ClientError, JsonObject
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KnownQuery:
     """A query: its images, its options as `POST /localize` takes them, the map, and map_from_camera of the first image."""
 
@@ -99,30 +97,23 @@ def send_queries(
     session: Session, url: str, queries: Sequence[KnownQuery], clients: int
 ) -> tuple[list[Answer], list[ClientError]]:
     """Send all queries, each client the next one as soon as its last was answered; return answers and errors."""
-    waiting: queue.SimpleQueue[KnownQuery] = queue.SimpleQueue()
-    for query in queries:
-        waiting.put(query)
+    waiting = iter(queries)
     with ThreadPoolExecutor(clients) as threads:
         running = [threads.submit(_one_client, session, url, waiting) for _ in range(clients)]
         try:
             results = [result for thread in running for result in thread.result()]
-        except BaseException:
-            with suppress(queue.Empty):  # an interruption does not wait for the queries that are left
-                while True:
-                    waiting.get_nowait()
-            raise
+        finally:
+            for _ in waiting:  # an interruption does not wait for the queries that are left
+                pass
     answers = [result for result in results if isinstance(result, Answer)]
     return answers, [result for result in results if isinstance(result, ClientError)]
 
 
-def _one_client(session: Session, url: str, waiting: "queue.SimpleQueue[KnownQuery]") -> list[Answer | ClientError]:
+def _one_client(session: Session, url: str, waiting: Iterator[KnownQuery]) -> list[Answer | ClientError]:
+    """Send what is waiting, which all clients share."""
     found: list[Answer | ClientError] = []
     with session.client(url) as client:
-        while True:
-            try:
-                query = waiting.get_nowait()
-            except queue.Empty:
-                return found
+        for query in waiting:
             began = time.perf_counter()
             try:
                 body = client.localize(query.images, [query.map_id], options=query.options)
@@ -130,12 +121,12 @@ def _one_client(session: Session, url: str, waiting: "queue.SimpleQueue[KnownQue
                 found.append(error)
             else:
                 found.append(Answer((time.perf_counter() - began) * 1000, body, query))
+    return found
 
 
 def _stage_medians(answers: Sequence[Answer]) -> dict[str, float]:
-    found: dict[str, list[float]] = {}
-    for answer in answers:
-        for name, seconds in (answer.body.get("timings_s") or {}).items():
-            if seconds is not None:
-                found.setdefault(name, []).append(seconds * 1000)
-    return {name: statistics.median(values) for name, values in found.items()}
+    """Return the median milliseconds of each stage that any answer names."""
+    timings = [answer.body.get("timings_s") or {} for answer in answers]
+    names = dict.fromkeys(name for one in timings for name in one)
+    found = {name: [one[name] for one in timings if one.get(name) is not None] for name in names}
+    return {name: 1000 * statistics.median(seconds) for name, seconds in found.items() if seconds}

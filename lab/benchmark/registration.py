@@ -1,13 +1,15 @@
 """Time and peak memory of registering a scan, each time in a fresh process, so that the peak is that of the registration."""
 
 import multiprocessing
+import re
 import statistics
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -16,13 +18,9 @@ from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.index.map_codec import encode_map_index
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.reading import read_scan
+from panoloc.lab.benchmark.painted_maps import room_spacing, write_room_scan
 from panoloc.lab.benchmark.painted_room import PaintedRoom
-from panoloc.lab.benchmark.rooms import spacing_for
-from panoloc.lab.benchmark.scan_files import write_room_scan
-from panoloc.lab.benchmark.timing import Say, Spread, spread_of
-
-_SAMPLE_POINTS = 100_000
-_PAGE_LINES = {"VmHWM": "peak", "VmRSS": "resident"}
+from panoloc.lab.benchmark.timing import Say, spread_of
 
 
 class RegistrationFailedError(CoreError):
@@ -33,8 +31,7 @@ class RegistrationFailedError(CoreError):
 class RegistrationFigures:
     """Seconds and bytes of one registration on the processor, as the service does it.
 
-    seconds: by stage, and `total`. base_bytes: of the process before it began; peak_bytes: the most at any time, None where /proc
-    is missing.
+    seconds: by stage, and `total`. base_bytes: of the process before it began; peak_bytes: the most at any time.
     """
 
     scan_bytes: int
@@ -43,23 +40,14 @@ class RegistrationFigures:
     starts: int
     index_bytes: int
     seconds: dict[str, float]
-    base_bytes: int | None
-    peak_bytes: int | None
+    base_bytes: int
+    peak_bytes: int
 
 
-@dataclass(frozen=True)
-class RegistrationCost:
-    """The registration whose total is the median, and the spread of all. peak_bytes: the most of any, None where not known."""
-
-    scan_format: str
-    median: RegistrationFigures
-    total: Spread
-    peak_bytes: int | None
-
-
-def time_registration(points: int, starts: int, repeats: int, scan_format: str, say: Say) -> RegistrationCost:
+def time_registration(points: int, starts: int, repeats: int, scan_format: str, say: Say) -> dict[str, Any]:
     """Write a scan of `points` points to a temporary file and register it `repeats` times.
 
+    Return the RegistrationFigures whose total is the `median`, the Spread of all as `total`, and the greatest peak of any.
     Raises RegistrationFailedError when it does not go through, and OSError when the disk is full.
     """
     room, spacing_m = PaintedRoom(0), room_spacing(points, starts)
@@ -72,13 +60,12 @@ def time_registration(points: int, starts: int, repeats: int, scan_format: str, 
             found.append(register_in_new_process(scan, spacing_m, torch.get_num_threads()))
     totals = [each.seconds["total"] * 1000 for each in found]
     median = found[totals.index(statistics.median_low(totals))]
-    peaks = [each.peak_bytes for each in found if each.peak_bytes is not None]
-    return RegistrationCost(scan_format, median, spread_of(totals), max(peaks, default=None))
-
-
-def room_spacing(points: int, starts: int) -> float:
-    """Return the spacing, metres, that puts about `starts` starts into the map of a painted room scanned with `points` points."""
-    return spacing_for(PaintedRoom(0).scan(min(points, _SAMPLE_POINTS)), starts)
+    return {
+        "scan_format": scan_format,
+        "median": asdict(median),
+        "total": asdict(spread_of(totals)),
+        "peak_bytes": max(each.peak_bytes for each in found),
+    }
 
 
 def register_in_new_process(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
@@ -98,7 +85,7 @@ def register_in_new_process(scan: Path, spacing_m: float, threads: int) -> Regis
 def register(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
     """Read, index and encode `scan` in this process. Raises a ScanError for a file that cannot be read."""
     torch.set_num_threads(threads)
-    base, began = memory_bytes().get("resident"), time.perf_counter()
+    base, began = memory_bytes()["RSS"], time.perf_counter()
     cloud = read_scan(scan)
     seconds = {"reading": time.perf_counter() - began}
     stages: list[tuple[str, float]] = []
@@ -123,16 +110,14 @@ def register(scan: Path, spacing_m: float, threads: int) -> RegistrationFigures:
         seconds=seconds,
         base_bytes=base,
         # The kernel counts in steps, so its peak may lie some pages below what it said at the start.
-        peak_bytes=None if base is None else max(base, memory_bytes().get("peak", 0)),
+        peak_bytes=max(base, memory_bytes()["HWM"]),
     )
 
 
 def memory_bytes() -> dict[str, int]:
-    """Return `resident` and `peak` bytes of this process; empty where /proc is missing.
+    """Return the resident bytes (`RSS`) of this process and their peak (`HWM`).
 
     Not `resource.getrusage`, whose peak a process inherits from the one that started it.
     """
-    status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    pairs = (line.split(":", 1) for line in lines if ":" in line)
-    return {_PAGE_LINES[name]: int(value.split()[0]) * 1024 for name, value in pairs if name in _PAGE_LINES}
+    found = re.findall(r"^Vm(HWM|RSS):\s+(\d+) kB$", Path("/proc/self/status").read_text(), re.MULTILINE)
+    return {name: int(kilobytes) * 1024 for name, kilobytes in found}

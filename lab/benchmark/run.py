@@ -3,7 +3,8 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from json import dumps
@@ -16,8 +17,8 @@ from rich.markup import escape
 
 from panoloc.core.errors import OptionsError
 from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
-from panoloc.lab.benchmark.rooms import Rooms
-from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, service_benchmark
+from panoloc.lab.benchmark.painted_maps import Rooms
+from panoloc.lab.benchmark.service_parts import SERVICE_PARTS, ServiceBenchmark, service_benchmark
 from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.tables import tables_of
 from panoloc.lab.display import print_tables, progress
@@ -59,9 +60,10 @@ def run_bench(request: BenchRequest, session: Session) -> None:
     document = _description(request, device)
     _warn_when_busy(document["machine"], session)
     request.out.mkdir(parents=True, exist_ok=True)
-    for name, seconds in _measured(request, session, names, device, document):
+    for name, figures in _measured(request, session, names, device):
+        document["parts"][name] = figures
         (request.out / "bench.json").write_text(dumps(document, indent=1) + "\n", encoding="utf-8")
-        session.messages.print(f"{name}: measured in {seconds:.0f} s")
+        session.messages.print(f"{name}: measured in {figures['measured_in_s']:.0f} s")
     tables = tables_of(document)
     with (request.out / "bench.txt").open("w", encoding="utf-8") as stream:
         print_tables(Console(file=stream, width=_TEXT_WIDTH), tables)
@@ -73,32 +75,25 @@ def run_bench(request: BenchRequest, session: Session) -> None:
 
 
 def _measured(
-    request: BenchRequest, session: Session, names: Sequence[str], device: torch.device, document: dict[str, Any]
-) -> Iterator[tuple[str, float]]:
-    """Add the figures of one part after the other to the document, and yield its name and how many seconds it took."""
-
-    def part(name: str, measure: Callable[[], dict[str, Any]]) -> tuple[str, float]:
-        began = time.perf_counter()
-        figures = measure()
-        seconds = time.perf_counter() - began
-        document["parts"][name] = {**figures, "measured_in_s": seconds}
-        advance()
-        return name, seconds
-
-    with progress(session.messages, len(names)) as (say, advance):
+    request: BenchRequest, session: Session, names: Sequence[str], device: torch.device
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the name of one part after the other and its figures; a service is started before the first part that needs one."""
+    with ExitStack() as stack:
+        say, advance = stack.enter_context(progress(session.messages, len(names)))
         core = CoreBenchmark(request.sizes, device, Rooms(device, say), say, request.large_points, request.scan_formats)
+        service: ServiceBenchmark | None = None
         for name in names:
-            if name in CORE_PARTS:
-                yield part(name, lambda name=name: CORE_PARTS[name](core))  # type: ignore[misc]
-        if not set(names) & set(SERVICE_PARTS):
-            return
-        on_cpu = request.device == "cpu"
-        with service_benchmark(
-            request.sizes, session, request.url, request.out, paper=request.paper, on_cpu=on_cpu, say=say
-        ) as run:
-            for name in names:
-                if name in SERVICE_PARTS:
-                    yield part(name, lambda name=name: SERVICE_PARTS[name](run))  # type: ignore[misc]
+            if name in SERVICE_PARTS and service is None:
+                on_cpu = request.device == "cpu"
+                service = stack.enter_context(
+                    service_benchmark(
+                        request.sizes, session, request.url, request.out, paper=request.paper, on_cpu=on_cpu, say=say
+                    )
+                )
+            began = time.perf_counter()
+            figures = CORE_PARTS[name](core) if service is None else SERVICE_PARTS[name](service)
+            yield name, {**figures, "measured_in_s": time.perf_counter() - began}
+            advance()
 
 
 def _chosen_parts(request: BenchRequest, session: Session) -> list[str]:
@@ -113,11 +108,10 @@ def _chosen_parts(request: BenchRequest, session: Session) -> list[str]:
 
 
 def _description(request: BenchRequest, device: torch.device) -> dict[str, Any]:
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": ["panoloc", *sys.argv[1:]],
-        "machine": {**machine(), "device": str(device), "load_average": load},
+        "machine": {**machine(), "device": str(device), "load_average": os.getloadavg()[0]},
         "versions": versions(),
         "quick": request.quick,
         "sizes": asdict(request.sizes),
@@ -127,7 +121,7 @@ def _description(request: BenchRequest, device: torch.device) -> dict[str, Any]:
 
 def _warn_when_busy(described: dict[str, Any], session: Session) -> None:
     load, cpus = described["load_average"], described["cpu_count"] or 1
-    if load is not None and load > _BUSY_LOAD * cpus:
+    if load > _BUSY_LOAD * cpus:
         session.messages.print(
             f"This machine is busy ({load:.1f} processes on {cpus} processors): times will be too long; trust ratios."
         )

@@ -1,9 +1,9 @@
 """The parts of the benchmark that need a running service, by name. Each returns JSON-safe figures."""
 
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,10 +11,9 @@ from typing import Any
 
 from panoloc.lab.background_service import own_service, wait_until_ready
 from panoloc.lab.benchmark.cameras import measure_cameras
+from panoloc.lab.benchmark.painted_maps import room_spacing, write_room_scan
 from panoloc.lab.benchmark.painted_room import PaintedRoom
 from panoloc.lab.benchmark.query_load import KnownQuery, LoadFigures, load_figures
-from panoloc.lab.benchmark.registration import room_spacing
-from panoloc.lab.benchmark.scan_files import write_room_scan
 from panoloc.lab.benchmark.sizes import Sizes
 from panoloc.lab.benchmark.timing import Say
 from panoloc.lab.benchmark.whole_query import encode_jpeg
@@ -110,12 +109,10 @@ def _query(run: ServiceBenchmark) -> Figures:
     for clients in run.sizes.clients:
         run.say(f"{run.sizes.queries} queries from {clients} clients")
         rows.append(run.send(clients, max(clients, run.sizes.queries)))
-    stats = run.place.get("stats") or {}
+    stats, names = run.place["stats"], ("num_points", "num_points_used", "num_starts", "index_bytes", "seconds")
     return {
         "url": run.url,
-        "map": {
-            name: stats.get(name) for name in ("num_points", "num_points_used", "num_starts", "index_bytes", "seconds")
-        },
+        "map": {name: stats.get(name) for name in names},
         "panorama_width": run.sizes.width,
         "rows": [asdict(row) for row in rows],
         "paper": _paper_query(run, rows[0]) if run.paper else None,
@@ -144,19 +141,22 @@ def _cameras(run: ServiceBenchmark) -> Figures:
 
 def _memory(run: ServiceBenchmark) -> Figures:
     """Measure the proportional memory (PSS) of the service's processes: idle, at most while it answers, and idle again."""
-    if run.process_id is None:
-        raise ValueError("memory: expected a service of our own")
+    assert run.process_id is not None, "the memory of a service at --url is not measured"
     run.warm_up()
     run.say("memory of the idle service")
     time.sleep(run.sizes.idle_s)
-    idle = memory_by_name(run.process_id)
+    idle = family_bytes(run.process_id)
     samples = [sum(idle.values())]
     run.say(f"memory under {run.sizes.queries} queries")
-    with _sampled(run.process_id, samples):
-        run.send(1, run.sizes.queries)
+    with ThreadPoolExecutor(1) as thread:
+        sending = thread.submit(run.send, 1, run.sizes.queries)
+        while not sending.done():
+            samples.append(sum(family_bytes(run.process_id).values()))
+            wait([sending], _SAMPLE_S)
+        sending.result()
     run.say("memory of the service, idle again")
     time.sleep(run.sizes.idle_s)
-    after = memory_by_name(run.process_id)
+    after = family_bytes(run.process_id)
     return {
         "queries": run.sizes.queries,
         "idle_bytes": sum(idle.values()),
@@ -165,33 +165,6 @@ def _memory(run: ServiceBenchmark) -> Figures:
         "idle_by_process": idle,
         "after_by_process": after,
     }
-
-
-def memory_by_name(process_id: int) -> dict[str, int]:
-    """Return the proportional bytes of a process and everything below it, added up by name, the largest first."""
-    found: dict[str, int] = {}
-    for process, size in family_bytes(process_id).items():
-        name = process.partition(" ")[2]
-        found[name] = found.get(name, 0) + size
-    return dict(sorted(found.items(), key=lambda entry: -entry[1]))
-
-
-@contextmanager
-def _sampled(process_id: int, samples: list[int]) -> Iterator[None]:
-    """Add the memory of all processes together to `samples` every half second while the block runs."""
-    ended = threading.Event()
-
-    def sample() -> None:
-        while not ended.wait(_SAMPLE_S):
-            samples.append(sum(family_bytes(process_id).values()))
-
-    thread = threading.Thread(target=sample, name="memory", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
 
 
 SERVICE_PARTS: dict[str, Callable[[ServiceBenchmark], Figures]] = {

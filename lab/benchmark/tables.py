@@ -158,5 +158,5 @@ def _spread(spread: Figures) -> str:
     return f"{spread['median_ms']:.1f} ({spread['lower_quartile_ms']:.1f}–{spread['upper_quartile_ms']:.1f})"
 
 
-def _mb(num_bytes: int | None) -> str:
-    return "–" if num_bytes is None else f"{num_bytes / 1e6:.1f}"
+def _mb(num_bytes: int) -> str:
+    return f"{num_bytes / 1e6:.1f}"

@@ -11,7 +11,7 @@ from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.results import Localization
-from panoloc.lab.benchmark.rooms import IndexedRoom
+from panoloc.lab.benchmark.painted_maps import IndexedRoom
 from panoloc.lab.benchmark.timing import Spread, spread_of
 
 
@@ -49,7 +49,7 @@ def time_query(
     room, maps = rooms[0].room, [each.index for each in rooms]
     pose = room.pose()
     panorama = room.panorama(pose, width)
-    jpeg = encode_jpeg(panorama) if _has_pillow() else None
+    jpeg = encode_jpeg(panorama) if find_spec("PIL") else None
     runs = [_run(localizer, maps, panorama, jpeg, pictures=pictures) for _ in range(warm_ups + repeats)][warm_ups:]
     answer = runs[-1][1]
     error = None if answer.best is None else pose_error(answer.best.pose, pose)
@@ -73,10 +73,6 @@ def encode_jpeg(panorama: Panorama) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(panorama.color).save(buffer, "JPEG", quality=92)
     return buffer.getvalue()
-
-
-def _has_pillow() -> bool:
-    return find_spec("PIL") is not None
 
 
 def _run(

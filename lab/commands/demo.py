@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from panoloc.lab.background_service import BackgroundService, start_in_background, wait_until_ready
-from panoloc.lab.commands.core_errors import core_errors_shown
+from panoloc.lab.display import core_errors_shown
 from panoloc.service.cli.exit_codes import ExitCode, exit_code_of, worst_of
 from panoloc.service.cli.localize import save_answer
 from panoloc.service.cli.progress import show_waiting
@@ -20,7 +20,7 @@ from panoloc.service.client import JsonObject, PanolocClient
 from panoloc.service.jobs import ARTIFACTS
 
 if TYPE_CHECKING:
-    from panoloc.lab.commands.demo_scene import DemoQuery
+    from panoloc.lab.demo_room import DemoQuery
 
 LOCALIZE_TIMEOUT_S = 120.0
 
@@ -33,21 +33,20 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the room.")] = 4,
     url: UrlOption = DEFAULT_URL,
     json: JsonOption = False,
-) -> int:
+) -> ExitCode:
     """Make a furnished room, register its scan, localize two panoramas and a photo, and check the resulting poses.
 
     Uses the service at --url; where none runs on this machine, one is started and left running.
     """
     session = Session.of(ctx, json)
-    with core_errors_shown(session) as failed:
+    with core_errors_shown(session):
         return _run(session, folder, seed, url)
-    return ExitCode.ERROR if failed else ExitCode.OK
 
 
 def _run(session: Session, folder: Path, seed: int, url: str) -> ExitCode:
     """Make a room, register it, localize in it, and say what keeps running."""
     # The generator needs numpy and a ray caster, which client commands must not load.
-    from panoloc.lab.commands.demo_scene import make_demo_scene
+    from panoloc.lab.demo_room import make_demo_scene
     from panoloc.lab.rooms.scenes.surface import load_open3d
 
     load_open3d()  # before a service is started that nothing could be shown with
@@ -113,4 +112,4 @@ def _say_what_remains(session: Session, url: str, service: BackgroundService | N
     show(f"  panoloc localize PANORAMA --map {map_id} --out answers", markup=False)
     show("  panoloc register SCAN", markup=False)
     if service is not None:
-        show(f"Stop it with: kill {service.process_id}")
+        show(f"Stop it with: kill {service.process.pid}")

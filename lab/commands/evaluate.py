@@ -1,14 +1,15 @@
 """`panoloc evaluate`: measure methods on cases with known poses, and fit the confidence on the rows. Runs here, without a service."""
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from panoloc.lab.commands.core_errors import core_errors_shown
-from panoloc.service.cli.exit_codes import ExitCode
+from panoloc.core.errors import OptionsError
+from panoloc.lab.display import core_errors_shown
 from panoloc.service.cli.session import JsonOption, Session
 from panoloc.service.host.process_resources import bound_spinning
 
@@ -19,16 +20,7 @@ _METHODS = (
 )
 
 
-def _case(*names: str, **rules: Any) -> Any:
-    return typer.Option(*names, rich_help_panel="Cases", **rules)
-
-
-def _method(*names: str, **rules: Any) -> Any:
-    return typer.Option(*names, rich_help_panel="Methods", **rules)
-
-
-def _output(*names: str, **rules: Any) -> Any:
-    return typer.Option(*names, rich_help_panel="Output", **rules)
+_case, _method, _output = (partial(typer.Option, rich_help_panel=panel) for panel in ("Cases", "Methods", "Output"))
 
 
 @app.callback(invoke_without_command=True)
@@ -58,39 +50,44 @@ def evaluate(
     out: Annotated[Path, _output(file_okay=False, help="Folder of rows and report.")] = Path("panoloc-evaluation"),
     within: Annotated[list[str] | None, _output("--within", help="Limits such as 0.05,5 (m, deg); repeatable.")] = None,
     json: JsonOption = False,
-) -> int:
+) -> None:
     """Measure methods on cases with known poses: the paper's tables as text and JSON, and rows to continue from.
 
     Rows that --out already holds are not run again. PANOLOC_EVAL_THREADS: threads to compute with, all processors otherwise.
     """
     if ctx.invoked_subcommand is not None:
-        return ExitCode.OK
+        return
     session: Session = ctx.obj
     session.json_output = json
-    with core_errors_shown(session) as failed:
+    with core_errors_shown(session):
         bound_spinning()
         # Torch and the algorithm take seconds to import, which the other commands must not pay.
         from panoloc.lab.commands import evaluation_run
+        from panoloc.lab.evaluation.datasets import dataset_scans
+        from panoloc.lab.evaluation.known_cases import limited
+        from panoloc.lab.evaluation.photo_source import as_photos
         from panoloc.lab.evaluation.runner import RunOptions
+        from panoloc.lab.evaluation.sources import folder_scans, seed_range, suite_scans
 
-        scans = evaluation_run.scans_of(
-            suites=suites or (),
-            seeds=seeds,
-            families=families or (),
-            cameras=cameras or (),
-            width=width,
-            num_points=points,
-            spacing_m=spacing_m,
-            cases=cases or (),
-            tags=tags or (),
-            dataset=dataset,
-            root=root,
-            splits=splits or (),
-            limit=limit,
-        )
+        numbers, taken = seed_range(seeds), cameras or []
+        groups = [
+            suite_scans(suite, numbers, families=families or (), width=width, num_points=points, spacing_m=spacing_m)
+            for name in suites or ()
+            # A suite that names a camera keeps it.
+            for suite in ([name] if "/" in name or not taken else [f"{name}/{camera}" for camera in taken])
+        ]
+        of_panoramas = [folder_scans(folder, tags=tuple(tags or ())) for folder in cases or ()]
+        if dataset is not None:
+            if root is None:
+                raise OptionsError("dataset: expected --root with the folder of the data set beside --dataset")
+            of_panoramas += [dataset_scans(dataset, root, split) for split in splits or (None,)]
+        for scans in of_panoramas:
+            groups += [as_photos(scans, camera, numbers, width) for camera in taken] or [scans]
+        if not groups:
+            raise OptionsError("cases: expected --suite, --cases or --dataset; `panoloc evaluate --help` lists them")
+        chosen = [scan for group in groups for scan in limited(group, limit)]
         options = RunOptions(device, cross, change_maps, timeout_s)
-        evaluation_run.run_evaluation(scans, methods or ("fast", "paper"), options, within or (), out, session)
-    return ExitCode.ERROR if failed else ExitCode.OK
+        evaluation_run.run_evaluation(chosen, methods or ("fast", "paper"), options, within or (), out, session)
 
 
 @app.command()
@@ -104,14 +101,14 @@ def fit(
     regularization: Annotated[float, typer.Option(min=1e-6, help="L2 penalty, in rows.")] = 1.0,
     max_wrong: Annotated[float, typer.Option(min=0, max=1, help="Wrong answers allowed at the threshold.")] = 0.005,
     json: JsonOption = False,
-) -> int:
+) -> None:
     """Fit the confidence on rows, cross-validate it by group, and write the coefficients."""
     session: Session = ctx.obj
     session.json_output = json
-    with core_errors_shown(session) as failed:
+    with core_errors_shown(session):
         from json import dumps
 
-        from panoloc.lab.commands.evaluation_tables import held_out_table
+        from panoloc.lab.commands.evaluation_run import held_out_table
         from panoloc.lab.evaluation.fit_confidence import fit_confidence
         from panoloc.lab.evaluation.rows import read_rows
 
@@ -128,4 +125,3 @@ def fit(
         for why, number in fitted.left_out.items():
             session.messages.print(f"left out: {number} of {len(rows)} rows, {why}")
         session.messages.print(f"wrote {escape(str(out))}")
-    return ExitCode.ERROR if failed else ExitCode.OK

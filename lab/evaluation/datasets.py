@@ -16,6 +16,7 @@ from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.reader import read_panorama
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
+from panoloc.lab.rooms.capture.shooting import turned
 
 # The names of the paper's table 1, whose splits are those with changes.
 _PAPER_NAMES = {"robot": "change_robot", "handheld": "change_handheld"}
@@ -168,8 +169,7 @@ def _stanford_pose(path: Path) -> Pose:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         if "camera_location" in values and "final_camera_rotation" in values:
-            camera = _fixed_axes_rotation(*np.asarray(values["final_camera_rotation"], np.float64))
-            right, up, back = camera.T
+            right, up, back = turned(*np.asarray(values["final_camera_rotation"], np.float64)[::-1]).T
             return _pose_of(
                 np.stack((-back, -right, up), axis=1), np.asarray(values["camera_location"], np.float64), path
             )
@@ -180,15 +180,6 @@ def _stanford_pose(path: Path) -> Pose:
         raise SourceError(
             f"{path}: expected JSON with camera_location and final_camera_rotation, or camera_rt_matrix ({error!r})"
         ) from error
-
-
-def _fixed_axes_rotation(x: float, y: float, z: float) -> NDArray[np.float64]:
-    """Return Rz(z) Ry(y) Rx(x), angles in radians."""
-    cos, sin = np.cos((x, y, z)), np.sin((x, y, z))
-    about_x = np.array([[1, 0, 0], [0, cos[0], -sin[0]], [0, sin[0], cos[0]]])
-    about_y = np.array([[cos[1], 0, sin[1]], [0, 1, 0], [-sin[1], 0, cos[1]]])
-    about_z = np.array([[cos[2], -sin[2], 0], [sin[2], cos[2], 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x, np.float64)
 
 
 def _camera_from_map_pose(path: Path) -> Pose:

@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 from panoloc.core.config import JudgeConfig
 from panoloc.core.judge.confidence import FEATURES, RadiusModel, features_of, radius_signs
 from panoloc.core.judge.hypotheses import Hypothesis
-from panoloc.lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error
+from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error
 from panoloc.lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _RADIUS_LEVEL = 0.68
-_LEAST_THRESHOLD = (
-    70  # percent; of the few answers between 0.6 and 0.7 nearly half are wrong, and a wrong pose is worse than none
-)
+# Percent; of the few answers between 0.6 and 0.7 nearly half are wrong, and a wrong pose is worse than none.
+_LEAST_THRESHOLD = 70
 _LEAST_ERROR = 1e-5  # metres or degrees: no pose is known better
 _TELLING_SPREAD = 0.05  # of a sign, below which rows do not determine its power
 
@@ -66,9 +65,8 @@ def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wron
     predicted by a fit to the other groups; a single group is split into five parts by panorama's scan.
     Raises RowsError when rows have no measures, or are all right or all wrong.
     """
-    latest = {
-        (row.scan, row.query, row.method): row for row in rows
-    }  # of the same call with two configurations, the later
+    # Of the same call with two configurations, the later.
+    latest = {(row.scan, row.query, row.method): row for row in rows}
     why = {key: _why_unusable(row) for key, row in latest.items()}
     usable = [row for key, row in latest.items() if why[key] is None]
     left_out = dict(Counter(reason for reason in why.values() if reason is not None))
@@ -121,8 +119,8 @@ def features_of_row(row: Row) -> list[float]:
     """Return the features of a row in the order of `FEATURES`, by the function that answers use."""
     search = row.search
     judged = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), score=search["score"], measures=search["measures"])
-    radii = row.formal_position_m, row.formal_orientation_deg
-    formal = None if radii[0] is None or radii[1] is None else (radii[0], radii[1])
+    position_m, orientation_deg = _formal_of(row)
+    formal = None if position_m is None or orientation_deg is None else (position_m, orientation_deg)
     values = features_of(judged, search.get("runner_up_score") or 0.0, formal, JudgeConfig())
     return [float(values[name]) for name in FEATURES]
 
@@ -158,9 +156,8 @@ def fit_logistic(features: Floats, right: Flags, regularization: float, iteratio
         gradient = design.T @ (probability - right) + penalty @ weights
         curvature = (design * (probability * (1 - probability))[:, None]).T @ design + penalty
         step = np.linalg.solve(curvature, gradient)
-        weights -= step * min(
-            1.0, 5.0 / max(float(np.abs(step).max()), 1e-12)
-        )  # far from the optimum a full step overshoots
+        # Far from the optimum a full step overshoots.
+        weights -= step * min(1.0, 5.0 / max(float(np.abs(step).max()), 1e-12))
         if np.abs(step).max() < 1e-9:
             break
     coefficients = weights[1:] / deviation

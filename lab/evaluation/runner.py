@@ -3,7 +3,8 @@
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 
 import torch
 
@@ -12,9 +13,9 @@ from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
 from panoloc.core.results import Localization
-from panoloc.lab.evaluation.change_metrics import change_metrics
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, query_facts
 from panoloc.lab.evaluation.methods import ComparedMethod
+from panoloc.lab.evaluation.metrics import change_metrics
 from panoloc.lab.evaluation.rows import Row, RowsFile
 
 
@@ -43,22 +44,6 @@ class _Call:
     method: ComparedMethod
 
 
-@dataclass
-class _Ready:
-    """A scan in memory with its map."""
-
-    scan: LoadedScan
-    index: MapIndex
-    registration_s: float
-    queries: dict[str, KnownQuery] = field(default_factory=dict)  # only the last one of each: they are large
-
-    def query(self, name: str) -> KnownQuery:
-        """Return a query of the scan, read when it is not the one that was asked for last."""
-        if name not in self.queries:
-            self.queries = {name: self.scan.query(name)}
-        return self.queries[name]
-
-
 class Evaluation:
     """A run: its calls are known from the beginning, so that progress can be shown."""
 
@@ -68,8 +53,10 @@ class Evaluation:
         self._scans, self._file, self._options = scans, file, options
         self._calls = list(_calls(scans, methods, options.num_strangers))
         self._localizers: dict[str, Localizer] = {}
-        self._ready: dict[int, _Ready] = {}
         self._maps: dict[str, tuple[MapIndex, float]] = {}
+        # Scans and panoramas are large: no more scans are kept than the strangers of a panorama need, and one panorama.
+        self._loaded = lru_cache(options.num_strangers + 1)(lambda number: scans[number].load())
+        self._query = lru_cache(1)(lambda number, name: self._loaded(number).query(name))
 
     @property
     def num_calls(self) -> int:
@@ -100,20 +87,19 @@ class Evaluation:
         """Make one call and compare its answer with the truth."""
         scan, owner = self._scans[call.searched], self._scans[call.owner]
         cross = call.owner != call.searched
-        searched = self._prepared(call.searched, {call.owner, call.searched})
-        query = self._prepared(call.owner, {call.owner, call.searched}).query(call.query)
+        query, searched = self._query(call.owner, call.query), self._loaded(call.searched)
+        index, registration_s = self._map_of(searched)
         localizer = self._localizer(call.method)
         facts = {**scan.facts, "tags": list(query.tags), **query_facts(query)}
-        facts["registration_s"] = round(searched.registration_s, 3)
-        facts["num_points"], facts["num_starts"] = searched.index.num_points, searched.index.num_starts
-        facts["spacing_m"] = searched.index.spacing
+        facts |= {"registration_s": round(registration_s, 3), "spacing_m": index.spacing}
+        facts |= {"num_points": index.num_points, "num_starts": index.num_starts}
         facts["change_maps"] = self._options.change_maps and not cross
         began = time.perf_counter()
         answer, error = None, None
         try:
             answer = localizer.localize(
                 query.query,
-                [searched.index],
+                [index],
                 method=call.method.method,
                 hints=query.hints,
                 timeout_s=self._options.timeout_s,
@@ -126,23 +112,13 @@ class Evaluation:
             return Row(*known, "error", seconds, facts=facts, error=error)
         change: dict[str, float] = {}
         if facts["change_maps"] and query.changed_pixels is not None:
-            change = change_metrics(query, searched.scan.cloud, searched.index, answer)
+            change = change_metrics(query, searched.cloud, index, answer)
         return _row_of(known, seconds, answer, query, change, facts)
 
     def _localizer(self, method: ComparedMethod) -> Localizer:
         if method.digest not in self._localizers:
             self._localizers[method.digest] = Localizer(method.config, self._options.device)
         return self._localizers[method.digest]
-
-    def _prepared(self, number: int, needed: set[int]) -> _Ready:
-        """Load a scan with its map, keeping no more of them than the strangers of the next panorama need."""
-        if number not in self._ready:
-            for other in list(self._ready):
-                if len(self._ready) > self._options.num_strangers and other not in needed:
-                    del self._ready[other]
-            loaded = self._scans[number].load()
-            self._ready[number] = _Ready(loaded, *self._map_of(loaded))
-        return self._ready[number]
 
     def _map_of(self, scan: LoadedScan) -> tuple[MapIndex, float]:
         """Return the map of a scan and the seconds that it took to build: suites with other cameras show the same scan.

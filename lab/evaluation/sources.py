@@ -3,15 +3,14 @@
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.options import ColorKind, IndexOptions, ScanOptions
+from panoloc.core.options import IndexOptions, ScanOptions
 from panoloc.core.panorama.reader import read_panorama
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
@@ -41,8 +40,7 @@ def suite_scans(
 
     def load(seed: int) -> LoadedScan:
         """Make the case of a seed."""
-        cases = suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points)
-        case = next(iter(cases))
+        case = next(suite_cases(suite, [seed], families=families or None, width=width, num_points=num_points))
         is_unmasked = case.missing_pixels is not None and case.panorama.valid[case.missing_pixels].any()
         query = KnownQuery(
             as_uploaded(case.panorama) if is_unmasked else case.query,
@@ -53,11 +51,8 @@ def suite_scans(
             case.hints,
             case.lookalikes,
         )
-        kinds: dict[str, ColorKind] = {kind: kind for kind in get_args(ColorKind)}
         # The paper's outdoor case: grid starts in a known cuboid (§4.2).
-        options = IndexOptions("grid", spacing_m, case.region, kinds[case.color_kind])
-        if case.region is None:
-            options = replace(options, starts_method="octree")
+        options = IndexOptions("octree" if case.region is None else "grid", spacing_m, case.region, case.color_kind)
         return LoadedScan(case.cloud, options, lambda _: query)
 
     return [

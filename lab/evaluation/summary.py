@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from panoloc.lab.evaluation.methods import ComparedMethod
-from panoloc.lab.evaluation.ranking_metrics import area_under_roc, expected_calibration_error, reliability_bins
+from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error, reliability_bins
 from panoloc.lab.evaluation.rows import RIGHT, TIGHT, Row
 from panoloc.lab.machine import machine, versions
 

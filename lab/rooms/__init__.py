@@ -5,21 +5,19 @@ it; `apply_look` changes light and camera; `suite_cases` yields the cases of the
 disk.
 """
 
-from panoloc.lab.rooms.cameras import CAMERAS, QueryCamera
 from panoloc.lab.rooms.capture.camera_look import apply_look, random_look
 from panoloc.lab.rooms.capture.change_truth import changed_pixels, changed_points
 from panoloc.lab.rooms.capture.defects import with_any_defect
 from panoloc.lab.rooms.capture.free_space import sample_pose
-from panoloc.lab.rooms.capture.photo_camera import cut_photo, take_photo
 from panoloc.lab.rooms.capture.scanning import Scan, scan_scene, scan_with_truth
-from panoloc.lab.rooms.capture.spherical_camera import View, take_panorama, take_view
-from panoloc.lab.rooms.capture.tracking import session_axes, tracked
+from panoloc.lab.rooms.capture.shooting import QueryCamera, session_axes, tracked
+from panoloc.lab.rooms.capture.views import View, cut_photo, take_panorama, take_photo, take_view
 from panoloc.lab.rooms.case_folder import PosedPanorama, write_case_folder
 from panoloc.lab.rooms.cases import Case, make_case
 from panoloc.lab.rooms.scenes.changes import change_scene
 from panoloc.lab.rooms.scenes.generator import FAMILIES, SceneSpec, build_scene
 from panoloc.lab.rooms.scenes.scene import Scene
-from panoloc.lab.rooms.suites import suite_cases, suite_of
+from panoloc.lab.rooms.suites import CAMERAS, suite_cases, suite_of
 
 __all__ = [
     "CAMERAS",

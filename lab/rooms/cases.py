@@ -8,23 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.options import Hints
+from panoloc.core.options import ColorKind, Hints
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.session import Session
 from panoloc.core.panorama.session_sphere import session_on_sphere
 from panoloc.core.scan.point_cloud import PointCloud
-from panoloc.lab.rooms.cameras import QueryCamera
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
 from panoloc.lab.rooms.capture.change_truth import changed_pixels, changed_points
 from panoloc.lab.rooms.capture.defects import with_any_defect
-from panoloc.lab.rooms.capture.free_space import RotationKind, sample_pose
+from panoloc.lab.rooms.capture.free_space import sample_pose
 from panoloc.lab.rooms.capture.intruders import add_person, show_hand
-from panoloc.lab.rooms.capture.photo_camera import take_photo
 from panoloc.lab.rooms.capture.scanning import scan_with_truth
-from panoloc.lab.rooms.capture.shooting import Shooting
-from panoloc.lab.rooms.capture.spherical_camera import take_view
-from panoloc.lab.rooms.capture.tracking import session_axes, tracked
-from panoloc.lab.rooms.scenes.changes import change_scene
+from panoloc.lab.rooms.capture.shooting import QueryCamera, Shooting, session_axes, tracked
+from panoloc.lab.rooms.capture.views import take_photo, take_view
+from panoloc.lab.rooms.objects.solids import about_z
+from panoloc.lab.rooms.scenes.changes import change_scene, day, night
 from panoloc.lab.rooms.scenes.generator import SceneKind, SceneSpec, build_scene
 from panoloc.lab.rooms.scenes.scene import Scene
 from panoloc.lab.rooms.scenes.twin_scene import twin_poses
@@ -50,7 +48,7 @@ class Case:
     cloud: PointCloud
     query: Panorama | Session
     pose: Pose
-    color_kind: str
+    color_kind: ColorKind
     changed_pixels: NDArray[np.bool_] | None
     changed_points: NDArray[np.bool_]
     seed: int
@@ -68,27 +66,20 @@ class Case:
         return self.query if isinstance(self.query, Panorama) else session_on_sphere(self.query)[0]
 
 
-def as_built(scene: Scene) -> Scene:
-    """Return the scene in the light it was built with."""
-    return scene
-
-
 @dataclass(frozen=True)
 class Suite:
     """The recipe of a suite.
 
-    change: share of the furniture that changes. look: a camera, or a function that draws one. scan_light, light: what
-    makes day or night of the scene for the scan and for the photo. max_elevation_deg: half the height of the visible band
-    in degrees, None for the full sphere. survey_frame: scan turned about z and given in large coordinates.
+    change: share of the furniture that changes. look: a camera, or a function that draws one. at_night: photographed at night what
+    was scanned by day. max_elevation_deg: half the height of the visible band in degrees, None for the full sphere.
+    survey_frame: scan turned about z and given in large coordinates.
     """
 
     kind: SceneKind = "room"
     change: float = 0.0
     look: CameraLook | Callable[[np.random.Generator], CameraLook] = PHOTO
-    color_kind: str = "rgb"
-    rotation: RotationKind = "any"
-    scan_light: Callable[[Scene], Scene] = as_built
-    light: Callable[[Scene], Scene] = as_built
+    color_kind: ColorKind = "rgb"
+    at_night: bool = False
     num_stations: int | None = None
     num_points: int = 300_000
     region: Region | None = None
@@ -115,10 +106,10 @@ def make_case(
     rng = np.random.default_rng((seed, 17))
     family = None if not families else families[int(rng.integers(len(families)))]
     scanned = build_scene(SceneSpec(suite.kind, seed, family))
-    in_scan_light = suite.scan_light(scanned)
+    in_scan_light = day(scanned) if suite.at_night else scanned
     scan = scan_with_truth(in_scan_light, suite.num_stations, suite.num_points, seed=seed, color_kind=suite.color_kind)
     now = change_scene(scanned, suite.change, seed) if suite.change > 0 else scanned
-    now = suite.light(now)
+    now = night(now) if suite.at_night else now
     if camera is None or camera.shooting is None:
         taken = _panorama(suite, now, scanned, seed, width, rng)
     else:
@@ -161,7 +152,7 @@ class _Taken:
 
 def _panorama(suite: Suite, now: Scene, scanned: Scene, seed: int, width: int, rng: np.random.Generator) -> _Taken:
     """Take a full panorama as the suite's camera shows it."""
-    (pose,) = _among_twins(now, lambda: [sample_pose(now, rng, suite.rotation)])
+    (pose,) = _among_twins(now, lambda: [sample_pose(now, rng)])
     if suite.change > 0 and rng.random() < _PERSON_SHARE:
         now = add_person(now, pose, seed)
     view = take_view(now, pose, width, suite.color_kind)
@@ -215,8 +206,7 @@ def _among_twins(scene: Scene, draw: Callable[[], list[Pose]]) -> list[Pose]:
 def _in_survey_frame(case: Case, rng: np.random.Generator) -> Case:
     """Return the case with its scan turned about z, and in large coordinates like those of UTM."""
     yaw, offset = float(rng.uniform(-np.pi, np.pi)), rng.uniform((3e5, 5.2e6, 50.0), (6e5, 5.9e6, 600.0))
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+    turn = about_z(yaw)
 
     def moved(*poses: Pose) -> tuple[Pose, ...]:
         return tuple(Pose(turn @ pose.rotation, turn @ pose.position + offset) for pose in poses)

@@ -1,13 +1,13 @@
-"""Named evaluation suites: recipes of cases with known poses, one per seed; docs/evaluation.md describes each."""
+"""Named evaluation suites and their cameras: recipes of cases with known poses; docs/evaluation.md describes each."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from panoloc.core.errors import OptionsError
-from panoloc.lab.rooms.cameras import CAMERAS, QueryCamera
+from panoloc.core.options import Hints, SessionOptions
 from panoloc.lab.rooms.capture.camera_look import DIM, GAMMA_3, WHITE_BALANCE, as_photo, random_look
+from panoloc.lab.rooms.capture.shooting import QueryCamera, Shooting
 from panoloc.lab.rooms.cases import Case, Region, Suite, make_case
-from panoloc.lab.rooms.scenes.changes import day, night
 from panoloc.lab.rooms.scenes.generator import FAMILIES
 
 _STREET_REGION: Region = ((-25.0, -5.0, 0.0), (25.0, 5.0, 5.0))
@@ -22,7 +22,7 @@ SUITES: dict[str, Suite] = {
     "dim": Suite(look=as_photo(DIM)),
     "gamma": Suite(look=as_photo(GAMMA_3)),
     "white_balance": Suite(look=as_photo(WHITE_BALANCE)),
-    "night": Suite(scan_light=day, light=night),
+    "night": Suite(at_night=True),
     "partial": Suite(max_elevation_deg=45.0),
     "sparse": Suite(num_stations=1, num_points=60_000),
     "survey": Suite(survey_frame=True),
@@ -34,6 +34,34 @@ SUITES: dict[str, Suite] = {
     "labels_changed": Suite(change=0.6, color_kind="labels"),
     "street": Suite(kind="street", color_kind="labels", region=_STREET_REGION),
     "street_colors": Suite(kind="street", region=_STREET_REGION),
+}
+
+_UP, _FREE = SessionOptions(up_known=True), SessionOptions(up_known=False)
+_IN_THE_HAND = Shooting(arm_m=(0.3, 0.7), pitch_deg=8.0)
+_PHOTO = Shooting()
+_ANY_WAY = Shooting(pitch_deg=60.0, roll_deg=180.0)
+
+_ONE: dict[str, QueryCamera] = {
+    "photo": QueryCamera(_PHOTO),
+    "photo_upright": QueryCamera(_PHOTO, hints=Hints(upright=True)),
+    "photo_free": QueryCamera(_ANY_WAY),
+    "photo_gravity": QueryCamera(_ANY_WAY, _UP),
+    "photo_wide": QueryCamera(replace(_PHOTO, hfov_deg=(100.0, 100.0))),
+    "fisheye": QueryCamera(replace(_PHOTO, model="opencv_fisheye", hfov_deg=(150, 190))),
+    "sweep": QueryCamera(Shooting("cylindrical", (180.0, 360.0), vfov_deg=50.0, pitch_deg=3.0, roll_deg=3.0)),
+    "void": QueryCamera(None),
+    "void_masked": QueryCamera(None, masked=True),
+}
+_SEVERAL: dict[str, QueryCamera] = {
+    "frames2": QueryCamera(replace(_IN_THE_HAND, num_images=(2, 2), apart_deg=90.0), _UP),
+    "frames4": QueryCamera(replace(_IN_THE_HAND, num_images=(4, 4), apart_deg=60.0), _UP),
+    "frames6": QueryCamera(replace(_IN_THE_HAND, num_images=(6, 6), apart_deg=60.0), _UP),
+    "frames_walk": QueryCamera(replace(_IN_THE_HAND, num_images=(4, 8), apart_deg=None, walk_m=2.0), _UP),
+}
+CAMERAS: dict[str, QueryCamera] = {
+    **_ONE,
+    **_SEVERAL,
+    **{f"{name}_free": replace(camera, session=_FREE) for name, camera in _SEVERAL.items()},
 }
 
 

@@ -16,7 +16,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark, chosen_device
-from panoloc.lab.benchmark.rooms import Rooms
+from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.sizes import FULL, QUICK
 from panoloc.lab.machine import machine, versions
 

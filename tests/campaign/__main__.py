@@ -6,6 +6,7 @@ Bounded by its options; docs/reliability.md says what it measures and what was f
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 
 from panoloc.service.host.logging import configure_logging
 from tests.campaign.outcome import Outcome, table
@@ -45,72 +46,25 @@ def main(arguments: list[str]) -> int:
 
 
 def _parts(given: argparse.Namespace) -> dict[str, Callable[[], Outcome]]:
-    # Imported by those who run them: torch takes seconds.
-    def scans() -> Outcome:
-        from tests.campaign.hostile_files import hostile_scans
+    # Torch takes seconds to import, for which `--help` need not wait.
+    from tests.campaign.hostile_files import hostile_images, hostile_scans
+    from tests.campaign.hostile_requests import hostile_requests
+    from tests.campaign.kills import node_killed, process_kills, replica_kills, service_kills
+    from tests.campaign.overload import impatient, newcomers
+    from tests.campaign.running import soak
 
-        return hostile_scans(given.cases, given.seed)
-
-    def images() -> Outcome:
-        from tests.campaign.hostile_files import hostile_images
-
-        return hostile_images(given.cases // 2, given.seed)
-
-    def requests() -> Outcome:
-        from tests.campaign.hostile_requests import hostile_requests
-
-        return hostile_requests(given.cases // 2, given.seed)
-
-    def killed(process: str) -> Callable[[], Outcome]:
-        def run() -> Outcome:
-            from tests.campaign.running import kills
-
-            return kills(process, given.kills)
-
-        return run
-
-    def replica() -> Outcome:
-        from tests.campaign.api_replicas import replica_kills
-
-        return replica_kills(given.kills)
-
-    def service() -> Outcome:
-        from tests.campaign.api_replicas import service_kills
-
-        return service_kills(given.kills)
-
-    def node() -> Outcome:
-        from tests.campaign.cluster_nodes import node_killed
-
-        return node_killed()
-
-    def overloaded() -> Outcome:
-        from tests.campaign.overload import impatient
-
-        return impatient(given.overload_s)
-
-    def crowded() -> Outcome:
-        from tests.campaign.overload import newcomers
-
-        return newcomers(given.overload_s)
-
-    def soaked() -> Outcome:
-        from tests.campaign.running import soak
-
-        return soak(given.soak_s)
-
-    of_processes = {name: killed(name) for name in ("worker", "redis")}
     return {
-        "scans": scans,
-        "images": images,
-        "requests": requests,
-        **of_processes,
-        "replica": replica,
-        "service": service,
-        "node": node,
-        "overload": overloaded,
-        "crowd": crowded,
-        "soak": soaked,
+        "scans": partial(hostile_scans, given.cases, given.seed),
+        "images": partial(hostile_images, given.cases // 2, given.seed),
+        "requests": partial(hostile_requests, given.cases // 2, given.seed),
+        "worker": partial(process_kills, "worker", given.kills),
+        "redis": partial(process_kills, "redis", given.kills),
+        "replica": partial(replica_kills, given.kills),
+        "service": partial(service_kills, given.kills),
+        "node": node_killed,
+        "overload": partial(impatient, given.overload_s),
+        "crowd": partial(newcomers, given.overload_s),
+        "soak": partial(soak, given.soak_s),
     }
 
 

@@ -30,22 +30,18 @@ class Clients:
 
     def __init__(
         self,
-        url: str | list[str],
+        url: str,
         map_id: str,
         number: int,
         timeout_s: float = 300.0,
         context: ssl.SSLContext | None = None,
     ) -> None:
-        """url: of one service, or of several that share the clients evenly."""
         self.answers, self.number = Answers(), number
         self._context = context or True
         self._map_id, self._timeout_s = map_id, timeout_s
-        urls = [url] if isinstance(url, str) else url
         self._lock = threading.Lock()
         self._ending = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._ask, args=(urls[each % len(urls)],), daemon=True) for each in range(number)
-        ]
+        self._threads = [threading.Thread(target=self._ask, args=(url,), daemon=True) for _ in range(number)]
         for thread in self._threads:
             thread.start()
 
@@ -63,9 +59,8 @@ class Clients:
     def num_answered_since(self, when: float) -> int:
         """Return how many right answers ended after a moment."""
         with self._lock:
-            return sum(
-                at > when and status == 200 for at, status in zip(self.answers.at, self.answers.status, strict=True)
-            )
+            ends = zip(self.answers.at, self.answers.status, strict=True)
+            return sum(at > when and status == 200 for at, status in ends)
 
     def _ask(self, url: str) -> None:
         options = f'{{"timeout_s": {self._timeout_s:g}}}'

@@ -3,18 +3,8 @@
 import random
 
 _INTERESTING = (
-    b"\x00",
-    b"\xff",
-    b"\x7f\xff\xff\xff",
-    b"\x80\x00\x00\x00",
-    b"-1",
-    b"1e999",
-    b"nan",
-    b"\r\n",
-    b'"',
-    b"<",
-    b"{",
-    b"\xf0\x9f",
+    *(b"\x00", b"\xff", b"\x7f\xff\xff\xff", b"\x80\x00\x00\x00", b"-1", b"1e999", b"nan"),
+    *(b"\r\n", b'"', b"<", b"{", b"\xf0\x9f"),
 )
 
 

@@ -1,7 +1,6 @@
-"""Kills and soak of a service that runs as its users run it."""
+"""A soak of a service that runs as its users run it, and what all parts with a service share."""
 
 import os
-import signal
 import tempfile
 import time
 from collections import Counter
@@ -9,48 +8,13 @@ from pathlib import Path
 
 import redis
 
-from panoloc.lab.process_memory import command_of, family_bytes
+from panoloc.lab.process_memory import family_bytes
 from tests.campaign.clients import Answers, Clients
-from tests.campaign.outcome import Outcome, quantile
-from tests.integration.running_service import RunningService, eventually
+from tests.campaign.outcome import Outcome
+from tests.integration.running_service import RunningService
 from tests.integration.small_room import OPTIONS, small_room
 
-# What comes back by itself.
-KILLED = {"worker": "panoloc.service.pool.child", "redis": "redis.sock"}
 PATIENCE_S = 300.0
-
-
-def kills(process: str, times: int, num_clients: int = 4) -> Outcome:
-    """Kill one class of processes again and again under clients."""
-    outcome, began = Outcome(f"kill the {process} under {num_clients} clients"), time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
-        service, map_id = ready_service(Path(folder))
-        clients = Clients(str(service.http.base_url), map_id, num_clients)
-        back_s = []
-        try:
-            assert eventually(lambda: clients.answered_since(0.0), PATIENCE_S)
-            for _ in range(times):
-                assert eventually(lambda: bool(_pids(service, process)), PATIENCE_S)
-                killed = time.monotonic()
-                for pid in _pids(service, process):
-                    os.kill(pid, signal.SIGKILL)
-                # Answers that were on their way when it was killed do not count.
-                time.sleep(0.2)
-                assert eventually(lambda since=killed + 0.2: clients.answered_since(since), PATIENCE_S)  # type: ignore[misc]
-                back_s.append(time.monotonic() - killed)
-                outcome.cases += 1
-            answers = clients.stop()
-            if service.http.get("/maps").json()["items"][0]["id"] != map_id:
-                outcome.faults.append("a map is lost")
-        finally:
-            clients.stop()
-            service.stop()
-    tell(outcome, answers)
-    outcome.figures |= {
-        "answers flow again after (median, longest)": f"{quantile(back_s, 0.5):.1f} s, {max(back_s):.1f} s"
-    }
-    outcome.seconds = time.monotonic() - began
-    return outcome
 
 
 def soak(seconds: float) -> Outcome:
@@ -88,10 +52,6 @@ def ready_service(folder: Path, **settings: str) -> tuple[RunningService, str]:
     except BaseException:
         service.kill()
         raise
-
-
-def _pids(service: RunningService, process: str) -> list[int]:
-    return [pid for pid in service.family() if KILLED[process] in command_of(pid)]
 
 
 def tell(outcome: Outcome, answers: Answers, allowed: tuple[int, ...] = ()) -> None:

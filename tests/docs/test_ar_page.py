@@ -1,7 +1,6 @@
 """The code in docs/ar sends poses, intrinsics and options that mean what the service takes them for, and undo its answer rightly."""
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -31,7 +30,6 @@ from tests.docs.ar_snippets import (
     content_at,
     options_of,
     ros_functions,
-    snippet,
 )
 
 PLATFORMS = pytest.mark.parametrize("platform", list(FILES))
@@ -77,14 +75,6 @@ def test_a_snippet_sends_the_known_pose(platform: str) -> None:
 
 
 @PLATFORMS
-def test_where_map_and_session_are_one_the_answer_is_the_pose_that_was_sent(platform: str) -> None:
-    frame = FRAME[platform]
-    found = Pose(np.eye(3), np.zeros(3)).after(sent_pose(platform)).in_frame(frame)
-    np.testing.assert_allclose(found.position, POSITION[frame], atol=1e-8)
-    np.testing.assert_allclose(found.quaternion_xyzw, QUATERNION[frame], atol=2e-8)
-
-
-@PLATFORMS
 def test_a_snippet_sends_the_axes_and_the_intrinsics_of_one_image(platform: str) -> None:
     """A point of the scan lands on the pixel where the device has it."""
     pose, camera = sent_pose(platform), sent_camera(platform).to_options()
@@ -101,7 +91,6 @@ def test_the_pixels_of_webxr_are_those_that_its_projection_draws_turned_over() -
     clip = webxr_projection() @ (-left, up, -forward, 1)
     column, row = (clip[0] / clip[3] + 1) / 2 * WIDTH, (1 - clip[1] / clip[3]) / 2 * HEIGHT
     assert (column, row) == pytest.approx((CX - FX * left / forward, CY - FY * up / forward), abs=1e-9)
-    assert "image.data.set(rows.subarray((height - 1 - row) * width * 4" in snippet("WebXR")
 
 
 @pytest.mark.parametrize(
@@ -115,13 +104,6 @@ def test_the_lens_of_a_ros_camera_is_taken_as_its_info_says(model: str, num: int
     assert (camera.model, len(camera.distortion)) == (taken_for, num)
 
 
-def test_a_body_frame_sent_as_ros_is_the_optical_frame_sent_as_opencv_and_mixed_looks_sideways() -> None:
-    body = Pose.from_frame(POSITION["ros"], QUATERNION["ros"], "ros")
-    np.testing.assert_allclose(body.rotation, sent_pose("ROS 2").rotation, atol=2e-8)
-    mixed = Pose.from_frame(POSITION["ros"], QUATERNION["opencv"], "ros")
-    np.testing.assert_allclose(mixed.rotation[:, 0], -body.rotation[:, 1], atol=2e-8)
-
-
 def answered(frame: Frame) -> Pose:
     """Return `map_from_session` of a session that begins at the known pose with its camera's axes, in the axes of the answer."""
     known = Pose.from_frame(POSITION["ros"], QUATERNION["ros"], "ros")
@@ -132,34 +114,8 @@ def answered(frame: Frame) -> Pose:
     return found
 
 
-APPLIED = {
-    "ARKit": (
-        "let mapFromSession = simd_float4x4(rows: found.matrix.map { simd_float4($0) })",
-        "return mapFromSession.inverse",
-        "content.columns.3 = simd_float4(x, z, -y, 1)",
-        'session.add(anchor: ARAnchor(name: "content", transform: sessionFromMap * content))',
-    ),
-    "ARCore": (
-        'val t = found.getJSONObject("position_m")',
-        'val q = found.getJSONObject("quaternion")',
-        'val mapFromSession = Pose(numbers(t, "x", "y", "z"), numbers(q, "x", "y", "z", "w"))',
-        "return mapFromSession.inverse()",
-        "return session.createAnchor(sessionFromMap.compose(content))",
-    ),
-    "WebXR": (
-        "const { position_m, quaternion } = answer.map_from_session;",
-        "const mapFromSession = new XRRigidTransform(position_m, quaternion);",
-        "return mapFromSession.inverse;",
-        "group.matrix.fromArray(sessionFromMap.matrix);",
-        "content.position.set(x, z, -y);",
-    ),
-}
-
-
-@pytest.mark.parametrize("platform", list(APPLIED))
+@pytest.mark.parametrize("platform", ["ARKit", "ARCore", "WebXR"])
 def test_content_of_the_scan_stands_in_the_session_where_the_camera_sees_it(platform: str) -> None:
-    lines = [line.strip() for line in snippet(platform).splitlines()]
-    assert [line for line in APPLIED[platform] if line not in lines] == []
     # The session has the camera's own axes: right, up, backward.
     found = answered("webxr").inverse().matrix @ (*content_at(platform, SCAN_POINT), 1)
     forward, left, up = SEEN
@@ -179,8 +135,3 @@ def test_the_answer_is_the_transform_from_map_to_odom() -> None:
     map_from_odom = Pose.from_frame((0, 0, 0), (q.x, q.y, q.z, q.w), "ros").rotation
     forward, left, up = SEEN
     np.testing.assert_allclose(map_from_odom @ (-left, -up, forward) + (t.x, t.y, t.z), SCAN_POINT, atol=2e-8)
-
-
-@PLATFORMS
-def test_a_snippet_anchors_nothing_that_is_not_localized(platform: str) -> None:
-    assert re.search(r"status\W.{0,6}[=!]==? \"localized\"|status\"\) != \"localized\"", snippet(platform))

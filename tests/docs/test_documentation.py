@@ -1,4 +1,4 @@
-"""What the documentation says is there is there."""
+"""What the documentation says is there is there: links, commands, options, exit codes, files, settings and diagnostics."""
 
 import os
 import re
@@ -7,12 +7,18 @@ from pathlib import Path
 import pytest
 import typer
 
+from docs.settings_table import PAGE, settings_table, with_current_table
 from panoloc.service.cli.entry import app
 from panoloc.service.cli.exit_codes import ExitCode
 from tests.docs.documentation import PAGES, ROOT, anchors, relative_links, shell_commands
 
 COMMANDS = [(page, words) for page in PAGES for words in shell_commands(page)]
 CLI = typer.main.get_command(app)
+SETTINGS = set(re.findall(r"PANOLOC_[A-Z_]+", settings_table()))
+# Read by commands and compose files, not by the service.
+OTHERS = {"PANOLOC_URL", "PANOLOC_API_KEY", "PANOLOC_EVAL_THREADS", "PANOLOC_METRICS_KEY"}
+# Codes stand first in `Diagnostic(…)`, in the readers also in `note(…)`.
+MADE = re.compile(r"""(?:\bDiagnostic|\bnote)\(\s*"([a-z_0-9]+)",""")
 
 
 def options_of(words: list[str]) -> set[str]:
@@ -76,3 +82,21 @@ def test_files_named_in_the_text_exist(page: Path) -> None:
     named = re.findall(r"`((?:core|lab|service|docker|scripts|tests)/[\w./-]*)`", page.read_text(encoding="utf-8"))
     missing = [name for name in named if not (ROOT / name).exists()]
     assert missing == []
+
+
+def test_the_page_on_operations_has_the_current_settings() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == with_current_table(page), "run scripts/update-docs"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_variable_that_a_page_names_is_a_setting(page: Path) -> None:
+    named = set(re.findall(r"\bPANOLOC_[A-Z_]*[A-Z]\b", page.read_text(encoding="utf-8")))
+    assert named - OTHERS <= SETTINGS
+
+
+def test_every_code_of_the_sources_is_explained_and_no_other() -> None:
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "core").rglob("*.py")]
+    made = {code for source in sources for code in MADE.findall(source)}
+    rows = re.findall(r"^\| (`[^|]+`) \|", (ROOT / "docs" / "formats.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert made == {code for row in rows for code in re.findall(r"`([a-z_0-9]+)`", row)}

@@ -16,18 +16,8 @@ class RealRedis:
         self.start()
 
     def start(self) -> None:
-        command = [
-            "redis-server",
-            "--port",
-            str(self._port),
-            "--bind",
-            "127.0.0.1",
-            "--save",
-            "",
-            "--loglevel",
-            "warning",
-        ]
-        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        options = ["--port", str(self._port), "--bind", "127.0.0.1", "--save", "", "--loglevel", "warning"]
+        self.process = subprocess.Popen(["redis-server", *options], stdout=subprocess.DEVNULL)
         assert eventually(self.answers, 90)
 
     def answers(self) -> bool:

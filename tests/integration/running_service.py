@@ -105,9 +105,9 @@ class RunningService:
         children = [f"{pid} {command_of(pid)}" for pid in self.family() if is_running(pid)]
         return "\n".join([f"exit code {self.process.poll()}", *children, *lines[-60:]])
 
-    def register(self, scan: bytes, options: str) -> str:
-        """Upload a PLY, wait until the map is ready, and return its id."""
-        answer = self.http.post("/maps", files={"file": ("room.ply", scan)}, data={"options": options})
+    def register(self, scan: bytes, options: str, name: str = "room.ply") -> str:
+        """Upload a scan, wait until the map is ready, and return its id."""
+        answer = self.http.post("/maps", files={"file": (name, scan)}, data={"options": options})
         assert answer.status_code == 202, answer.text
         map_id = str(answer.json()["id"])
         assert eventually(lambda: self.map(map_id)["status"] in ("ready", "failed"), 240)

@@ -16,14 +16,15 @@ from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.integration.console_page import (
     WAIT_MS,
+    best_shift,
     browser,
+    edges,
     page_of,
     picture_of,
     scene_state,
     serious_faults,
     wait_until_drawn,
 )
-from tests.integration.picture_edges import best_shift, edges
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import second_panorama, small_room
 
@@ -62,6 +63,8 @@ def room_id(service: RunningService, chromium: Browser, tmp_path_factory: pytest
         page.get_by_label("Choose scans to upload").set_input_files(scan)
         card = page.get_by_role("link", name=HOSTILE)
         expect(card.locator("img")).to_be_visible(timeout=WAIT_MS)
+        expect(card).to_contain_text("points")
+        assert page.locator("img[src=x]").count() == 0
         return str(card.get_attribute("href")).rpartition("/")[2]
 
 
@@ -86,13 +89,6 @@ def test_a_file_that_is_no_scan_is_refused_with_what_to_do_and_can_be_dismissed(
     expect(note).to_contain_text("expected")
     page.get_by_role("button", name="Dismiss").click()
     expect(note).to_have_count(0)
-
-
-def test_a_dropped_scan_becomes_a_map_whose_name_is_text(page: Page, room_id: str) -> None:
-    card = page.get_by_role("link", name=HOSTILE)
-    expect(card.locator("img")).to_be_visible()
-    expect(card).to_contain_text("points")
-    assert page.locator("img[src=x]").count() == 0
 
 
 @pytest.mark.parametrize(("draw", "drawn_by"), [("webgl", "WebGL"), ("processor", "the processor")])
@@ -231,21 +227,6 @@ def test_a_service_that_is_busy_is_asked_again_when_it_says_so(page: Page, servi
     assert len(asked) >= 2
 
 
-def test_the_starts_of_the_search_are_shown_when_asked_for(page: Page, service: RunningService, room_id: str) -> None:
-    page.goto(f"{service.http.base_url}/#/maps/{room_id}")
-    page.get_by_role("checkbox", name="Starts of the search").check()
-    num_starts = service.map(room_id)["stats"]["num_starts"]
-    expect(page.get_by_text(f"Starts of the search ({num_starts})")).to_be_visible()
-
-
-def test_operations_tell_of_workers_and_of_problems_by_their_request_ids(page: Page, service: RunningService) -> None:
-    request_id = service.http.get("/maps/map_none").headers["x-request-id"]
-    page.goto(f"{service.http.base_url}/#/operations")
-    expect(page.get_by_role("list", name="State")).to_contain_text("Workers")
-    expect(page.get_by_role("region", name="Last problems").first).to_contain_text(request_id)
-    assert serious_faults(page) == []
-
-
 def test_a_service_that_goes_is_said_to_be_gone_until_it_is_back(page: Page) -> None:
     gone = page.get_by_role("alert").filter(has_text="The service does not answer")
     expect(page.get_by_role("banner")).to_contain_text("Ready")
@@ -285,6 +266,9 @@ def test_the_scan_is_turned_moved_and_zoomed_by_keys_that_the_view_names(
     assert away[0] == pytest.approx(away[1]) == pytest.approx(away[2])
     assert zoomed[0] == pytest.approx(moved[0])
     assert away[3] < 0.9 * away[2]
+    page.get_by_role("checkbox", name="Starts of the search").check()
+    num_starts = service.map(room_id)["stats"]["num_starts"]
+    expect(page.get_by_text(f"Starts of the search ({num_starts})")).to_be_visible()
 
 
 def test_an_ordinary_photo_of_which_nothing_is_known_is_asked_for_its_angle_of_view(
@@ -347,8 +331,12 @@ def test_every_view_can_be_read_and_reached_by_everybody(
         check("/maps")
         check("/localize")
         expect(page.get_by_role("checkbox", name=HOSTILE)).to_be_visible()
-        for path in (f"/maps/{room_id}", "/batches", "/operations", "/maps/map_none"):
+        for path in (f"/maps/{room_id}", "/batches", "/maps/map_none"):
             check(path)
+        request_id = service.http.get("/maps/map_none").headers["x-request-id"]
+        check("/operations")
+        expect(page.get_by_role("list", name="State")).to_contain_text("Workers")
+        expect(page.get_by_role("region", name="Last problems").first).to_contain_text(request_id)
         check(f"/maps/{room_id}", "Changes")
         check(f"/maps/{room_id}", "About", "Edit…")
         check("/operations", "Key")

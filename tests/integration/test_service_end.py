@@ -23,8 +23,19 @@ def data_dir() -> Iterator[Path]:
         yield Path(folder) / "data"
 
 
-def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_asked_to_end(data_dir: Path) -> None:
-    service = RunningService(data_dir, drain_s="240")
+@pytest.fixture
+def foreign_folder(tmp_path: Path) -> Path:
+    """Return a folder with packages of the same names as the service's own."""
+    for name in ("core", "service", "lab", "numpy", "panoloc"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('a package of somebody else')")
+    return tmp_path
+
+
+def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_asked_to_end(
+    data_dir: Path, foreign_folder: Path
+) -> None:
+    service = RunningService(data_dir, None, foreign_folder, drain_s="240")
     try:
         assert eventually(lambda: service.status("/health/live") == 200, 90)
         libraries = Path(f"/proc/{service.process.pid}/maps").read_text()
@@ -33,6 +44,7 @@ def test_it_lives_before_the_algorithm_is_loaded_and_finishes_what_runs_when_ask
         assert service.status("/health/ready") == 503
         service.wait_until_ready()
         map_id = service.register(small_room().scan, OPTIONS)
+        assert service.http.get("/demo/room.ply").status_code == 200  # made by a process of its own
         family = service.family()
         with ThreadPoolExecutor(8) as clients:
             requests = [clients.submit(service.localize, small_room().panorama, map_id) for _ in range(8)]
@@ -79,18 +91,3 @@ def test_killed_it_leaves_no_process_behind_and_the_next_one_knows_its_maps(data
     assert eventually(lambda: not any(is_running(pid) for pid in family), 90), [
         Path(f"/proc/{pid}/cmdline").read_text() for pid in family if is_running(pid)
     ]
-
-
-def test_it_works_in_a_folder_with_packages_of_the_same_names_as_its_own(tmp_path: Path) -> None:
-    for name in ("core", "service", "lab", "numpy", "panoloc"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('a package of somebody else')")
-    with tempfile.TemporaryDirectory(prefix="pl-") as data:
-        service = RunningService(Path(data) / "data", None, tmp_path)
-        try:
-            service.wait_until_ready()
-            map_id = service.register(small_room().scan, OPTIONS)
-            assert service.localize(small_room().panorama, map_id).status_code == 200
-            assert service.http.get("/demo/room.ply").status_code == 200
-        finally:
-            service.kill()

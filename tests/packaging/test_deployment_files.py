@@ -57,14 +57,6 @@ def test_everything_that_the_image_copies_exists_and_is_not_ignored() -> None:
         assert {name, *map(str, Path(name).parents)} & kept, name
 
 
-def test_the_image_has_the_libraries_that_the_installer_installs() -> None:
-    table = (ROOT / "scripts" / "install").read_text(encoding="utf-8").split("TABLE")[1]
-    packages = [line.split()[0] for line in table.splitlines() if " lib" in line]
-    assert packages
-    dockerfile = (ROOT / "Dockerfile").read_text(encoding="utf-8")
-    assert [package for package in packages if package not in dockerfile] == []
-
-
 @pytest.mark.parametrize("file", COMPOSE, ids=lambda file: file.name)
 def test_the_compose_files_mount_and_read_what_exists(file: Path) -> None:
     services = read(file)["services"].values()
@@ -123,17 +115,6 @@ def test_the_manifests_name_each_other() -> None:
     for name in ("panoloc", "panoloc-queries"):
         (rule,) = manifest("Ingress", name)["spec"]["rules"]
         assert {path["backend"]["service"]["name"] for path in rule["http"]["paths"]} == {"panoloc"}
-
-
-def test_replicas_share_one_folder_and_one_redis() -> None:
-    settings = manifest("ConfigMap", "panoloc")["data"]
-    assert settings["PANOLOC_SHARED"] == "true"
-    assert settings["PANOLOC_REDIS_URL"].startswith("redis://panoloc-redis:")
-    assert manifest("PersistentVolumeClaim", "panoloc-data")["spec"]["accessModes"] == ["ReadWriteMany"]
-    replicas = read(DOCKER / "compose.replicas.yaml")["services"]["panoloc"]
-    assert replicas["environment"]["PANOLOC_SHARED"] == "true"
-    assert replicas["deploy"]["replicas"] > 1
-    assert not replicas["ports"], "several replicas cannot have one port of the machine"
 
 
 def test_a_replica_may_finish_before_it_is_killed() -> None:

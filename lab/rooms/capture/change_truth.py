@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.lab.rooms.capture.scanning import Scan
-from panoloc.lab.rooms.capture.spherical_camera import View
+from panoloc.lab.rooms.capture.views import View
 from panoloc.lab.rooms.scenes.scene import Scene, kept_objects
 from panoloc.lab.rooms.scenes.surface import Hits
 

@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,40 +9,25 @@ from PIL import Image, ImageDraw, ImageFilter
 
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.lab.rooms.capture.camera_look import encode_jpeg
-from panoloc.lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
+from panoloc.lab.rooms.capture.views import pixel_centers, viewing_directions
 
 Pixels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Draw = Callable[[Pixels, np.random.Generator], tuple[Pixels, Mask]]
 
-DefectKind = Literal[
-    "void_black",
-    "void_white",
-    "void_color",
-    "holes",
-    "letter_box",
-    "columns",
-    "wedges",
-    "patch",
-    "logo",
-    "blur",
-    "smear",
-    "mirror",
-]
 
-
-def add_defect(panorama: Panorama, kind: DefectKind, rng: np.random.Generator) -> tuple[Panorama, Mask]:
-    """Return the panorama with a defect drawn over it, its mask untouched, and what the defect covers (H, W).
+def add_defect(panorama: Panorama, kind: str, rng: np.random.Generator) -> tuple[Panorama, Mask]:
+    """Return the panorama with a defect of DEFECTS drawn over it, its mask untouched, and what the defect covers (H, W).
 
     Compression comes after, as it does in a camera: `apply_look` with a JPEG quality.
     """
-    color, covered = _DRAW[kind](panorama.color.copy(), rng)
+    color, covered = DEFECTS[kind](panorama.color.copy(), rng)
     return Panorama(color, panorama.valid), covered
 
 
 def with_any_defect(panorama: Panorama, rng: np.random.Generator) -> tuple[Panorama, Mask]:
     """Draw one defect of all kinds over a panorama and compress it as a JPEG; return it, its mask untouched, and what is covered (H, W)."""
-    drawn, covered = add_defect(panorama, DEFECT_KINDS[int(rng.integers(len(DEFECT_KINDS)))], rng)
+    drawn, covered = add_defect(panorama, list(DEFECTS)[int(rng.integers(len(DEFECTS)))], rng)
     stored = encode_jpeg(drawn.color, int(rng.integers(75, 96)))
     return Panorama(np.asarray(Image.open(io.BytesIO(stored))), panorama.valid), covered
 
@@ -137,15 +121,16 @@ def _wedges(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
     return _filled(color, covered, _black(rng), rng), covered
 
 
-def _cap(color: Pixels, rng: np.random.Generator, low: float = 12, high: float = 35) -> int:
-    """Draw how many rows a cap around a pole takes that reaches 12 to 35 degrees from it."""
-    return int(rng.uniform(low, high) / 180 * len(color))
+def _cap(color: Pixels, rng: np.random.Generator) -> tuple[int, Mask]:
+    """Draw how many rows a cap around the lower pole takes that reaches 12 to 35 degrees from it; return them with its pixels."""
+    rows = int(rng.uniform(12, 35) / 180 * len(color))
+    covered = np.zeros(color.shape[:2], np.bool_)
+    covered[-rows:] = True
+    return rows, covered
 
 
 def _patch(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
-    rows = _cap(color, rng)
-    covered = np.zeros(color.shape[:2], np.bool_)
-    covered[-rows:] = True
+    _, covered = _cap(color, rng)
     return _filled(color, covered, _one_of(rng), rng), covered
 
 
@@ -160,22 +145,18 @@ def _logo(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
         box = [*(center - reach), *(center + reach * rng.uniform(0.2, 1))]
         (draw.ellipse if rng.random() < 0.5 else draw.rectangle)(box, fill=ink)
     draw.text((150, 240), "PANORAMA  360", fill=tuple(int(level) for level in rng.integers(0, 256, 3)), font_size=32)
-    height, width = color.shape[:2]
-    rows = _cap(color, rng)
+    width = color.shape[1]
+    rows, covered = _cap(color, rng)
     radius = (np.arange(rows)[::-1] + 0.5)[:, None] / rows * (size / 2 - 1)
     angle = 2 * np.pi * (np.arange(width) + 0.5) / width
     x, y = size / 2 + radius * np.cos(angle), size / 2 + radius * np.sin(angle)
-    covered = np.zeros((height, width), np.bool_)
-    covered[-rows:] = True
     out = color.copy()
     out[-rows:] = np.asarray(disc)[y.astype(int), x.astype(int)]
     return out, covered
 
 
 def _blur(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
-    rows = _cap(color, rng)
-    covered = np.zeros(color.shape[:2], np.bool_)
-    covered[-rows:] = True
+    rows, covered = _cap(color, rng)
     reach = rows * rng.uniform(0.3, 0.8)
     wide = np.tile(color, (1, 3, 1))[:, color.shape[1] // 2 : -color.shape[1] // 2]
     smooth = np.asarray(Image.fromarray(wide).filter(ImageFilter.GaussianBlur(float(reach))))
@@ -185,29 +166,31 @@ def _blur(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
     return out, covered
 
 
-def _smear(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
-    covered = np.zeros(color.shape[:2], np.bool_)
-    out = color.copy()
-    rows = _cap(color, rng)
-    covered[-rows:], out[-rows:] = True, color[-rows - 1]
-    if rng.random() < 0.5:
-        rows = _cap(color, rng)
-        covered[:rows], out[:rows] = True, color[rows]
-    return out, covered
+def _caps(below: Callable[[Pixels, int], Pixels]) -> Draw:
+    """Cover the floor, and half of the times the ceiling too, with what `below` makes of the rows beside so many lowest ones."""
+
+    def draw(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
+        out = color.copy()
+        rows, covered = _cap(color, rng)
+        out[-rows:] = below(color, rows)
+        if rng.random() < 0.5:
+            rows, above = _cap(color, rng)
+            covered |= above[::-1]
+            out[:rows] = below(color[::-1], rows)[::-1]
+        return out, covered
+
+    return draw
 
 
-def _mirror(color: Pixels, rng: np.random.Generator) -> tuple[Pixels, Mask]:
-    covered = np.zeros(color.shape[:2], np.bool_)
-    out = color.copy()
-    rows = _cap(color, rng)
-    covered[-rows:], out[-rows:] = True, color[-2 * rows : -rows][::-1]
-    if rng.random() < 0.5:
-        rows = _cap(color, rng)
-        covered[:rows], out[:rows] = True, color[rows : 2 * rows][::-1]
-    return out, covered
+def _smear(color: Pixels, rows: int) -> Pixels:
+    return np.broadcast_to(color[-rows - 1], (rows, *color.shape[1:]))
 
 
-_DRAW: dict[DefectKind, Draw] = {
+def _mirror(color: Pixels, rows: int) -> Pixels:
+    return color[-2 * rows : -rows][::-1]
+
+
+DEFECTS: dict[str, Draw] = {
     "void_black": _void(_black, (0.08, 0.45), 2.5),
     "void_white": _void(_white, (0.08, 0.45), 2.5),
     "void_color": _void(_any, (0.08, 0.45), 2.5),
@@ -218,7 +201,6 @@ _DRAW: dict[DefectKind, Draw] = {
     "patch": _patch,
     "logo": _logo,
     "blur": _blur,
-    "smear": _smear,
-    "mirror": _mirror,
+    "smear": _caps(_smear),
+    "mirror": _caps(_mirror),
 }
-DEFECT_KINDS: tuple[DefectKind, ...] = tuple(_DRAW)

@@ -11,20 +11,16 @@ from panoloc.lab.rooms.scenes.scene import Scene
 
 RotationKind = Literal["any", "tilted", "upright"]
 _CLEARANCE_M = 0.4
+_MAX_TILT_DEG = 15.0
 
 
-def sample_pose(
-    scene: Scene, rng: np.random.Generator, rotation: RotationKind = "any", max_tilt_deg: float = 15.0
-) -> Pose:
-    """Draw a camera pose 1.0 to 1.9 m above the floor, at least 0.4 m from every surface.
-
-    rotation: "any" uniform on SO(3), "tilted" any yaw and up to `max_tilt_deg` of tilt, "upright" any yaw.
-    """
-    return Pose(random_rotation(rng, rotation, max_tilt_deg), free_position(scene, rng, 1.0, 1.9))
+def sample_pose(scene: Scene, rng: np.random.Generator, rotation: RotationKind = "any") -> Pose:
+    """Draw a camera pose 1.0 to 1.9 m above the floor, at least 0.4 m from every surface."""
+    return Pose(random_rotation(rng, rotation), free_position(scene, rng))
 
 
-def random_rotation(rng: np.random.Generator, kind: RotationKind, max_tilt_deg: float = 15.0) -> NDArray[np.float64]:
-    """Draw a (3, 3) rotation of the given kind; raises OptionsError for any other kind."""
+def random_rotation(rng: np.random.Generator, kind: RotationKind) -> NDArray[np.float64]:
+    """Draw a (3, 3) rotation: "any" uniform on SO(3), "tilted" any yaw and up to 15 degrees of tilt, "upright" any yaw."""
     if kind == "any":
         quaternion = rng.normal(size=4)
         return _matrix(quaternion / np.linalg.norm(quaternion))
@@ -32,22 +28,18 @@ def random_rotation(rng: np.random.Generator, kind: RotationKind, max_tilt_deg: 
     upright = _matrix(np.array([0, 0, np.sin(yaw / 2), np.cos(yaw / 2)]))
     if kind == "upright":
         return upright
-    if kind != "tilted":
-        raise OptionsError(f"rotation: expected any, tilted or upright, got {kind!r}")
-    tilt, direction = np.radians(max_tilt_deg) * np.sqrt(rng.random()), rng.uniform(-np.pi, np.pi)
+    tilt, direction = np.radians(_MAX_TILT_DEG) * np.sqrt(rng.random()), rng.uniform(-np.pi, np.pi)
     axis = np.array([np.cos(direction), np.sin(direction), 0]) * np.sin(tilt / 2)
     return _matrix(np.append(axis, np.cos(tilt / 2))) @ upright
 
 
-def free_position(
-    scene: Scene, rng: np.random.Generator, low_m: float, high_m: float, clearance_m: float = _CLEARANCE_M
-) -> NDArray[np.float64]:
-    """Draw a position between two heights with free space around; the clearance shrinks only if none is found."""
+def free_position(scene: Scene, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw a position 1.0 to 1.9 m above the floor with free space around; the clearance shrinks only if none is found."""
     areas = np.array([room.size_m[0] * room.size_m[1] for room in scene.rooms])
     for attempt in range(50):
         room = scene.rooms[rng.choice(len(areas), p=areas / areas.sum())]
-        drawn = rng.uniform((room.x0, room.y0, low_m), (room.x1, room.y1, high_m), (64, 3))
-        free = np.flatnonzero(scene.surface.clearance(drawn) >= clearance_m * 0.95 ** max(0, attempt - 20))
+        drawn = rng.uniform((room.x0, room.y0, 1.0), (room.x1, room.y1, 1.9), (64, 3))
+        free = np.flatnonzero(scene.surface.clearance(drawn) >= _CLEARANCE_M * 0.95 ** max(0, attempt - 20))
         if len(free):
             return np.asarray(drawn[free[0]], np.float64)
     raise OptionsError("scene: expected free space for a camera, found none; use fewer or smaller objects")

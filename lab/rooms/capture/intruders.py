@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.panorama.panorama import Panorama
-from panoloc.lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
+from panoloc.lab.rooms.capture.views import pixel_centers, viewing_directions
 from panoloc.lab.rooms.materials.artwork import random_rgb
 from panoloc.lab.rooms.objects.decoration import person
 from panoloc.lab.rooms.objects.objects import Footprint, placed

@@ -1,8 +1,9 @@
-"""How a query is photographed: with which camera, in which directions, and from where.
+"""How a query is photographed: with which camera, in which directions, from where, and what the device's tracking knows of it.
 
 Headings, pitch and roll of a handheld camera are drawn here, and the places that its lens takes while it is turned or carried.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from panoloc.core.camera.camera import Camera, CameraModel
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
-from panoloc.lab.rooms.capture.free_space import free_position
+from panoloc.core.options import Hints, SessionOptions
+from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.lab.rooms.capture.free_space import free_position, random_rotation
 from panoloc.lab.rooms.scenes.scene import Scene
 
 LEVEL_DEG = 5.0  # pitch and roll of a photo that is meant to be level
@@ -19,6 +22,7 @@ _TURN_JITTER_DEG = 5.0
 _LENS_CLEARANCE_M = 0.2
 _HEIGHT_JITTER_M = 0.03
 _TRIES = 80
+_ORIGIN_M = 3.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Shooting:
         """
         for attempt in range(_TRIES):
             rotations = self.rotations(rng)
-            stand = free_position(scene, rng, 1.0, 1.9)
+            stand = free_position(scene, rng)
             if len(rotations) == 1 and self.arm_m[1] == 0:
                 return [Pose(rotations[0], stand)]
             # Small rooms leave less of a way.
@@ -125,3 +129,60 @@ def _is_free(scene: Scene, stand: NDArray[np.float64], centers: NDArray[np.float
         return False
     way = np.concatenate((stand[None], centers))
     return not scene.surface.blocked(way[:-1], way[1:]).any()
+
+
+@dataclass(frozen=True)
+class QueryCamera:
+    """A way to photograph a query.
+
+    shooting: how the images are taken; None: as a full panorama with a defect drawn over it. session: what is known of their poses among
+    each other; None: of one image nothing, its own frame is the session. hints: of the call. masked: the mask
+    covers the defect exactly.
+    """
+
+    shooting: Shooting | None
+    session: SessionOptions | None = None
+    hints: Hints | None = None
+    masked: bool = False
+
+
+def session_axes(rng: np.random.Generator, near: Pose, *, upright: bool) -> Pose:
+    """Draw map_from_session: an origin within 3 m of a camera; any heading, with z up where `upright`, else any rotation."""
+    rotation = random_rotation(rng, "upright" if upright else "any")
+    return Pose(rotation, near.position + rng.uniform(-_ORIGIN_M, _ORIGIN_M, 3))
+
+
+def tracked(
+    photos: Sequence[Photo],
+    poses: Sequence[Pose],
+    map_from_session: Pose,
+    options: SessionOptions,
+    rng: np.random.Generator,
+) -> Session:
+    """Return the session of photos with map_from_camera `poses`, as tracking with the noise of `options` has it.
+
+    The noise is normal and of its own in every image; its length and its angle are those of `options` in the quadratic mean.
+    """
+    session_from_map = map_from_session.inverse()
+    images = tuple(
+        SessionImage(photo, _shaken(session_from_map.after(pose), options, rng))
+        for photo, pose in zip(photos, poses, strict=True)
+    )
+    return Session(images, options)
+
+
+def _shaken(pose: Pose, options: SessionOptions, rng: np.random.Generator) -> Pose:
+    per_axis = np.sqrt(1 / 3)
+    shift = rng.normal(0, options.position_noise_m * per_axis, 3)
+    turn = rng.normal(0, np.radians(options.orientation_noise_deg) * per_axis, 3)
+    return Pose(_rotation_of(turn) @ pose.rotation, pose.position + shift)
+
+
+def _rotation_of(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) about a vector (3,) by its length in radians (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)

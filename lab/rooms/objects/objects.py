@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.lab.rooms.objects.solids import Part, moved
+from panoloc.lab.rooms.objects.solids import Part, about_z, moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,6 @@ def fixed(key: str, label: str, parts: Iterable[Part], lights: tuple[Light, ...]
 
 
 def _moved_light(light: Light, yaw: float, position: tuple[float, float, float]) -> Light:
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+    turn = about_z(yaw)
     normal = None if light.normal is None else turn @ light.normal
     return Light(light.points @ turn.T + np.asarray(position), light.power, normal)

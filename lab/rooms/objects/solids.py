@@ -124,9 +124,14 @@ def ellipsoid(radii: Sequence[float], texture: Texture, center: Vector, *, glow:
 
 def moved(parts: Iterable[Part], yaw: float = 0.0, offset: Vector = (0.0, 0.0, 0.0)) -> list[Part]:
     """Return the parts turned by `yaw` radians about z, then shifted by `offset`."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+    turn = about_z(yaw)
     return [replace(part, vertices=part.vertices @ turn.T + np.asarray(offset, np.float64)) for part in parts]
+
+
+def about_z(yaw: float) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) by `yaw` radians about z."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
 
 
 def _disc(center: NDArray[np.float64], rim: NDArray[np.float64], sign: int, texture: Texture, glow: float) -> Part:

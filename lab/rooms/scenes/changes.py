@@ -18,7 +18,7 @@ _ADDED = 0.6
 _DARK_GLASS = 0.02
 
 
-def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs: bool = True) -> Scene:
+def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0) -> Scene:
     """Return the scene with about `fraction` of its movable things changed, new ones added, doors swung and all rugs gone.
 
     The building, its lamps and the exposure stay; light is baked again, so shadows follow the furniture.
@@ -32,7 +32,7 @@ def change_scene(scene: Scene, fraction: float = 0.6, seed: int = 0, remove_rugs
             kept.append(_swung(thing, rng.uniform(0.3, 0.9)))
         elif thing.item is None or not thing.movable:
             kept.append(thing)
-        elif remove_rugs and thing.item.anchor == "floor":
+        elif thing.item.anchor == "floor":
             num_changed += 1
         elif rng.random() >= fraction:
             kept.append(thing)

@@ -15,7 +15,6 @@ from panoloc.lab.rooms.scenes.room_scene import random_door, random_windows
 from panoloc.lab.rooms.scenes.scene import Scene
 
 _WALL_M = 0.14
-_MIN_SIDE_M = 2.3
 _SHARED_M = 1.15
 
 

@@ -1,12 +1,14 @@
 """From a specification to a scene."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from panoloc.core.errors import OptionsError
-from panoloc.lab.rooms.materials.style import STYLES, style_of
+from panoloc.lab.rooms.materials.patterns import Rng
+from panoloc.lab.rooms.materials.style import STYLES, Style, style_of
 from panoloc.lab.rooms.scenes.flat_scene import furnished_flat
 from panoloc.lab.rooms.scenes.room_scene import bare_room, furnished_room
 from panoloc.lab.rooms.scenes.scene import Scene
@@ -14,7 +16,12 @@ from panoloc.lab.rooms.scenes.street_scene import street
 from panoloc.lab.rooms.scenes.twin_scene import mirrored_rooms, nearly_twin_rooms, repeated_rooms, twin_rooms
 
 SceneKind = Literal["room", "flat", "bare", "street", "twins", "twins_like", "mirrored", "repeated"]
-_ALIKE = {
+# The number of a kind seeds its scenes.
+_BUILDERS: dict[str, Callable[[Rng, Style, float | None], Scene]] = {
+    "room": furnished_room,
+    "flat": lambda rng, style, _: furnished_flat(rng, style),
+    "bare": bare_room,
+    "street": lambda rng, style, _: street(rng, style),
     "twins": twin_rooms,
     "twins_like": nearly_twin_rooms,
     "mirrored": mirrored_rooms,
@@ -38,18 +45,8 @@ class SceneSpec:
 
 def build_scene(spec: SceneSpec) -> Scene:
     """Build the scene of a specification; raises OptionsError for an unknown kind or family."""
-    kinds = {"room": 0, "flat": 1, "bare": 2, "street": 3, "twins": 4, "twins_like": 5, "mirrored": 6, "repeated": 7}
-    if spec.kind not in kinds:
-        raise OptionsError(f"kind: expected one of {', '.join(kinds)}, got {spec.kind!r}")
-    rng = np.random.default_rng((spec.seed, kinds[spec.kind]))
+    if spec.kind not in _BUILDERS:
+        raise OptionsError(f"kind: expected one of {', '.join(_BUILDERS)}, got {spec.kind!r}")
+    rng = np.random.default_rng((spec.seed, list(_BUILDERS).index(spec.kind)))
     drawn = FAMILIES[rng.integers(len(FAMILIES))]
-    style = style_of(spec.family or drawn)
-    if spec.kind == "flat":
-        return furnished_flat(rng, style)
-    if spec.kind in _ALIKE:
-        return _ALIKE[spec.kind](rng, style, spec.area_m2)
-    if spec.kind == "street":
-        return street(rng, style)
-    if spec.kind == "bare":
-        return bare_room(rng, style, spec.area_m2)
-    return furnished_room(rng, style, spec.area_m2)
+    return _BUILDERS[spec.kind](rng, style_of(spec.family or drawn), spec.area_m2)

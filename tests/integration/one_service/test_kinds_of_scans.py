@@ -15,7 +15,7 @@ from panoloc.core.geometry.pose import Pose, pose_error
 from tests.core.painted_box import rotation_of
 from tests.core.scan.test_coordinate_systems import PLACE, UTM_32, las_at
 from tests.core.scan.test_photos_in_every_kind import BOX, KINDS
-from tests.integration.running_service import RunningService, eventually
+from tests.integration.running_service import RunningService
 
 pytestmark = pytest.mark.integration
 POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
@@ -30,40 +30,23 @@ def panorama() -> bytes:
 
 
 def test_a_photo_is_found_in_a_mesh_with_its_textures(service: RunningService, panorama: bytes) -> None:
-    scan = KINDS["room.obj.zip"](BOX)
-    posted = service.http.post("/maps", files={"file": ("room.obj.zip", scan)}, data={"options": OPTIONS})
-    assert posted.status_code == 202, posted.text
-    path = f"/maps/{posted.json()['id']}"
-    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 240)
-    document = service.http.get(path).json()
-    assert document["status"] == "ready", document["error"]
-    answer = service.http.post(
-        "/localize", files={"image": ("photo.jpg", panorama)}, data={"map_id": document["id"]}
-    ).json()
+    map_id = service.register(KINDS["room.obj.zip"](BOX), OPTIONS, "room.obj.zip")
+    answer = service.localize(panorama, map_id).json()
     assert answer["status"] == "localized", answer
     matrix = np.array(answer["pose"]["map_from_camera"]["matrix"])
-    error = pose_error(Pose(matrix[:3, :3], matrix[:3, 3]), POSE)
-    print(f"{1000 * error.position_m:.1f} mm, {error.orientation_deg:.2f} degrees, {document['stats']['seconds']}")
-    assert error.within(0.05, 1.0), error
-    assert math.isclose(document["stats"]["bounds"]["max"][2], BOX.size_m[2], abs_tol=0.05)
+    assert pose_error(Pose(matrix[:3, :3], matrix[:3, 3]), POSE).within(0.05, 1.0)
+    assert math.isclose(service.map(map_id)["stats"]["bounds"]["max"][2], BOX.size_m[2], abs_tol=0.05)
 
 
 def test_a_scan_in_utm_gives_headings_from_true_north(service: RunningService, panorama: bytes) -> None:
-    scan = las_at(BOX.scan(), CRS(UTM_32).to_wkt())
-    posted = service.http.post("/maps", files={"file": ("room.laz", scan)}, data={"options": OPTIONS})
-    path = f"/maps/{posted.json()['id']}"
-    assert eventually(lambda: service.http.get(path).json()["status"] in ("ready", "failed"), 240)
-    document = service.http.get(path).json()
-    assert (document["status"], document["coordinate_system"]) == ("ready", UTM_32), document["error"]
-    answer = service.http.post(
-        "/localize", files={"image": ("photo.jpg", panorama)}, data={"map_id": document["id"]}
-    ).json()
+    map_id = service.register(las_at(BOX.scan(), CRS(UTM_32).to_wkt()), OPTIONS, "room.laz")
+    assert service.map(map_id)["coordinate_system"] == UTM_32
+    answer = service.localize(panorama, map_id).json()
     pose = answer["pose"]
     position = pose["map_from_camera"]["position_m"]
     np.testing.assert_allclose([position[axis] for axis in "xyz"], POSE.position + PLACE, atol=0.05)
     longitude, latitude = Transformer.from_crs(UTM_32, 4326, always_xy=True).transform(position["x"], position["y"])
     convergence = Proj(25832).get_factors(longitude, latitude).meridian_convergence
-    print(f"convergence {convergence:.4f}, heading {pose['heading_deg']:.4f}, yaw {pose['yaw_deg']:.4f}")
     assert pose["north"] == "true"
     assert pose["heading_deg"] == pytest.approx((90 - pose["yaw_deg"] + convergence) % 360, abs=0.01)
     assert pose["heading_deg"] == pytest.approx((90 - 130 + convergence) % 360, abs=0.2)

@@ -17,8 +17,7 @@ from panoloc.core.panorama.reader import read_image
 from panoloc.core.panorama.session import Photo
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab import demo_room
-from panoloc.lab.commands import demo_scene
-from panoloc.lab.commands.demo_scene import DemoQuery, DemoScene, make_demo_scene
+from panoloc.lab.demo_room import DemoQuery, DemoScene, make_demo_scene
 from tests.service.cli.commands import Panoloc
 from tests.service.cli.fake_service import FakeService, answer_with
 
@@ -27,7 +26,7 @@ def make(folder: Path) -> DemoScene:
     """Make the room of the demo with small files."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("NUM_SCAN_POINTS", 20_000), ("PANORAMA_WIDTH", 128), ("_PHOTO_SIZE", (480, 360))):
-            patch.setattr(demo_scene, name, value)
+            patch.setattr(demo_room, name, value)
         return make_demo_scene(folder, 3, lambda text: None)
 
 
@@ -46,7 +45,7 @@ def small_scene(monkeypatch: pytest.MonkeyPatch, scan: Path, panorama: Path) -> 
     def make(folder: Path, seed: int, say: Callable[[str], None]) -> DemoScene:
         return scene
 
-    monkeypatch.setattr(demo_scene, "make_demo_scene", make)
+    monkeypatch.setattr(demo_room, "make_demo_scene", make)
     return scene
 
 
@@ -61,29 +60,19 @@ def test_the_demo_prints_the_error_against_the_known_pose_and_keeps_the_pictures
     assert "panoloc localize" in done.err
 
 
-def test_the_demo_in_json_mode_prints_one_answer_per_panorama(
-    panoloc: Panoloc, small_scene: DemoScene, tmp_path: Path
-) -> None:
-    documents = panoloc("demo", "--folder", tmp_path / "demo", "--json").documents
-    assert [document["error_to_truth"]["position_m"] for document in documents] == pytest.approx([0.3, 0.3])
-
-
-def test_the_demo_says_so_when_a_panorama_is_not_found(
-    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path
+def test_a_panorama_that_is_not_found_is_a_failure_and_a_photo_is_sent_as_it_is_known_and_may_fail(
+    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fake.status = "not_localized"
     done = panoloc("demo", "--folder", tmp_path / "demo")
     assert done.code == 3
     assert "off by" not in done.out
-
-
-def test_a_photo_that_shows_too_little_is_no_failure_of_the_demo(
-    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], may_stay_open=True),))
-    monkeypatch.setattr(demo_scene, "make_demo_scene", lambda folder, seed, say: photo)
-    fake.status = "not_localized"
-    assert panoloc("demo", "--folder", tmp_path / "demo").code == 0
+    told = {"cameras": [{"model": "pinhole", "hfov_deg": 69.0}]}
+    photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], options=told, may_stay_open=True),))
+    monkeypatch.setattr(demo_room, "make_demo_scene", lambda folder, seed, say: photo)
+    done = panoloc("demo", "--folder", tmp_path / "demo", "--json")
+    assert (done.code, done.documents[0]["error_to_truth"]["position_m"]) == (0, None)
+    assert json.loads(fake.parts["options"][0])["cameras"] == told["cameras"]
 
 
 def test_a_service_elsewhere_is_never_started(panoloc: Panoloc, fake: FakeService, tmp_path: Path) -> None:
@@ -101,10 +90,8 @@ def test_the_room_is_the_same_for_the_same_seed_and_its_truth_is_written(made: D
     assert first.image.read_bytes() == second.image.read_bytes()
     truth = json.loads(made.scan.with_name("truth.json").read_text())
     assert truth["queries"][1]["position_m"] == first.pose.position.tolist()
-    assert [entry["image"] for entry in truth["queries"]] == [
-        "as-scanned.jpg",
-        "changed.jpg",
-    ]  # a truth.json is of panoramas
+    # A truth.json is of panoramas.
+    assert [entry["image"] for entry in truth["queries"]] == ["as-scanned.jpg", "changed.jpg"]
     perfect = answer_with("localized")
     perfect["pose"]["map_from_camera"]["matrix"] = first.pose.matrix.tolist()
     assert first.error_of(perfect) == pytest.approx((0.0, 0.0), abs=1e-5)
@@ -124,16 +111,6 @@ def test_the_photo_is_of_the_camera_that_the_service_is_told_of(made: DemoScene)
     assert np.median(difference) < 12
     assert abs(photo.pose.yaw_pitch_roll[1]) < np.radians(5.01)
     assert abs(photo.pose.yaw_pitch_roll[2]) < np.radians(5.01)
-
-
-def test_what_is_known_of_an_image_is_sent_with_it(
-    panoloc: Panoloc, fake: FakeService, small_scene: DemoScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = {"cameras": [{"model": "pinhole", "hfov_deg": 69.0}]}
-    photo = DemoScene(small_scene.scan, (replace(small_scene.queries[0], options=told),))
-    monkeypatch.setattr(demo_scene, "make_demo_scene", lambda folder, seed, say: photo)
-    assert panoloc("demo", "--folder", tmp_path / "demo").code == 0
-    assert json.loads(fake.parts["options"][0])["cameras"] == told["cameras"]
 
 
 def test_without_open3d_the_demo_says_what_is_missing_before_it_starts_anything(

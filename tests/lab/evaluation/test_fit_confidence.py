@@ -92,22 +92,15 @@ def test_groups_are_held_out_and_separable_ones_are_told_apart() -> None:
     assert held_out.wrong_answers <= 0.005
     assert held_out.answered_right is not None
     assert held_out.answered_right > 0.9
-
-
-def test_a_group_whose_measures_mislead_is_not_saved_by_having_been_fitted() -> None:
-    misleading = [
-        made_row(
-            number,
-            position_m=0.01 if number % 2 else 3.0,
-            group="odd",
-            scan=f"odd-{number}",
-            search={"measures": measures(0.2 if number % 2 else 0.8), "score": 0.5, "runner_up_score": 0.1},
-        )
-        for number in range(60)
+    # A group whose measures mislead is not saved by having been fitted.
+    odd = [
+        made_row(n, (3.0, 0.01)[n % 2], group="odd", scan=f"odd-{n}", search=search)
+        for n in range(60)
+        for search in [{"measures": measures((0.8, 0.2)[n % 2]), "score": 0.5, "runner_up_score": 0.1}]
     ]
-    held_out = fit_confidence(_rows("rooms", 120, 0) + misleading).held_out
-    assert held_out.area_under_roc is not None
-    assert held_out.area_under_roc < 0.8
+    misled = fit_confidence(_rows("rooms", 120, 0) + odd).held_out
+    assert misled.area_under_roc is not None
+    assert misled.area_under_roc < 0.8
 
 
 def _drawn_rows(seed: int, **facts: int) -> list[Row]:
@@ -138,30 +131,22 @@ def test_what_tracking_adds_to_several_images_is_no_matter_of_the_fit() -> None:
     assert radius_models(_drawn_rows(0, num_images=4))[0] == RadiusModel(0.0, 1.0, 0.0, 0.0)
 
 
-def test_the_radius_never_falls_with_the_formal_one() -> None:
+def test_the_radius_ignores_wrong_poses_and_never_falls_with_the_formal_one() -> None:
     rows = [
         made_row(n, position_m=0.1 / (n + 1), formal_position_m=0.01 * (n + 1), formal_orientation_deg=0.1)
         for n in range(20)
     ]
-    model, _ = radius_models(rows)
-    assert model.formal_power == 0
+    wrong = [made_row(99, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
+    assert radius_models(rows) == radius_models(rows + wrong)
+    assert radius_models(rows)[0].formal_power == 0
 
 
-def test_the_radius_ignores_wrong_poses() -> None:
-    rows = [made_row(n, position_m=0.02, formal_position_m=0.01, formal_orientation_deg=0.1) for n in range(5)]
-    rows += [made_row(9, position_m=5.0, formal_position_m=0.01, formal_orientation_deg=0.1)]
-    assert radius_models(rows)[0].radius(0.01, None, 1.0) == pytest.approx(0.02)
-
-
-def test_rows_without_measures_cannot_be_fitted() -> None:
-    with pytest.raises(RowsError, match="measures"):
-        fit_confidence([made_row()])
-
-
-def test_rows_that_are_all_right_cannot_be_fitted() -> None:
-    rows = [made_row(n, search={"measures": measures(0.5), "score": 1.0}) for n in range(4)]
-    with pytest.raises(RowsError, match="all 4 are right"):
-        fit_confidence(rows)
+@pytest.mark.parametrize(
+    ("search", "said"), [({}, "measures"), ({"measures": measures(0.5), "score": 1.0}, "all 4 are right")]
+)
+def test_rows_that_say_nothing_cannot_be_fitted(search: dict[str, object], said: str) -> None:
+    with pytest.raises(RowsError, match=said):
+        fit_confidence([made_row(n, search=search) for n in range(4)])
 
 
 def test_a_sign_of_agreement_never_counts_against_an_answer() -> None:

@@ -20,11 +20,6 @@ def test_a_variant_changes_the_named_fields_alone() -> None:
     assert variant.config.judge == LocalizerConfig().judge
 
 
-def test_a_variant_of_an_ablation_keeps_the_ablation() -> None:
-    config = compared_method("x=paper-no-2d-map:paper.learning_rate=1").config.paper
-    assert (config.use_score_map_2d, config.learning_rate) == (False, 1.0)
-
-
 def test_the_papers_configuration_does_not_change_the_digest_of_fast() -> None:
     assert compared_method("x=fast:paper.iterations=5").digest == compared_method("fast").digest
     assert compared_method("x=paper:paper.iterations=5").digest != compared_method("paper").digest
@@ -32,15 +27,7 @@ def test_the_papers_configuration_does_not_change_the_digest_of_fast() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "slow",
-        "x=slow:search.bins=4",
-        "x=fast",
-        "=fast:search.bins=4",
-        "x=fast:search.none=4",
-        "x=fast:nowhere.bins=4",
-        "x=fast:search.bins=many",
-    ],
+    ["slow", "x=slow:search.num_candidates=4", "x=fast", "x=fast:nowhere.no=4", "x=fast:search.num_candidates=many"],
 )
 def test_anything_else_is_refused(text: str) -> None:
     with pytest.raises(OptionsError, match="method: expected"):

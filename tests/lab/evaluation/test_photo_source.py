@@ -3,9 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import pose_error
 from panoloc.core.panorama.session import Session
 from panoloc.lab.evaluation.known_cases import query_facts
@@ -57,11 +55,6 @@ def test_frames_of_a_panorama_have_the_poses_of_their_session_but_for_the_noise(
         "hfov_deg": 69.0,
         "upright": "session",
     }
-
-
-def test_an_unknown_camera_is_refused_at_once() -> None:
-    with pytest.raises(OptionsError, match="frames4"):
-        as_photos([], "telescope", [1])
 
 
 def test_defects_are_drawn_over_the_panoramas_of_any_source(box_folder: Path) -> None:

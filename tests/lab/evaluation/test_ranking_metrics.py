@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from panoloc.lab.evaluation.ranking_metrics import (
+from panoloc.lab.evaluation.metrics import (
     area_under_roc,
     average_precision,
     expected_calibration_error,
-    reliability_bins,
 )
 
 Samples = list[tuple[int, bool]]
@@ -57,13 +56,3 @@ def test_weights_count_as_repetitions() -> None:
     weights = np.array([1, 3, 2, 5])
     repeated = average_precision(np.repeat(scores, weights), np.repeat(positive, weights))
     assert average_precision(scores, positive, weights.astype(np.float64)) == pytest.approx(repeated)
-
-
-def test_a_map_that_knows_nothing_reaches_the_share_of_positives() -> None:
-    positive = np.arange(10) < 3
-    assert average_precision(np.zeros(10), positive) == pytest.approx(0.3)
-
-
-def test_the_last_bin_holds_probability_one() -> None:
-    (only,) = reliability_bins(np.array([1.0, 0.95]), np.array([True, False]))
-    assert (only.lower, only.count, only.share_right) == (0.9, 2, 0.5)

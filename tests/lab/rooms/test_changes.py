@@ -59,6 +59,8 @@ def test_changed_pixels_are_where_the_distance_or_the_object_differs(
     # Where the old scene shows the very same point of the same thing, nothing changed, save for the strips of wall that
     # show through the finger-wide gap behind furniture.
     assert truth[same_distance & (names == names_before)].mean() < 0.002
+    fixtures = ("ceiling_lamp", "radiator", "socket", "switch")
+    assert {t.key for t in room.objects if not t.item or t.item.name in fixtures} <= set(changed_room.keys)
     new_things = set(changed_room.keys) - set(room.keys)
     assert truth[np.isin(names, list(new_things))].all()
 
@@ -84,14 +86,6 @@ def test_about_the_asked_fraction_of_the_furniture_changes() -> None:
         changed += [len(movable - set(change_scene(scene, fraction, seed).keys)) for fraction in fractions]
         total += len(movable)
     assert np.abs(changed / total - fractions).max() < 0.12
-
-
-def test_walls_floors_lamps_radiators_and_sockets_never_change(room: Scene, changed_room: Scene) -> None:
-    fixtures = ("ceiling_lamp", "radiator", "socket", "switch")
-    fixed = {t.key for t in room.objects if not t.item or t.item.name in fixtures}
-    assert any("/ceiling_lamp@" in key for key in fixed)
-    assert any("/switch@" in key or "/socket@" in key for key in fixed)
-    assert fixed <= set(changed_room.keys)
 
 
 @pytest.mark.slow

@@ -1,8 +1,5 @@
 """Photos of scenes: pixels and rays agree, and cameras are where their recipes say."""
 
-from dataclasses import replace
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -12,22 +9,19 @@ from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.panorama.session import Session
 from panoloc.lab.rooms import (
     CAMERAS,
-    Case,
     Scene,
-    make_case,
     sample_pose,
     scan_with_truth,
-    suite_of,
+    suite_cases,
     take_photo,
-    take_view,
 )
 from panoloc.lab.rooms.capture.camera_look import PHOTO, looked
-from panoloc.lab.rooms.capture.tracking import session_axes, tracked
+from panoloc.lab.rooms.capture.shooting import session_axes, tracked
 
 LENSES = {
     "pinhole": Camera.from_hfov("pinhole", 160, 120, 69.0),
     "distorted": Camera("opencv", 160, 120, 118.0, 117.0, 81.0, 59.0, (0.11, -0.23, 0.0012, -0.0007)),
-    "fisheye": Camera.from_hfov("opencv_fisheye", 128, 128, 190.0),
+    "fisheye": Camera("opencv_fisheye", 100, 100, 14.0, 14.0, 50.0, 50.0),  # does not fill the corners
     "cylinder": Camera.from_hfov("cylindrical", 240, 50, 270.0),
 }
 
@@ -40,8 +34,9 @@ def test_what_a_ray_hit_is_projected_to_the_pixel_of_that_ray(room: Scene, pose:
     points = view.pose.position + view.directions * np.where(seen, view.hits.distance, 1.0)[:, None]
     u, v, shown = project_to_image(camera, (points - pose.position) @ pose.rotation)
     row, column = np.divmod(np.arange(len(points)), camera.width_px)
-    assert seen.mean() > 0.9
+    assert seen.mean() > 0.55
     assert shown[seen].all()
+    assert (view.photo.color[~view.photo.valid] == 0).all()
     np.testing.assert_allclose(u[seen], column[seen] + 0.5, atol=1e-3)
     np.testing.assert_allclose(v[seen], row[seen] + 0.5, atol=1e-3)
 
@@ -58,33 +53,12 @@ def test_a_photo_shows_the_colors_of_the_scan_where_its_pose_projects_the_points
     assert np.median(difference) < 6
 
 
-def test_a_photo_of_an_equirectangular_camera_is_the_panorama(room: Scene, pose: Pose) -> None:
-    photo = take_photo(room, Camera.from_hfov("equirectangular", 128, 64, 360.0), pose).photo
-    difference = np.abs(photo.color.astype(int) - take_view(room, pose, 128).panorama.color)
-    # Near the poles a panorama's pixels are narrower than it averages textures over.
-    assert (difference[24:40] <= 3).mean() > 0.98
-    assert np.median(difference) <= 1
-
-
-def test_the_corners_that_a_fisheye_does_not_fill_are_masked_and_black(room: Scene, pose: Pose) -> None:
-    photo = take_photo(room, Camera("opencv_fisheye", 100, 100, 14.0, 14.0, 50.0, 50.0), pose).photo
-    assert not photo.valid[0, 0]
-    assert photo.valid[50, 10]
-    assert (photo.color[~photo.valid] == 0).all()
-
-
 def test_the_blur_of_a_photo_does_not_reach_around_to_the_other_side() -> None:
     halves = np.zeros((8, 64, 3), np.uint8)
     halves[:, 32:] = 255
     photo = looked(halves, PHOTO, 1, "edge")
     around = looked(halves, PHOTO, 1, "wrap")
     assert int(photo[:, 0].mean()) < int(around[:, 0].mean())
-
-
-@cache
-def small(name: str) -> Case:
-    suite, camera = suite_of(name)
-    return make_case(name, replace(suite, num_points=4000), 5, width=64, camera=camera)
 
 
 @pytest.fixture(scope="module")
@@ -131,13 +105,6 @@ def test_frames_turn_by_their_angle_about_a_body_at_arms_length(
         assert np.ptp(centers[:, 2]) <= 0.06 + 1e-9
 
 
-def test_a_walk_covers_up_to_two_metres(room_cases: dict[str, list[list[Pose]]]) -> None:
-    walks = [np.array([pose.position[:2] for pose in poses]) for poses in room_cases["frames_walk"]]
-    lengths = [np.linalg.norm(walk[-1] - walk[0]) for walk in walks]
-    assert {len(walk) for walk in walks} <= set(range(4, 9))
-    assert 0.8 < np.median(lengths) < 3.4
-
-
 def test_no_camera_stands_in_furniture(room: Scene, room_cases: dict[str, list[list[Pose]]]) -> None:
     centers = np.array([pose.position for many in room_cases.values() for poses in many for pose in poses])
     assert room.surface.clearance(centers).min() >= 0.2 - 1e-6
@@ -168,20 +135,12 @@ def test_tracking_noise_is_as_large_as_it_is_said_to_be(room: Scene) -> None:
     assert np.sqrt(np.mean([error.orientation_deg**2 for error in errors])) == pytest.approx(0.5, rel=0.1)
 
 
-def test_session_axes_are_upright_only_where_gravity_is_known() -> None:
-    rng = np.random.default_rng(1)
-    near = Pose(np.eye(3), np.array([1.0, 2.0, 1.5]))
-    np.testing.assert_allclose(session_axes(rng, near, upright=True).rotation[2], (0, 0, 1), atol=1e-12)
-    assert abs(session_axes(rng, near, upright=False).rotation[2, 2]) < 0.999
-    assert np.linalg.norm(session_axes(rng, near, upright=True).position - near.position) < 3 * np.sqrt(3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["rooms/photo", "changed/frames2", "survey/frames2_free", "labels/fisheye", "night/sweep"]
 )
 def test_the_poses_of_a_case_are_those_of_its_session_but_for_the_noise(name: str) -> None:
-    case = small(name)
+    case = next(suite_cases(name, [5], width=64, num_points=4000))
     assert isinstance(case.query, Session)
     assert case.map_from_session is not None
     assert case.pose is case.image_poses[0] or name.startswith("survey")
@@ -193,12 +152,3 @@ def test_the_poses_of_a_case_are_those_of_its_session_but_for_the_noise(name: st
         low, high = case.cloud.bounds
         assert (low <= pose.position - case.cloud.origin_offset).all()
         assert (pose.position - case.cloud.origin_offset <= high).all()
-
-
-@pytest.mark.slow
-def test_other_axes_of_a_session_leave_its_images_where_they_are() -> None:
-    first, free = small("changed/frames2"), small("changed/frames2_free")
-    assert isinstance(first.query, Session)
-    assert isinstance(free.query, Session)
-    np.testing.assert_array_equal(first.pose.position, free.pose.position)
-    assert (first.query.options.up_known, free.query.options.up_known) == (True, False)

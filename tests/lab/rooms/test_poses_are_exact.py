@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.geometry.projection import pixel_directions
 from panoloc.lab.rooms import Scan, Scene, View, scan_with_truth, take_panorama
-from panoloc.lab.rooms.capture.spherical_camera import pixel_centers, viewing_directions
+from panoloc.lab.rooms.capture.views import viewing_directions
 
 
 def pixel_of(points: NDArray[np.floating], pose: Pose, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -28,11 +26,6 @@ def visible_from(points: NDArray[np.floating], view: View, width: int) -> NDArra
     distance = np.linalg.norm(points - view.pose.position, axis=1)
     visible: NDArray[np.bool_] = smooth[row, column] & (np.abs(distance - seen[row, column]) < 0.03)
     return visible
-
-
-def test_viewing_directions_agree_with_the_projection_of_the_localizer() -> None:
-    ours = viewing_directions(*pixel_centers(64), 64).reshape(32, 64, 3)
-    np.testing.assert_allclose(ours, pixel_directions(32, 64).to(torch.float64).numpy(), atol=1e-6)
 
 
 @pytest.mark.parametrize(

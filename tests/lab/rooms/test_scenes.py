@@ -21,21 +21,6 @@ def test_the_same_specification_gives_the_same_scan_and_panorama() -> None:
 
 
 @pytest.mark.slow
-def test_rooms_cover_small_and_large_areas() -> None:
-    areas = [np.prod(build_scene(SceneSpec("room", seed)).rooms[0].size_m) for seed in range(7)]
-    assert min(areas) < 16
-    assert max(areas) > 35
-    assert all(8 <= area <= 60 for area in areas)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", FAMILIES)
-def test_every_family_builds_a_furnished_room(family: str) -> None:
-    scene = build_scene(SceneSpec("room", 3, family=family))
-    assert sum(thing.item is not None for thing in scene.objects) >= 8
-
-
-@pytest.mark.slow
 def test_flats_have_four_to_six_rooms_joined_by_open_doorways(flat: Scene) -> None:
     assert 4 <= len(flat.rooms) <= 6
     joined = list(range(len(flat.rooms)))
@@ -69,14 +54,16 @@ def test_rooms_have_no_holes_to_the_outside(kind: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_bare_room_holds_little() -> None:
-    counts = [
-        sum(t.item is not None and t.movable for t in build_scene(SceneSpec("bare", s)).objects) for s in range(6)
-    ]
-    furnished = [
-        sum(t.item is not None and t.movable for t in build_scene(SceneSpec("room", s)).objects) for s in range(6)
-    ]
-    assert np.mean(counts) < 0.5 * np.mean(furnished)
+def test_rooms_are_small_and_large_furnished_in_every_family_and_nearly_empty_where_bare() -> None:
+    def movable(spec: SceneSpec) -> int:
+        return sum(thing.item is not None and thing.movable for thing in build_scene(spec).objects)
+
+    areas = [np.prod(build_scene(SceneSpec("room", seed)).rooms[0].size_m) for seed in range(7)]
+    assert 8 <= min(areas) < 16
+    assert 35 < max(areas) <= 60
+    furnished = [movable(SceneSpec("room", 3, family=family)) for family in FAMILIES]
+    assert min(furnished) >= 5
+    assert np.mean([movable(SceneSpec("bare", seed)) for seed in range(6)]) < 0.5 * np.mean(furnished)
 
 
 @pytest.mark.slow
@@ -97,7 +84,7 @@ def test_rotations_are_of_the_kind_asked_for() -> None:
     )
     assert np.linalg.det(anything).min() > 0.999
     assert np.abs(anything.mean(0)).max() < 0.15
-    tilted = np.array([random_rotation(rng, "tilted", 15.0) for _ in range(100)])
+    tilted = np.array([random_rotation(rng, "tilted") for _ in range(100)])
     assert np.degrees(np.arccos(tilted[:, 2, 2])).max() <= 15.0
     assert np.degrees(np.arccos(tilted[:, 2, 2])).max() > 10.0
     upright = random_rotation(rng, "upright")

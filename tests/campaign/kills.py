@@ -1,22 +1,59 @@
-"""Kills of HTTP processes: one of three behind the proxy, and a service alone, with a supervisor that starts it again."""
+"""Kills under clients: of a worker or Redis, an API replica behind the proxy, a whole service, a node of a cluster."""
 
 import os
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from tests.campaign.clients import Clients, Reader
+from panoloc.lab.process_memory import command_of
+from tests.campaign.clients import Answers, Clients, Reader
 from tests.campaign.outcome import Outcome, quantile
 from tests.campaign.running import PATIENCE_S, ready_service, tell
 from tests.integration.proxy import proxy_before
+from tests.integration.ray_cluster import RayClusterOfOthers, start_workers
 from tests.integration.real_redis import RealRedis
 from tests.integration.running_service import RunningService, eventually
 from tests.integration.small_room import OPTIONS, small_room
 
+# What comes back by itself.
+KILLED = {"worker": "panoloc.service.pool.child", "redis": "redis.sock"}
 _REPLICAS = 3
 _READ_S = 2.0  # after a kill, in which a map is read again and again
+
+
+def process_kills(process: str, times: int, num_clients: int = 4) -> Outcome:
+    """Kill one class of processes again and again, which the service starts anew by itself."""
+    outcome = Outcome(f"kill the {process} under {num_clients} clients")
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder:
+        service, map_id = ready_service(Path(folder))
+
+        def pids() -> list[int]:
+            return [pid for pid in service.family() if KILLED[process] in command_of(pid)]
+
+        def kill(_: int) -> None:
+            for pid in pids():
+                os.kill(pid, signal.SIGKILL)
+
+        def wait_for_next(_: int) -> None:
+            assert eventually(lambda: bool(pids()), PATIENCE_S)
+
+        try:
+            clients = Clients(str(service.http.base_url), map_id, num_clients)
+            killed_again(outcome, clients, times, kill, wait_for_next)
+            check_map(outcome, service, map_id)
+        finally:
+            service.stop()
+    return outcome
+
+
+def check_map(outcome: Outcome, service: RunningService, map_id: str) -> None:
+    """Count it as a fault where the map is no longer listed."""
+    if map_id not in [each["id"] for each in service.http.get("/maps").json()["items"]]:
+        outcome.faults.append("a map is lost")
 
 
 def replica_kills(times: int, num_clients: int = 4) -> Outcome:
@@ -78,10 +115,49 @@ def service_kills(times: int, num_clients: int = 4) -> Outcome:
         try:
             clients = Clients(str(service.http.base_url), map_id, num_clients)
             killed_again(outcome, clients, times, kill, lambda _: None, allowed=(0, 503))
-            if running[0].http.get("/maps").json()["items"][0]["id"] != map_id:
-                outcome.faults.append("a map is lost")
+            check_map(outcome, running[0], map_id)
         finally:
             running[0].kill()
+    return outcome
+
+
+def node_killed(num_queries: int = 200, num_clients: int = 4) -> Outcome:
+    """Kill one of two nodes after half of the queries; any answer but 200 is a fault."""
+    outcome = Outcome(f"kill one of two nodes during {num_queries} queries of {num_clients} clients")
+    redis = RealRedis()
+    with tempfile.TemporaryDirectory(prefix="pl-") as folder, RayClusterOfOthers(1) as cluster:
+        settings = {"shared": "true", "redis_url": redis.url, "ray_address": cluster.address}
+        data = Path(folder) / "data"
+        start_workers(cluster.address, data, redis.url)
+        replicas = [RunningService(data, **settings) for _ in range(2)]
+        try:
+            for replica in replicas:
+                replica.wait_until_ready(PATIENCE_S)
+            map_id = replicas[0].register(small_room().scan, OPTIONS)
+            assert eventually(lambda: all(each.map(map_id).get("status") == "ready" for each in replicas), PATIENCE_S)
+            began, answers, lock = time.monotonic(), Answers(), threading.Lock()
+
+            def ask(number: int) -> None:
+                asked = time.monotonic()
+                reply = replicas[number % 2].localize(small_room().panorama, map_id)
+                is_right = reply.status_code == 200 and small_room().error_of(reply.json()).within(0.05, 5)
+                with lock:
+                    answers.at.append(time.monotonic())
+                    answers.status.append(reply.status_code)
+                    answers.seconds.append(time.monotonic() - asked)
+                    answers.wrong += reply.status_code == 200 and not is_right
+                    if len(answers.status) == num_queries // 2:
+                        cluster.kill(1)
+
+            with ThreadPoolExecutor(num_clients) as clients:
+                list(clients.map(ask, range(num_queries)))
+        finally:
+            for replica in replicas:
+                replica.kill()
+            redis.kill()
+    outcome.cases, outcome.seconds = len(answers.status), time.monotonic() - began
+    tell(outcome, answers)
+    outcome.figures["longest answer"] = f"{max(answers.seconds):.1f} s"
     return outcome
 
 
