@@ -11,16 +11,15 @@ import pytest
 from PIL import Image
 
 import panoloc
-from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import encode_ply
-from tests.core.painted_box import PaintedBox
+from tests.core.built_maps import BOX, panorama
 
 
 @pytest.mark.slow
-def test_the_example_in_the_docstring_runs(box: PaintedBox, box_pose: Pose, tmp_path: Path) -> None:
+def test_the_example_in_the_docstring_runs(tmp_path: Path) -> None:
     photo, scan_path = io.BytesIO(), tmp_path / "box.ply"
-    scan_path.write_bytes(encode_ply(box.scan()))
-    Image.fromarray(box.panorama(box_pose).color).save(photo, "png")
+    scan_path.write_bytes(encode_ply(BOX.scan()))
+    Image.fromarray(panorama().color).save(photo, "png")
     names = {"scan_path": scan_path, "photo": photo.getvalue()}
     (example,) = doctest.DocTestFinder(recurse=False).find(panoloc, globs=names)
     said: list[str] = []

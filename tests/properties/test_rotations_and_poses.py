@@ -101,14 +101,6 @@ def test_every_frame_describes_the_same_camera_and_the_same_point(
     assert np.linalg.det(written.rotation) == pytest.approx(1.0)
 
 
-@given(rotations, vectors, st.sampled_from(FRAMES))
-def test_a_pose_survives_being_sent_in_any_frame(rotation: Array, position: Array, frame: Frame) -> None:
-    sent = Pose(rotation, position).in_frame(frame)
-    read = Pose.from_frame(sent.position.tolist(), sent.quaternion_xyzw.tolist(), frame)
-    np.testing.assert_allclose(read.rotation, rotation, atol=1e-7)
-    np.testing.assert_allclose(read.position, position, atol=1e-9)
-
-
 @given(rotations, vectors, rotations, vectors, st.sampled_from(FRAMES))
 def test_in_every_frame_the_pose_of_a_camera_is_map_from_session_after_session_from_camera(
     turn: Array, shift: Array, rotation: Array, position: Array, frame: Frame

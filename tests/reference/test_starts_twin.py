@@ -8,6 +8,7 @@ import pytest
 from panoloc.core.config import StartsConfig
 from panoloc.core.errors import OptionsError
 from panoloc.core.index.starts import Starts, grid_starts, octree_starts
+from panoloc.core.options import IndexOptions
 from tests.reference import starts_twin as twin
 
 
@@ -119,3 +120,20 @@ def test_a_region_without_room_is_refused(axis: int) -> None:
     for find in (octree_starts, grid_starts):
         with pytest.raises(OptionsError, match=r"starts\.region"):
             find(room(7), StartsConfig(), (low, high))
+
+
+@pytest.mark.parametrize("extent_m", [300.0, 1e7])
+def test_a_scan_of_any_extent_gives_a_bounded_number_of_starts(extent_m: float) -> None:
+    points = np.random.default_rng(0).uniform(0, extent_m, (500, 3)).astype(np.float32)
+    starts = octree_starts(points, StartsConfig(max_starts=50, max_cells=100_000))
+    assert 1 <= len(starts) <= 50
+    assert bool(((starts.positions >= 0) & (starts.positions <= extent_m)).all())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"starts_method": "random"}, {"spacing_m": 0.01}, {"color_kind": "grey"}, {"region": ((0, 0, 0), (1, 0, 1))}],
+)
+def test_index_options_out_of_range_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(OptionsError):
+        IndexOptions(**options)  # type: ignore[arg-type]

@@ -7,15 +7,13 @@ import pytest
 
 from panoloc.core.config import JudgeConfig, LocalizerConfig
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.judge.doubts import Doubts
 from panoloc.core.judge.photo_agreement import PhotoAgreement
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, Evidence, Localization, SearchSummary
-from tests.core.built_maps import BOX
-from tests.core.painted_box import rotation_of
-from tests.core.panorama.painted_photos import FOUR, UPRIGHT, session_of
+from tests.core.built_maps import BOX, localized, map_of
+from tests.core.panorama.painted_photos import FOUR, session_of
 
 DOUBTS = Doubts(JudgeConfig(), 0.6)
 
@@ -120,12 +118,11 @@ def test_what_an_uncertain_focal_length_leaves_open_bounds_the_confidence(radius
 
 
 @pytest.mark.slow
-def test_frames_are_asked_for_how_much_of_them_the_scan_has(localizer: Localizer, box_index: MapIndex) -> None:
-    asked = session_of(BOX, Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2])), FOUR, [UPRIGHT] * 4)
-    answer = localizer.localize(asked, [box_index])
+def test_frames_are_asked_for_how_much_of_them_the_scan_has() -> None:
+    asked, config = session_of(FOUR), LocalizerConfig()
+    answer = localized(asked)
     assert (answer.status, answer.warnings) == ("localized", ())
-    config = LocalizerConfig()
     strict = replace(config, judge=replace(config.judge, least_compared=0.99, sure_of_little=1.1))
-    refused = Localizer(strict, device="cpu").localize(asked, [box_index])
+    refused = Localizer(strict, device="cpu").localize(asked, [map_of(BOX)])
     assert refused.status == "not_localized"
     assert "of what the images show" in refused.warnings[0]

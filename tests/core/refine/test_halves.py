@@ -2,60 +2,43 @@
 
 from dataclasses import replace
 
-import pytest
 import torch
 
 from panoloc.core.config import HalvesConfig, PhotoRefinementConfig
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.refinement import CandidatePoints
-from panoloc.core.refine.rig_level import RigLevel
-from tests.core.painted_box import PaintedBox
-from tests.core.refine.painted_scene import POSITION, ROTATION, photo_with_points
+from tests.core.refine.painted_scene import POSITION, ROTATION, patches_of, scene
 
-Scene = tuple[RigLevel, CandidatePoints]
-STEP = PhotoRefinementConfig().patch_step
+LEVEL, POINTS = scene()
+COLORS_ELSEWHERE = scene(seed=8)[1].colors
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return photo_with_points(PaintedBox(seed=3))
-
-
-def apart(scene: Scene, config: HalvesConfig | None = None) -> tuple[float, float]:
+def apart(points: CandidatePoints) -> tuple[float, float]:
     """Return metres and degrees."""
-    found = halves_apart(*scene, ROTATION[0], POSITION[0], STEP, config or HalvesConfig())
+    step = PhotoRefinementConfig().patch_step
+    found = halves_apart(LEVEL, points, ROTATION[0], POSITION[0], step, HalvesConfig())
     return float(found[0]), float(torch.rad2deg(found[1]))
 
 
-def with_colors_of_another_box(scene: Scene) -> Scene:
-    level, points = scene
-    return level, replace(points, colors=photo_with_points(PaintedBox(seed=8))[1].colors)
-
-
-def test_they_meet_at_the_true_pose(scene: Scene) -> None:
-    distance, angle = apart(scene)
+def test_they_meet_at_the_true_pose() -> None:
+    distance, angle = apart(POINTS)
     assert distance < 0.003
     assert angle < 0.1
 
 
-def test_they_part_where_another_place_was_scanned(scene: Scene) -> None:
-    distance, angle = apart(with_colors_of_another_box(scene))
+def test_they_part_where_another_place_was_scanned() -> None:
+    distance, angle = apart(replace(POINTS, colors=COLORS_ELSEWHERE))
     assert distance > 0.05 or angle > 2.0
 
 
-def test_they_meet_although_a_third_has_changed(scene: Scene) -> None:
-    level, points = scene
-    other = with_colors_of_another_box(scene)[1]
-    assert points.patches is not None
-    is_changed = (points.patches % 3 == 0)[None, :, None]
-    changed = replace(points, colors=torch.where(is_changed, other.colors, points.colors))
-    distance, angle = apart((level, changed))
+def test_they_meet_although_a_third_has_changed() -> None:
+    is_changed = (patches_of(POINTS) % 3 == 0)[None, :, None]
+    distance, angle = apart(replace(POINTS, colors=torch.where(is_changed, COLORS_ELSEWHERE, POINTS.colors)))
     assert distance < 0.03
     assert angle < 1.0
 
 
-def test_halves_in_which_nothing_is_left_do_not_meet(scene: Scene) -> None:
-    level, points = scene
-    distance, angle = apart((level, replace(points, weights=torch.zeros_like(points.weights))))
+def test_halves_in_which_nothing_is_left_do_not_meet() -> None:
+    distance, angle = apart(replace(POINTS, weights=torch.zeros_like(POINTS.weights)))
     assert distance >= 1.0
     assert angle >= 90.0

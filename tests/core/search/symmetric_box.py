@@ -1,14 +1,12 @@
-"""A painted box that looks the same after half a turn, a pose in it, and the pose that sees the same from the other side."""
+"""A painted box that looks the same after half a turn, and the pose that sees the same as POSE from the other side."""
 
 import numpy as np
-import torch
 
 from panoloc.core.geometry.pose import Pose
+from tests.core.built_maps import POSE
 from tests.core.painted_box import PaintedBox, rotation_of
 
 BOX = PaintedBox(seed=3, symmetric=True)
-POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
-ROTATION, POSITION = torch.from_numpy(POSE.rotation).float(), torch.from_numpy(POSE.position).float()
 _HALF_TURN, _MIDDLE = rotation_of(180.0), np.array([BOX.size_m[0], BOX.size_m[1], 0.0]) / 2
 
 

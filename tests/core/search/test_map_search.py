@@ -1,4 +1,4 @@
-"""The search over made-up maps, small enough to be scored pose by pose."""
+"""The search over made-up maps, small enough to be scored pose by pose, and once over a box."""
 
 import math
 from types import SimpleNamespace
@@ -12,12 +12,15 @@ from panoloc.core.config import DescriptorConfig, PoseDistance, SearchConfig
 from panoloc.core.describe.patch_descriptors import ViewDescriptors, centered_roots, pooled
 from panoloc.core.describe.patch_histograms import described_histograms
 from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.geometry.pose import pose_error
 from panoloc.core.geometry.rotations import uniform_rotations
 from panoloc.core.light.color_equalization import label_codes
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.pyramid import PanoramaPyramid
 from panoloc.core.search.map_search import DescribedPanorama, describe_panorama, make_search_rotations, search_maps
 from panoloc.core.search.pose_limits import PoseLimits
+from tests.core.built_maps import BOX, POSE, map_of, panorama
+from tests.core.search.found_candidates import poses_of
 from tests.reference import search_twin as twin
 
 GRID = PatchGrid(4, 8)
@@ -183,3 +186,13 @@ def test_a_panorama_is_described_as_the_views_of_a_map_are(labels: bool) -> None
     torch.testing.assert_close(found.weights, weights[0])
     assert float(found.weights[:4].sum()) == 0  # the masked part
     assert float(found.weights.sum()) == pytest.approx(1)
+
+
+def test_the_search_ranks_a_pose_near_the_true_one_among_the_first() -> None:
+    config, index = SearchConfig(), map_of(BOX)
+    grid = PatchGrid(DescriptorConfig().patch_rows, DescriptorConfig().patch_columns)
+    rotations = make_search_rotations(config, grid, torch.device("cpu"))
+    described = describe_panorama(PanoramaPyramid(panorama(), 64, None, "cpu"), None, DescriptorConfig())
+    (found,) = search_maps([described], [index], rotations, [NO_LIMITS], config)
+    assert found.num_starts == index.num_starts
+    assert any(pose_error(pose, POSE).within(0.6, 20.0) for pose in poses_of(found, index)[:8])

@@ -1,11 +1,11 @@
-"""Candidates among all poses, when many of the best are nearly the same pose."""
+"""Candidates among all poses, when many of the best are nearly the same pose or excluded."""
 
 import math
 
 import torch
 
 from panoloc.core.config import SearchConfig
-from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.geometry.rotations import rotation_from_vector, uniform_rotations
 from panoloc.core.search.pose_scores import select_candidates
 
 
@@ -42,3 +42,10 @@ def test_the_same_place_seen_another_way_and_another_place_seen_the_same_way_are
     scores = torch.tensor([[9.0, 8.0, 7.0], [6.0, 5.0, 1.0], [4.0, -math.inf, -math.inf]])
     found = select_candidates(scores, starts, turned, SearchConfig(num_candidates=9))
     assert list(zip(found.starts.tolist(), found.rotations.tolist(), strict=True)) == [(0, 0), (0, 2), (2, 0)]
+
+
+def test_excluded_poses_are_never_candidates() -> None:
+    scores = torch.full((3, 5), -math.inf)
+    scores[1, 2] = 0.5
+    chosen = select_candidates(scores, torch.zeros((3, 3)), uniform_rotations(5), SearchConfig(num_candidates=4))
+    assert (chosen.starts.tolist(), chosen.rotations.tolist()) == ([1], [2])
