@@ -33,7 +33,7 @@ from panoloc.lab.rooms import (
     take_photo,
     take_view,
 )
-from tests.core.built_maps import assert_found, best_of, localized
+from tests.core.built_maps import assert_found, localized
 from tests.core.painted_box import rotation_of
 
 pytestmark = pytest.mark.slow
@@ -69,24 +69,9 @@ def test_a_room_with_60_percent_changed_is_found(seed: int) -> None:
     assert_found(localized(take_panorama(changed_room(), pose, WIDTH), room_index()), pose)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_photo_with_another_camera_and_light_is_found(seed: int) -> None:
-    pose, look = pose_in(ROOM, seed, "tilted"), random_look(np.random.default_rng(seed))
-    assert_found(localized(apply_look(take_panorama(ROOM, pose, WIDTH), look, seed), room_index()), pose)
-
-
-def test_another_room_is_not_localized() -> None:
-    other = build_map_index(scan_scene(build_scene(SceneSpec("room", seed=21, area_m2=16.0)), num_points=60_000))
-    panorama = take_panorama(ROOM, pose_in(ROOM, 1), WIDTH)
-    assert localized(panorama, other).status == "not_localized"
-    assert best_of(localized(panorama, other, room_index())).map_position == 1
-
-
-def test_a_semantic_room_is_found_by_its_labels() -> None:
-    index = build_map_index(scan_scene(ROOM, num_points=60_000, color_kind="labels"), IndexOptions(color_kind="labels"))
-    for seed, scene in enumerate((ROOM, changed_room())):
-        pose = pose_in(scene, seed)
-        assert_found(localized(take_panorama(scene, pose, WIDTH, "labels"), index), pose)
+def test_a_photo_with_another_camera_and_light_is_found() -> None:
+    pose, look = pose_in(ROOM, 0, "tilted"), random_look(np.random.default_rng(0))
+    assert_found(localized(apply_look(take_panorama(ROOM, pose, WIDTH), look, 0), room_index()), pose)
 
 
 def test_a_room_scanned_from_one_place_alone_is_enough_also_with_starts_in_a_grid() -> None:

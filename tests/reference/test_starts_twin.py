@@ -22,50 +22,44 @@ def room(seed: int, size: tuple[float, float, float] = (2.3, 1.9, 1.4)) -> np.nd
     return np.asarray(points, np.float32)
 
 
-def as_leaves(starts: Starts) -> list[twin.Leaf]:
-    return [(tuple(center), float(edge)) for center, edge in zip(starts.positions, starts.leaf_sizes, strict=True)]
-
-
-def assert_same(found: Starts, expected: list[twin.Leaf]) -> None:
+def assert_as_slow(
+    points: np.ndarray,
+    config: StartsConfig,
+    region: tuple[np.ndarray, np.ndarray] | None = None,
+    slow_config: StartsConfig | None = None,
+) -> Starts:
+    """Check the starts against the twin's, and return them."""
+    found = octree_starts(points, config, region)
+    expected = twin.octree_starts(points.astype(np.float64), slow_config or config, region)
     assert len(found) == len(expected) > 3
-    for (center, edge), (other, other_edge) in zip(as_leaves(found), expected, strict=True):
-        assert center == pytest.approx(other)
-        assert edge == pytest.approx(other_edge)
+    np.testing.assert_allclose(found.positions, [center for center, _ in expected], rtol=1e-6)
+    np.testing.assert_allclose(found.leaf_sizes, [edge for _, edge in expected], rtol=1e-6)
+    return found
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "config"),
-    [
-        (0, StartsConfig(spacing_m=0.5, clearance_m=0.25)),
-        (1, StartsConfig(spacing_m=0.3, clearance_m=0.1)),
-        (2, StartsConfig(spacing_m=0.4, clearance_m=0.0)),
-        (3, StartsConfig(spacing_m=0.7, clearance_m=0.2)),
-    ],
-)
-def test_starts_are_the_empty_leaves_that_keep_clear_thinned_from_the_largest(seed: int, config: StartsConfig) -> None:
-    points = room(seed)
-    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
+@pytest.mark.parametrize("seed_spacing_clearance", [(0, 0.5, 0.25), (1, 0.3, 0.1), (2, 0.4, 0.0), (3, 0.7, 0.2)])
+def test_starts_are_the_empty_leaves_that_keep_clear_thinned_from_the_largest(
+    seed_spacing_clearance: tuple[int, float, float],
+) -> None:
+    seed, spacing_m, clearance_m = seed_spacing_clearance
+    assert_as_slow(room(seed), StartsConfig(spacing_m=spacing_m, clearance_m=clearance_m))
 
 
 @pytest.mark.slow
 def test_the_spacing_grows_until_there_are_few_enough() -> None:
-    points, config = room(4), StartsConfig(spacing_m=0.3, clearance_m=0.1, max_starts=20)
-    found = octree_starts(points, config)
+    found = assert_as_slow(room(4), StartsConfig(spacing_m=0.3, clearance_m=0.1, max_starts=20))
     assert 8 < len(found) <= 20
-    assert_same(found, twin.octree_starts(points.astype(np.float64), config))
 
 
 def test_a_place_lower_than_the_spacing_has_one_layer_of_cells() -> None:
-    points, config = room(10), StartsConfig(spacing_m=0.5, clearance_m=0.1)
-    points = points[points[:, 2] < 0.9]
-    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
+    points = room(10)
+    assert_as_slow(points[points[:, 2] < 0.9], StartsConfig(spacing_m=0.5, clearance_m=0.1))
 
 
 def test_within_a_region_the_leaves_are_those_of_the_region() -> None:
-    points, config = room(5), StartsConfig(spacing_m=0.4, clearance_m=0.1)
     region = np.array([3.5, -4.8, 0.3]), np.array([4.9, -3.7, 1.5])
-    assert_same(octree_starts(points, config, region), twin.octree_starts(points.astype(np.float64), config, region))
+    assert_as_slow(room(5), StartsConfig(spacing_m=0.4, clearance_m=0.1), region)
 
 
 def test_a_place_without_a_free_leaf_still_gets_a_start_in_its_middle() -> None:
@@ -82,8 +76,7 @@ def test_a_scan_that_is_too_large_has_cells_that_fit_into_memory(scale: float) -
     volume = np.prod([max(side, 1.0) for side in upper - lower])
     least = 4 * (volume / 3000) ** (1 / 3)
     config = StartsConfig(spacing_m=0.1, clearance_m=0.1, max_cells=3000)
-    expected = twin.octree_starts(points.astype(np.float64), replace(config, spacing_m=float(least)))
-    assert_same(octree_starts(points, config), expected)
+    assert_as_slow(points, config, slow_config=replace(config, spacing_m=float(least)))
 
 
 @pytest.mark.parametrize(("spacing", "max_starts"), [(0.5, 800), (0.31, 800), (0.2, 60), (9.0, 800)])

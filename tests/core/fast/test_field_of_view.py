@@ -31,7 +31,7 @@ def of_unknown_field_of_view(bounds_deg: tuple[float, float], box: PaintedBox = 
 
 @pytest.mark.slow
 def test_a_photo_is_found_although_nobody_knows_how_wide_it_is() -> None:
-    found = localized(of_unknown_field_of_view((60.0, 100.0)))
+    found = localized(of_unknown_field_of_view((70.0, 96.0)))
     assert found.status == "localized"
     (camera,) = found.found_cameras
     assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
@@ -43,7 +43,7 @@ def test_a_photo_is_found_although_nobody_knows_how_wide_it_is() -> None:
 
 @pytest.mark.slow
 def test_the_boundaries_of_labels_tell_it_too() -> None:
-    found = localized(of_unknown_field_of_view((60.0, 100.0), LABELLED), map_of(LABELLED, AS_LABELS))
+    found = localized(of_unknown_field_of_view((74.0, 92.0), LABELLED), map_of(LABELLED, AS_LABELS))
     (camera,) = found.found_cameras
     assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=4.0)
     assert_found(found, POSE, 0.15)
@@ -51,7 +51,7 @@ def test_the_boundaries_of_labels_tell_it_too() -> None:
 
 @pytest.mark.slow
 def test_a_photo_that_is_wider_than_its_bounds_is_not_localized_and_the_bound_is_named() -> None:
-    found = localized(of_unknown_field_of_view((60.0, 76.0)))
+    found = localized(of_unknown_field_of_view((70.0, 76.0)))
     assert found.status == "not_localized"
     assert any("76 degrees wide, a bound of hfov_range_deg" in words for words in found.warnings)
 

@@ -29,30 +29,6 @@ def test_without_hints_nothing_is_limited() -> None:
         assert (limits.center, limits.lower, limits.upper, limits.max_tilt, limits.heading) == (None,) * 5
 
 
-def test_hints_become_limits_in_the_map_s_own_frame_and_in_radians() -> None:
-    limits = pose_limits(
-        Hints(
-            position_m=(1_000_001.0, -2_000_000.0, 101.5),
-            radius_m=3.0,
-            region=((1_000_000.0, -2_000_001.0, 99.0), (1_000_002.25, -1_999_999.5, 103.0)),
-            max_tilt_deg=20.0,
-            heading_deg=90.0,
-            heading_tolerance_deg=30.0,
-        ),
-        MAP,
-    )
-    assert limits.center is not None
-    assert limits.lower is not None
-    assert limits.upper is not None
-    assert limits.center.tolist() == [0.75, 0.5, 1.5]
-    assert limits.center.dtype == torch.float32
-    assert (limits.lower.tolist(), limits.upper.tolist()) == ([-0.25, -0.5, -1.0], [2.0, 1.0, 3.0])
-    assert limits.radius_m == 3.0
-    assert limits.max_tilt == pytest.approx(math.radians(20))
-    assert limits.heading == pytest.approx(math.pi / 2)
-    assert limits.heading_tolerance == pytest.approx(math.radians(30))
-
-
 @pytest.mark.parametrize(
     ("hints", "max_tilt_deg"),
     [
