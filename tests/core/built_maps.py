@@ -14,6 +14,7 @@ from panoloc.core.options import IndexOptions
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.session import Photo, Session
 from panoloc.core.results import Candidate, Localization
+from tests.core.known import known
 from tests.core.painted_box import PaintedBox, rotation_of
 
 BOX = PaintedBox(seed=3)
@@ -60,8 +61,7 @@ def answer() -> Localization:
 
 
 def best_of(found: Localization) -> Candidate:
-    assert found.best is not None
-    return found.best
+    return known(found.best)
 
 
 def assert_found(found: Localization, pose: Pose, position_m: float = 0.05, orientation_deg: float = 5.0) -> None:

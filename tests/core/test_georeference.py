@@ -7,6 +7,7 @@ from pyproj import CRS, Proj, Transformer
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.georeference import coordinate_system
+from tests.core.known import known
 
 UTM_32 = "EPSG:25832"
 # Grid positions far from and near to the middle of their zones.
@@ -22,16 +23,14 @@ PLACES = [
 
 @pytest.mark.parametrize(("code", "east", "north"), PLACES)
 def test_convergence_and_scale_are_those_of_pyproj(code: str, east: float, north: float) -> None:
-    place = coordinate_system(code).place((east, north, 12.0))
-    assert place is not None
+    place = known(coordinate_system(code).place((east, north, 12.0)))
     factors = Proj(CRS(code)).get_factors(place.longitude_deg, place.latitude_deg)
     assert place.convergence_deg == pytest.approx(factors.meridian_convergence, abs=0.001)
     assert place.scale == pytest.approx(factors.meridional_scale, abs=5e-6)  # datums differ in scale
 
 
 def test_the_place_is_that_of_an_independent_transformation() -> None:
-    place = coordinate_system(UTM_32).place((640_000.0, 5_320_000.0, 12.0))
-    assert place is not None
+    place = known(coordinate_system(UTM_32).place((640_000.0, 5_320_000.0, 12.0)))
     longitude, latitude = Transformer.from_crs(UTM_32, "EPSG:4326", always_xy=True).transform(640_000.0, 5_320_000.0)
     assert (place.latitude_deg, place.longitude_deg) == pytest.approx((latitude, longitude), abs=1e-9)
     # Series of first order: the convergence is the longitude from the middle of the zone times the sine of the latitude.
@@ -55,8 +54,7 @@ def test_wkt_is_recognised_by_its_code_and_feet_are_converted() -> None:
     ],
 )
 def test_heights_say_what_they_are_above(text: str, undulation: float | None, height: float, reference: str) -> None:
-    place = coordinate_system(text).place((640_000.0, 5_320_000.0, 100.0), undulation)
-    assert place is not None
+    place = known(coordinate_system(text).place((640_000.0, 5_320_000.0, 100.0), undulation))
     assert (place.height_m, place.height_reference) == (height, reference)
 
 

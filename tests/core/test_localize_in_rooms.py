@@ -5,60 +5,41 @@ from functools import cache
 import numpy as np
 import pytest
 
+from panoloc.core import pictures
 from panoloc.core.camera.camera import Camera
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.options import IndexOptions
 from panoloc.core.panorama.session import Session, SessionImage
-from panoloc.core.pictures import (
-    draw_map_preview,
-    draw_overlay,
-    draw_score_map_2d,
-    draw_score_map_3d,
-    encode_png,
-    view_scan,
-)
-from panoloc.lab.rooms import (
-    Scene,
-    SceneSpec,
-    apply_look,
-    build_scene,
-    change_scene,
-    changed_pixels,
-    random_look,
-    sample_pose,
-    scan_scene,
-    take_panorama,
-    take_photo,
-    take_view,
-)
+from panoloc.lab import rooms
 from tests.core.built_maps import assert_found, localized
+from tests.core.known import known
 from tests.core.painted_box import rotation_of
 
 pytestmark = pytest.mark.slow
 WIDTH = 512
-ROOM = build_scene(SceneSpec("room", seed=4, area_m2=14.0))
+ROOM = rooms.build_scene(rooms.SceneSpec("room", seed=4, area_m2=14.0))
 
 
 @cache
-def changed_room() -> Scene:
-    return change_scene(ROOM, 0.6, seed=1)
+def changed_room() -> rooms.Scene:
+    return rooms.change_scene(ROOM, 0.6, seed=1)
 
 
 @cache
 def room_index() -> MapIndex:
-    return build_map_index(scan_scene(ROOM, num_points=60_000))
+    return build_map_index(rooms.scan_scene(ROOM, num_points=60_000))
 
 
-def pose_in(scene: Scene, seed: int, held: str = "any") -> Pose:
-    return sample_pose(scene, np.random.default_rng(seed), held)  # type: ignore[arg-type]
+def pose_in(scene: rooms.Scene, seed: int, held: str = "any") -> Pose:
+    return rooms.sample_pose(scene, np.random.default_rng(seed), held)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", [5, 8])
 def test_a_room_as_scanned_is_found_from_any_place_in_any_rotation(seed: int) -> None:
     pose = pose_in(ROOM, seed)
-    found = localized(take_panorama(ROOM, pose, WIDTH), room_index())
+    found = localized(rooms.take_panorama(ROOM, pose, WIDTH), room_index())
     assert found.status == "localized"
     assert_found(found, pose)
 
@@ -66,53 +47,57 @@ def test_a_room_as_scanned_is_found_from_any_place_in_any_rotation(seed: int) ->
 @pytest.mark.parametrize("seed", [5, 8])
 def test_a_room_with_60_percent_changed_is_found(seed: int) -> None:
     pose = pose_in(changed_room(), seed)
-    assert_found(localized(take_panorama(changed_room(), pose, WIDTH), room_index()), pose)
+    assert_found(localized(rooms.take_panorama(changed_room(), pose, WIDTH), room_index()), pose)
 
 
 def test_a_photo_with_another_camera_and_light_is_found() -> None:
-    pose, look = pose_in(ROOM, 0, "tilted"), random_look(np.random.default_rng(0))
-    assert_found(localized(apply_look(take_panorama(ROOM, pose, WIDTH), look, 0), room_index()), pose)
+    pose, look = pose_in(ROOM, 0, "tilted"), rooms.random_look(np.random.default_rng(0))
+    assert_found(localized(rooms.apply_look(rooms.take_panorama(ROOM, pose, WIDTH), look, 0), room_index()), pose)
 
 
 def test_a_room_scanned_from_one_place_alone_is_enough_also_with_starts_in_a_grid() -> None:
     pose = pose_in(ROOM, 5)
     low, high = (tuple((pose.position + side).tolist()) for side in (-0.9, 0.9))
     options = IndexOptions(starts_method="grid", spacing_m=0.6, region=(low, high))
-    index = build_map_index(scan_scene(ROOM, num_stations=1, num_points=60_000), options)
+    index = build_map_index(rooms.scan_scene(ROOM, num_stations=1, num_points=60_000), options)
     assert index.num_starts <= 27
-    assert_found(localized(take_panorama(ROOM, pose, WIDTH), index), pose)
+    assert_found(localized(rooms.take_panorama(ROOM, pose, WIDTH), index), pose)
 
 
 def test_the_2d_score_map_is_low_where_things_changed() -> None:
     pose = pose_in(changed_room(), 7)
-    truth = changed_pixels(take_view(changed_room(), pose, width=256), changed_room(), ROOM).reshape(128, 256)
-    found = localized(take_panorama(changed_room(), pose, WIDTH), room_index())
-    assert found.score_map_2d is not None
-    scores = found.score_map_2d
+    truth = rooms.changed_pixels(rooms.take_view(changed_room(), pose, width=256), changed_room(), ROOM).reshape(
+        128, 256
+    )
+    found = localized(rooms.take_panorama(changed_room(), pose, WIDTH), room_index())
+    scores = known(found.score_map_2d)
     rows = np.arange(128) * scores.shape[0] // 128
     columns = np.arange(256) * scores.shape[1] // 256
     at_truth = scores[rows][:, columns]
-    known = ~np.isnan(at_truth)
-    changed, unchanged = at_truth[known & truth], at_truth[known & ~truth]
+    is_known = ~np.isnan(at_truth)
+    changed, unchanged = at_truth[is_known & truth], at_truth[is_known & ~truth]
     # The chance that a changed pixel scores lower than an unchanged one.
     order = np.concatenate((changed, unchanged)).argsort().argsort()
     area = 1 - (order[: len(changed)].mean() - (len(changed) - 1) / 2) / len(unchanged)
     assert area > 0.8
-    assert found.panorama_changed_fraction is not None
-    assert abs(found.panorama_changed_fraction - truth.mean()) < 0.25
+    assert abs(known(found.panorama_changed_fraction) - truth.mean()) < 0.25
 
 
 def test_the_pictures_of_an_answer_show_the_place() -> None:
-    panorama = take_panorama(ROOM, pose_in(ROOM, 5), WIDTH)
+    panorama = rooms.take_panorama(ROOM, pose_in(ROOM, 5), WIDTH)
     found = localized(panorama, room_index())
-    view = view_scan(room_index(), found)
-    overlay = draw_overlay(panorama, view)
-    others = draw_score_map_2d(panorama, found), draw_score_map_3d(view), draw_map_preview(room_index())
+    view = pictures.view_scan(room_index(), found)
+    overlay = pictures.draw_overlay(panorama, view)
+    others = (
+        pictures.draw_score_map_2d(panorama, found),
+        pictures.draw_score_map_3d(view),
+        pictures.draw_map_preview(room_index()),
+    )
     for picture in (overlay, *others):
         assert picture.dtype == np.uint8
         assert picture.shape[2] == 3
         assert float(picture.std()) > 10
-        assert encode_png(picture)[:8] == b"\x89PNG\r\n\x1a\n"
+        assert pictures.encode_png(picture)[:8] == b"\x89PNG\r\n\x1a\n"
     height = (overlay.shape[0] - 4) // 2
     upper, lower = overlay[:height].astype(float), overlay[-height:].astype(float)
     shown = np.abs(upper - lower).mean(axis=2)
@@ -127,7 +112,7 @@ def test_frames_of_a_phone_that_moves_are_found_within_two_centimetres() -> None
     places = ((-35.0, (0.0, 0.2, 0.0)), (35.0, (0.0, -0.2, 0.1)), (100.0, (-0.2, 0.0, 0.0)), (190.0, (0.2, 0.0, -0.1)))
     for turn, place in places:
         tracked = Pose(rotation_of(turn, 5.0), np.array(place))
-        images.append(SessionImage(take_photo(ROOM, camera, middle.after(tracked)).photo, tracked))
+        images.append(SessionImage(rooms.take_photo(ROOM, camera, middle.after(tracked)).photo, tracked))
     found = localized(Session(tuple(images)), room_index())
     assert found.map_from_session is not None
     assert_found(found, middle.after(images[0].session_from_camera), 0.02, 0.5)

@@ -17,6 +17,7 @@ from panoloc.core.panorama.photo import photo_on_sphere
 from panoloc.core.panorama.session import Session, SessionImage
 from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, OTHER_BOX, POSE, assert_found, best_of, localized, map_of
+from tests.core.known import known
 from tests.core.painted_box import rotation_of
 from tests.core.panorama.painted_photos import FOUR, MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, session_of
 from tests.core.search.symmetric_box import BOX as SYMMETRIC
@@ -36,8 +37,7 @@ def of_four() -> Localization:
 
 
 def session_pose(found: Localization) -> Pose:
-    assert found.map_from_session is not None
-    return found.map_from_session
+    return known(found.map_from_session)
 
 
 def assert_same(found: Pose, expected: Pose) -> None:
@@ -78,8 +78,7 @@ def test_a_photo_is_found_where_it_was_taken_and_is_its_own_session() -> None:
     (image,) = found.images
     assert_same(image.pose, best_of(found).pose)
     assert_same(session_pose(found), best_of(found).pose)
-    assert image.agreement is not None
-    assert image.agreement > 0.9
+    assert known(image.agreement) > 0.9
 
 
 def test_a_photo_is_found_as_a_masked_sphere_and_a_narrower_one_with_a_hint() -> None:
@@ -152,8 +151,7 @@ def test_photos_from_different_places_are_found_together(poses: tuple[Pose, ...]
     for image, pose in zip(found.images, poses, strict=True):
         error = pose_error(image.pose, MAP_FROM_SESSION.after(pose))
         assert error.within(0.03 if poses is TWO else 0.02, 0.6), f"{error}"  # pixels of the paint are 5 cm wide
-        assert image.agreement is not None
-        assert image.agreement > 0.85
+        assert known(image.agreement) > 0.85
 
 
 def test_the_poses_of_all_images_are_one_pose_of_the_session() -> None:

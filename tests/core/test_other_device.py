@@ -10,6 +10,7 @@ from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
 from tests.core.built_maps import BOX, answer, best_of, map_of, panorama
+from tests.core.known import known
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 
 pytestmark = pytest.mark.slow
@@ -31,8 +32,7 @@ def test_a_query_computes_where_its_localizer_is() -> None:
     here = best_of(answer())
     with OtherDevice() as device:
         found = Localizer(device=str(DEVICE)).localize(panorama(), [map_of(BOX).to(DEVICE)])
-        assert found.score_points is not None
-        assert len(found.score_points()) == map_of(BOX).num_points
+        assert len(known(found.score_points)()) == map_of(BOX).num_points
     there = best_of(found)
     assert pose_error(there.pose, here.pose).within(1e-3, 0.05)
     assert there.confidence == pytest.approx(here.confidence, abs=0.01)

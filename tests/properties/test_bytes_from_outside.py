@@ -133,19 +133,6 @@ def test_a_damaged_picture_is_refused_or_still_a_picture(kind: str, edits: list[
         read_panorama(changed(PICTURES[kind], edits, reach), max_pixels=1_000_000)
 
 
-@given(st.sampled_from(sorted(PICTURES)), st.floats(0, 1, exclude_max=True))
-def test_a_picture_cut_short_is_refused_or_still_a_picture(kind: str, share: float) -> None:
-    data = PICTURES[kind]
-    with contextlib.suppress(PanoramaError):
-        read_panorama(data[: int(share * len(data))])
-
-
-@given(st.binary(max_size=200), st.sampled_from(sorted(PICTURES)))
-def test_random_bytes_as_a_mask_are_refused(mask: bytes, kind: str) -> None:
-    with pytest.raises(PanoramaError):
-        read_panorama(PICTURES[kind], mask)
-
-
 @given(st.lists(st.integers(0, 9_999_999) | st.sampled_from((0, 64, 128, 256)), min_size=6, max_size=6))
 def test_any_crop_fields_are_honoured_within_the_pixel_limit_or_refused(values: list[int]) -> None:
     names = ["FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels"]

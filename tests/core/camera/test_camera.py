@@ -11,6 +11,7 @@ from PIL import Image
 from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.exif import camera_of_photo
 from panoloc.core.errors import OptionsError
+from tests.core.known import known
 from tests.core.panorama.picture_files import photo_file
 
 GOOD = Camera("opencv", 1920, 1440, 1450.0, 1450.0, 960.0, 720.0, (0.1, -0.2, 0.0, 0.0))
@@ -57,11 +58,9 @@ def camera_of(width: int, height: int, focal_mm: object) -> Camera | None:
 
 def test_the_focal_length_in_35_mm_terms_gives_the_field_of_view() -> None:
     # 26 mm on 36 x 24 mm film shows 69.4 degrees across; of a 4:3 image the diagonal counts: 67.3 degrees.
-    camera = camera_of(1200, 800, 26)
-    assert camera is not None
+    camera = known(camera_of(1200, 800, 26))
     assert camera.hfov_deg == pytest.approx(2 * math.degrees(math.atan(18 / 26)), abs=0.01)
-    camera = camera_of(1600, 1200, 26)
-    assert camera is not None
+    camera = known(camera_of(1600, 1200, 26))
     assert camera.hfov_deg == pytest.approx(67.3, abs=0.05)
 
 

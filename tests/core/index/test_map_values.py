@@ -12,6 +12,7 @@ from panoloc.core.index.map_diagnostics import map_diagnostics
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.light.color_equalization import LabelCodes
 from panoloc.core.options import ColorKind, IndexOptions
+from tests.core.known import known
 
 NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
 FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8
@@ -78,8 +79,7 @@ def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
     assert (index.color_kind, labelled.color_kind) == ("rgb", "labels")
     torch.testing.assert_close(index.canonical_cloud_colors(), index.colors.float() / 255)
     torch.testing.assert_close(index.render_cloud.colors[:NUM_POINTS, :3], index.colors.float() / 255)
-    assert labelled.labels is not None
-    expected = labelled.labels.codes.repeat(NUM_POINTS // 2, 1)
+    expected = known(labelled.labels).codes.repeat(NUM_POINTS // 2, 1)
     torch.testing.assert_close(labelled.canonical_cloud_colors(), expected)
 
 

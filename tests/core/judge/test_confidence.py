@@ -18,6 +18,7 @@ from panoloc.core.judge.confidence import (
     share_within,
 )
 from panoloc.core.judge.hypotheses import Hypothesis
+from tests.core.known import known
 
 
 def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -> None:
@@ -36,8 +37,7 @@ def test_radii_grow_with_the_distance_of_halves_and_shrink_with_what_is_seen(axi
 
     def radius(apart: float, coverage: float) -> float:
         measures = {"halves_apart_m": 0.01 * apart, "halves_apart_deg": 0.1 * apart, "coverage": coverage}
-        found = error_radii((0.01, 0.1), measures, model)[axis]
-        assert found is not None
+        found = known(error_radii((0.01, 0.1), measures, model)[axis])
         return found
 
     assert radius(10.0, 0.1) > radius(2.0, 0.1) > radius(2.0, 0.9)
@@ -139,8 +139,7 @@ def test_error_radii_use_the_model_of_their_own_and_no_turn_is_more_than_half_a_
 def test_formal_radii_are_those_of_independent_residuals() -> None:
     curvature = torch.diag(torch.tensor([1.0, 4.0, 16.0, 25.0, 100.0, 400.0]))
     hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=curvature, residual_scale=0.2)
-    found = formal_radii(hypothesis)
-    assert found is not None
+    found = known(formal_radii(hypothesis))
     assert found[0] == pytest.approx(0.2 * math.sqrt(1 / 25 + 1 / 100 + 1 / 400), rel=1e-6)
     assert found[1] == pytest.approx(math.degrees(0.2 * math.sqrt(1 + 1 / 4 + 1 / 16)), rel=1e-6)
 

@@ -13,6 +13,7 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, Evidence, Localization, SearchSummary
 from tests.core.built_maps import BOX, localized, map_of
+from tests.core.known import known
 from tests.core.panorama.painted_photos import FOUR, session_of
 
 DOUBTS = Doubts(JudgeConfig(), 0.6)
@@ -56,8 +57,7 @@ def test_more_than_a_few_images_that_disagree_or_the_first_make_a_session_unsure
 ) -> None:
     answer = DOUBTS.unless_contradicted(found(before), photos(agreements))
     assert answer.status == after
-    assert answer.best is not None
-    assert (answer.best.confidence < 0.5) == (before == "localized" and after == "not_localized")
+    assert (known(answer.best).confidence < 0.5) == (before == "localized" and after == "not_localized")
     assert [words.startswith(warning) for words in answer.warnings] == ([True] if warning else [])
 
 
@@ -93,8 +93,7 @@ def test_an_image_without_edges_is_nowhere(before: Status, edges_deg: float | No
     assert answer.status == after
     assert ["plain wall" in words for words in answer.warnings] == [True] * (before != after)
     if before != after:  # and no less sure than its alternatives
-        assert answer.best is not None
-        assert answer.alternatives[0].confidence == answer.best.confidence == 0.3
+        assert answer.alternatives[0].confidence == known(answer.best).confidence == 0.3
 
 
 def test_a_bound_of_the_field_of_view_is_named() -> None:
@@ -112,8 +111,7 @@ def test_what_an_uncertain_focal_length_leaves_open_bounds_the_confidence(radius
     known = replace(found(), accuracy_position_m=radius_m, accuracy_orientation_deg=1.0)
     answer = DOUBTS.unless_focal_length_matters(known)
     assert answer.status == status
-    assert answer.best is not None
-    assert (0.6 < answer.best.confidence < 0.8) == (status == "localized")
+    assert (0.6 < known(answer.best).confidence < 0.8) == (status == "localized")
     assert ["less than 0.50 m" in words for words in answer.warnings] == [True] * (status == "not_localized")
 
 

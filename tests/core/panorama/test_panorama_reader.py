@@ -8,18 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from panoloc.core.errors import (
-    MaskDamagedError,
-    MaskFormatError,
-    MaskShapeError,
-    MaskTooLargeError,
-    PanoramaDamagedError,
-    PanoramaError,
-    PanoramaFormatError,
-    PanoramaShapeError,
-    PanoramaTooLargeError,
-    PanoramaUnusableError,
-)
+from panoloc.core import errors
 from panoloc.core.panorama.reader import read_panorama
 from tests.core.panorama.picture_files import (
     encoded,
@@ -104,9 +93,9 @@ def test_mask_and_alpha_add_up() -> None:
 
 def test_a_transparent_picture_is_not_blamed_on_its_mask() -> None:
     transparent = np.concatenate((picture(), np.zeros((128, 256, 1), np.uint8)), axis=2)
-    with pytest.raises(PanoramaUnusableError, match=r"image: .*alpha") as refused:
+    with pytest.raises(errors.PanoramaUnusableError, match=r"image: .*alpha") as refused:
         read_panorama(encoded(transparent), encoded(np.zeros((128, 256), np.uint8)))
-    assert not isinstance(refused.value, MaskShapeError)
+    assert not isinstance(refused.value, errors.MaskShapeError)
 
 
 @pytest.mark.parametrize("as_elements", [False, True])
@@ -139,7 +128,7 @@ def test_a_pixel_more_or_less_than_two_to_one_is_forgiven(size: tuple[int, int])
 def test_the_pixel_limit_is_the_callers() -> None:
     data = encoded(picture())
     read_panorama(data, max_pixels=256 * 128)
-    with pytest.raises(PanoramaTooLargeError, match="256 x 128"):
+    with pytest.raises(errors.PanoramaTooLargeError, match="256 x 128"):
         read_panorama(data, max_pixels=256 * 128 - 1)
 
 
@@ -147,13 +136,13 @@ def test_the_pixel_limit_is_the_callers() -> None:
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_picture_that_ends_early_is_refused_and_told_so(kind: str, share: float) -> None:
     data = encoded(picture(), kind)
-    with pytest.raises(PanoramaDamagedError if kind != "WEBP" else PanoramaError):
+    with pytest.raises(errors.PanoramaDamagedError if kind != "WEBP" else errors.PanoramaError):
         read_panorama(data[: int(share * len(data))])
 
 
 @pytest.mark.parametrize("data", [b"", b"hello, this is no picture", b"%PDF-1.7 ...", b"GIF89a" + bytes(100), b"\xff"])
 def test_text_and_other_files_are_refused_with_what_was_expected(data: bytes) -> None:
-    with pytest.raises(PanoramaFormatError, match="expected a JPEG, PNG or WebP"):
+    with pytest.raises(errors.PanoramaFormatError, match="expected a JPEG, PNG or WebP"):
         read_panorama(data)
 
 
@@ -163,15 +152,15 @@ PANORAMA = encoded(picture())
 @pytest.mark.parametrize(
     ("mask", "error", "said"),
     [
-        (encoded(np.zeros((128, 128), np.uint8)), MaskShapeError, "mask"),
-        (encoded(np.full((128, 256), 255, np.uint8)), MaskShapeError, "a mask that hides all pixels"),
-        (b"", MaskFormatError, "mask: "),
-        (b"hello, no picture", MaskFormatError, "mask: "),
-        (PANORAMA[:300], MaskDamagedError, "mask: "),
-        (png_bomb(40_000, 20_000), MaskTooLargeError, "mask"),
+        (encoded(np.zeros((128, 128), np.uint8)), errors.MaskShapeError, "mask"),
+        (encoded(np.full((128, 256), 255, np.uint8)), errors.MaskShapeError, "a mask that hides all pixels"),
+        (b"", errors.MaskFormatError, "mask: "),
+        (b"hello, no picture", errors.MaskFormatError, "mask: "),
+        (PANORAMA[:300], errors.MaskDamagedError, "mask: "),
+        (png_bomb(40_000, 20_000), errors.MaskTooLargeError, "mask"),
     ],
 )
-def test_a_mask_is_blamed_by_its_own_error(mask: bytes, error: type[PanoramaError], said: str) -> None:
+def test_a_mask_is_blamed_by_its_own_error(mask: bytes, error: type[errors.PanoramaError], said: str) -> None:
     with pytest.raises(error, match=said):
         read_panorama(PANORAMA, mask)
 
@@ -183,15 +172,15 @@ def cropped(size: tuple[int, int], full: tuple[int, int], left_top: tuple[int, i
 @pytest.mark.parametrize(
     ("data", "error", "said"),
     [
-        (encoded(picture(300, 200)), PanoramaShapeError, r"2:1.*300 x 200.*1\.50:1"),
-        (encoded(picture(64, 32)), PanoramaUnusableError, "at least"),
-        (png_bomb(40_000, 20_000), PanoramaTooLargeError, "40,000 x 20,000"),
+        (encoded(picture(300, 200)), errors.PanoramaShapeError, r"2:1.*300 x 200.*1\.50:1"),
+        (encoded(picture(64, 32)), errors.PanoramaUnusableError, "at least"),
+        (png_bomb(40_000, 20_000), errors.PanoramaTooLargeError, "40,000 x 20,000"),
         # Crop fields: that contradict each other, that blow a small picture up, and of a row among millions.
-        (cropped((200, 60), (400, 200), (300, 50), (200, 60)), PanoramaUnusableError, "GPano"),
-        (cropped((20, 10), (4000, 2000), (0, 0), (20, 10)), PanoramaTooLargeError, "pixels"),
-        (cropped((2000, 16), (2_000_000, 1_000_000), (0, 0), (1_000_000, 1)), PanoramaError, "."),
+        (cropped((200, 60), (400, 200), (300, 50), (200, 60)), errors.PanoramaUnusableError, "GPano"),
+        (cropped((20, 10), (4000, 2000), (0, 0), (20, 10)), errors.PanoramaTooLargeError, "pixels"),
+        (cropped((2000, 16), (2_000_000, 1_000_000), (0, 0), (1_000_000, 1)), errors.PanoramaError, "."),
     ],
 )
-def test_what_is_no_panorama_is_refused_and_told_so(data: bytes, error: type[PanoramaError], said: str) -> None:
+def test_what_is_no_panorama_is_refused_and_told_so(data: bytes, error: type[errors.PanoramaError], said: str) -> None:
     with pytest.raises(error, match=said):
         read_panorama(data, max_pixels=1_000_000)

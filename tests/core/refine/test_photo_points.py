@@ -18,6 +18,7 @@ from panoloc.core.refine.photo_points import (
 )
 from panoloc.core.views.photo_comparison import RigView
 from tests.core.built_maps import BOX, map_of, tensors_of
+from tests.core.known import known
 from tests.core.panorama.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
 
 SESSION = session_of(TWO)
@@ -35,8 +36,7 @@ def test_each_point_is_looked_up_in_the_photo_whose_middle_is_nearest_to_it() ->
         camera = MAP_FROM_SESSION.after(pose)
         seen = (points - camera.position) @ camera.rotation
         of_angle.append(np.arccos(seen[:, 0] / np.linalg.norm(seen, axis=1)) / cone)
-    found = photos_showing(ATLAS, torch.from_numpy(points).float()[None], *POSE)
-    assert found is not None
+    found = known(photos_showing(ATLAS, torch.from_numpy(points).float()[None], *POSE))
     np.testing.assert_array_equal(found[0].numpy(), np.argmin(of_angle, axis=0))
 
 
@@ -68,8 +68,7 @@ def test_points_of_a_pose_have_the_colours_that_were_compared_mixed_with_contras
     compared = view.compare(map_of(BOX).render_cloud, *POSE, HEIGHT, is_labels=False)
     extra = torch.full_like(compared.weights, 0.25)
     found = points_seen_by_photos(view, map_of(BOX).render_cloud, compared, *POSE, look, share, extra, 15.0)
-    assert found.patches is not None
-    assert bool((found.patches.diff() >= 0).all())
+    assert bool((known(found.patches).diff() >= 0).all())
     seen = found.weights[0] > 0
     assert set(found.weights[0].tolist()) <= {0.0, 0.25}
     towards = torch.nn.functional.normalize(found.positions[0][seen] - POSE[1], dim=-1) @ POSE[0][0]

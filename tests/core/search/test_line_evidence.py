@@ -19,6 +19,7 @@ from panoloc.core.prepared_query import MapQuery, prepare_queries, search_rounds
 from panoloc.core.search.line_evidence import LineEvidence
 from panoloc.core.search.photo_search import search_photos
 from tests.core.built_maps import POSE, map_of, tensors_of
+from tests.core.known import known
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import SIDEWAYS, photo_of
 
@@ -38,8 +39,7 @@ def query_of(hints: Hints | None = None, config: LocalizerConfig = CONFIG) -> Ma
 
 
 def evidence_of(query: MapQuery) -> LineEvidence:
-    assert query.lines is not None
-    return query.lines
+    return known(query.lines)
 
 
 def nearest_deg(rotations: Tensor, wanted: Tensor) -> float:
@@ -86,11 +86,12 @@ def test_a_candidate_by_lines_is_nearer_than_the_starts() -> None:
     assert isinstance(photos, PreparedPhotos)
     given = [photos.described()], [map_of(BOX)], searched.limits, [query.lines]
     (found,) = search_photos(*given, CONFIG.photo_search, CONFIG.fine_views)
-    assert found.candidates.places is not None
-    off = (found.candidates.places - PLACE).norm(dim=-1)
+    off = (known(found.candidates.places) - PLACE).norm(dim=-1)
     assert float(off[0]) < 0.2
     starts = map_of(BOX).starts[found.candidates.starts]
-    assert float((found.candidates.places - starts).abs().max()) <= float(map_of(BOX).leaf_sizes.max()) / 2 + 1e-4
+    assert (
+        float((known(found.candidates.places) - starts).abs().max()) <= float(map_of(BOX).leaf_sizes.max()) / 2 + 1e-4
+    )
     assert float((starts[0] - PLACE).norm()) > float(off[0])
     turned = found.rotations[found.candidates.rotations[:1]]
     assert nearest_deg(turned, ROTATION) < 5.0
