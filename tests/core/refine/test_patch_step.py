@@ -1,19 +1,24 @@
-"""Steps patch by patch: what is minimized, light of their own, and votes lost to what changed."""
+"""Steps patch by patch: what is minimized, light of their own, votes lost to what changed, halves refined apart, and sums over patches."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from torch import Tensor
 
-from panoloc.core.config import LineConfig, PhotoRefinementConfig, StepConfig
+from panoloc.core.config import HalvesConfig, LineConfig, PhotoRefinementConfig, StepConfig
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
 from panoloc.core.lines.line_hold import LineHold
 from panoloc.core.refine.gauss_newton import initial_history
+from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patch_step import PatchStep, patch_step
-from panoloc.core.refine.refinement import refine
+from panoloc.core.refine.patch_sums import PatchSums
+from panoloc.core.refine.refinement import CandidatePoints, refine
 from tests.core.lines.made_edges import edges_along
+from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.refine.painted_scene import POSITION, ROTATION, patches_of, scene
 
 PLAIN = PhotoRefinementConfig().patch_step
@@ -98,3 +103,69 @@ def test_without_points_in_view_a_pose_stays_where_it_is() -> None:
     found = refine(LEVEL, nothing, ROTATION, POSITION, 4, RULES)
     torch.testing.assert_close(found.positions, POSITION)
     assert torch.isfinite(found.hessian).all()
+
+
+# Halves meet where the picture was taken, whatever has changed, and nowhere else.
+
+COLORS_ELSEWHERE = scene(seed=8)[1].colors
+
+
+def apart(points: CandidatePoints) -> tuple[float, float]:
+    """Return metres and degrees."""
+    step = PhotoRefinementConfig().patch_step
+    found = halves_apart(LEVEL, points, ROTATION[0], POSITION[0], step, HalvesConfig())
+    return float(found[0]), float(torch.rad2deg(found[1]))
+
+
+def test_they_meet_at_the_true_pose() -> None:
+    distance, angle = apart(POINTS)
+    assert distance < 0.003
+    assert angle < 0.1
+
+
+def test_they_part_where_another_place_was_scanned() -> None:
+    distance, angle = apart(replace(POINTS, colors=COLORS_ELSEWHERE))
+    assert distance > 0.05 or angle > 2.0
+
+
+def test_they_meet_although_a_third_has_changed() -> None:
+    is_changed = (PATCHES % 3 == 0)[None, :, None]
+    distance, angle = apart(replace(POINTS, colors=torch.where(is_changed, COLORS_ELSEWHERE, POINTS.colors)))
+    assert distance < 0.03
+    assert angle < 1.0
+
+
+def test_halves_in_which_nothing_is_left_do_not_meet() -> None:
+    distance, angle = apart(replace(POINTS, weights=torch.zeros_like(POINTS.weights)))
+    assert distance >= 1.0
+    assert angle >= 90.0
+
+
+# Sums over patches, beside a product with who is where.
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=30), st.integers(0, 2**16))
+def test_they_are_the_product_with_who_is_where(sizes: list[int], seed: int) -> None:
+    patches = torch.repeat_interleave(torch.arange(len(sizes)), torch.tensor(sizes))
+    values = torch.randn((2, 3, len(patches)), generator=torch.Generator().manual_seed(seed))
+    sums = PatchSums(patches)
+    expected = values.double() @ torch.nn.functional.one_hot(patches).double()
+    torch.testing.assert_close(sums(values).double(), expected, rtol=1e-4, atol=1e-4)
+    # Also of planes that do not lie one after the other in memory.
+    torch.testing.assert_close(sums(values.transpose(0, 1)), sums(values).transpose(0, 1))
+    assert torch.equal(sums.spread(torch.arange(len(sizes))), patches)
+
+
+@pytest.mark.slow
+def test_another_device_adds_them_up_itself() -> None:
+    patches, values = torch.tensor([0, 0, 1, 2, 2, 2]), torch.arange(12.0).view(2, 6)
+    with torch.no_grad(), OtherDevice():
+        there = PatchSums(patches.to(DEVICE))(values.to(DEVICE))
+        assert there.device == DEVICE
+        torch.testing.assert_close(there.cpu(), torch.tensor([[1.0, 2.0, 12.0], [13.0, 8.0, 30.0]]))
+
+
+def test_points_that_do_not_follow_each_other_are_refused() -> None:
+    with pytest.raises(AssertionError, match="follow each other"):
+        PatchSums(torch.tensor([0, 1, 0]))
