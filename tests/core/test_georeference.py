@@ -14,7 +14,7 @@ from panoloc.core.geometry.pose import Pose, quaternion_of
 from panoloc.core.geopose import MapPose, geopose_of
 from panoloc.core.georeference import coordinate_system
 from tests.core.exports.tours import rotation_of
-from tests.core.known import known
+from tests.core.found_pose import known
 
 UTM_32 = "EPSG:25832"
 # Grid positions far from and near to the middle of their zones.

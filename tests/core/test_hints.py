@@ -7,7 +7,8 @@ import pytest
 
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Hints
-from tests.core.built_maps import POSE, answer, assert_found, localized, panorama
+from tests.core.built_maps import POSE, answer, localized, panorama
+from tests.core.found_pose import assert_found
 
 HOLDING = {
     "position": Hints(position_m=(1.9, 2.2, 1.4), radius_m=0.5),

@@ -21,18 +21,16 @@ from tests.core.built_maps import (
     LABELLED,
     OTHER_BOX,
     POSE,
+    SYMMETRIC,
+    TWIN,
     answer,
-    assert_found,
-    best_of,
     localized,
     localizer,
     map_of,
     panorama,
 )
-from tests.core.known import known
+from tests.core.found_pose import assert_found, best_of, known
 from tests.core.painted_box import rotation_of
-from tests.core.search.symmetric_box import BOX as SYMMETRIC
-from tests.core.search.symmetric_box import TWIN
 
 
 def test_a_panorama_is_found_within_a_centimetre_and_a_third_of_a_degree() -> None:

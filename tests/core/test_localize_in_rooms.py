@@ -13,8 +13,8 @@ from panoloc.core.index.map_index import MapIndex
 from panoloc.core.options import IndexOptions
 from panoloc.core.panorama.session import Session, SessionImage
 from panoloc.lab import rooms
-from tests.core.built_maps import assert_found, localized
-from tests.core.known import known
+from tests.core.built_maps import localized
+from tests.core.found_pose import assert_found, known
 from tests.core.painted_box import rotation_of
 
 pytestmark = pytest.mark.slow

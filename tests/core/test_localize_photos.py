@@ -16,12 +16,10 @@ from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints
 from panoloc.core.panorama.photo import photo_on_sphere
 from panoloc.core.panorama.session import Session, SessionImage
 from panoloc.core.results import Localization
-from tests.core.built_maps import BOX, OTHER_BOX, POSE, assert_found, best_of, localized, map_of
-from tests.core.known import known
+from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, TWIN, localized, map_of, seen_from_the_other_side
+from tests.core.found_pose import assert_found, best_of, known
 from tests.core.painted_box import rotation_of
 from tests.core.panorama.painted_photos import FOUR, MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, session_of
-from tests.core.search.symmetric_box import BOX as SYMMETRIC
-from tests.core.search.symmetric_box import TWIN, seen_from_the_other_side
 
 pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig()

@@ -9,8 +9,8 @@ from panoloc.core.geometry.pose import pose_error
 from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
-from tests.core.built_maps import BOX, answer, best_of, map_of, panorama
-from tests.core.known import known
+from tests.core.built_maps import BOX, answer, map_of, panorama
+from tests.core.found_pose import best_of, known
 from tests.core.other_device import DEVICE, FarTensor, OtherDevice
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ from panoloc.core.describe.spherical_patches import PatchGrid
 from panoloc.core.panorama.image_level import prepare_level
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.refine import gauss_newton, point_sampling
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.painted_box import rotation_of
 from tests.reference.spherical_twin import image_position_of, patch_of, sample
 

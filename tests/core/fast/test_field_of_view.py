@@ -10,8 +10,8 @@ from panoloc.core.errors import OptionsError
 from panoloc.core.fast.field_of_view import searched_range_deg
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.panorama.session import Photo, Session, SessionImage
-from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, assert_found, localized, map_of
-from tests.core.known import known
+from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, localized, map_of
+from tests.core.found_pose import assert_found, known
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 

@@ -15,7 +15,7 @@ from panoloc.core.index.map_diagnostics import map_diagnostics
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.point_cloud import PointCloud
 from tests.core.built_maps import BOX, LABELLED, map_of
-from tests.core.known import known
+from tests.core.found_pose import known
 
 
 class WithdrawnError(Exception):

@@ -12,7 +12,7 @@ from panoloc.core.index.map_diagnostics import map_diagnostics
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.light.color_equalization import LabelCodes
 from panoloc.core.options import ColorKind, IndexOptions
-from tests.core.known import known
+from tests.core.found_pose import known
 
 NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
 FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8

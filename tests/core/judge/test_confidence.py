@@ -18,7 +18,7 @@ from panoloc.core.judge.confidence import (
     share_within,
 )
 from panoloc.core.judge.hypotheses import Hypothesis
-from tests.core.known import known
+from tests.core.found_pose import known
 
 CONFIG = JudgeConfig()
 

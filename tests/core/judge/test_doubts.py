@@ -13,7 +13,7 @@ from panoloc.core.localizer import Localizer
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, Evidence, Localization, SearchSummary
 from tests.core.built_maps import BOX, localized, map_of
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.panorama.painted_photos import FOUR, session_of
 
 DOUBTS = Doubts(JudgeConfig(), 0.6)

@@ -19,7 +19,7 @@ from panoloc.core.judge.hypotheses import (
     within_margin,
 )
 from panoloc.core.refine.refinement import Refined
-from tests.core.known import known
+from tests.core.found_pose import known
 
 JUDGE = JudgeConfig()
 

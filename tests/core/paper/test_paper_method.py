@@ -15,7 +15,8 @@ from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
 from panoloc.core.results import Localization
-from tests.core.built_maps import BOX, POSE, assert_found, best_of
+from tests.core.built_maps import BOX, POSE
+from tests.core.found_pose import assert_found, best_of
 
 pytestmark = pytest.mark.slow
 SMALL = {"num_starts": 12, "num_rotations": 24, "iterations": 5, "view_height": 64, "num_candidates": 2}

@@ -16,7 +16,7 @@ from panoloc.core.refine.refinement import CandidatePoints
 from panoloc.core.refine.rig_level import RigLevel
 from panoloc.core.refine.sphere_squares import patch_numbers
 from tests.core.built_maps import tensors_of
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 

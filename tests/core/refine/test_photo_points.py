@@ -18,7 +18,7 @@ from panoloc.core.refine.photo_points import (
 )
 from panoloc.core.views.photo_comparison import RigView
 from tests.core.built_maps import BOX, map_of, tensors_of
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.panorama.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
 
 SESSION = session_of(TWO)

@@ -10,7 +10,7 @@ from panoloc.core.geometry.rotations import even_directions, rotation_angle, rot
 from panoloc.core.panorama.image_level import prepare_level
 from panoloc.core.refine.gauss_newton import PoseStep, gauss_newton_step, initial_history
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.refine.painted_scene import painted, painted_sphere
 
 HEIGHT, COUNT = 32, 150

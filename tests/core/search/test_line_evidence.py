@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from panoloc.core.prepared_query import MapQuery, prepare_queries, search_rounds
 from panoloc.core.search.line_evidence import LineEvidence
 from panoloc.core.search.photo_search import search_photos
 from tests.core.built_maps import POSE, map_of, tensors_of
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.painted_box import PaintedBox
 from tests.core.panorama.painted_photos import SIDEWAYS, photo_of
 
@@ -29,6 +30,7 @@ BOX = PaintedBox(seed=5, palette=((200, 60, 60), (60, 90, 190), (220, 210, 160),
 ROTATION, PLACE = (each[0] for each in tensors_of(POSE))
 
 
+@cache
 def query_of(hints: Hints | None = None, config: LocalizerConfig = CONFIG) -> MapQuery:
     """Return a photo as a lens draws it: each pixel the mean of nine."""
     large = photo_of(Camera.from_hfov("pinhole", 1440, 1080, 69.0), POSE, BOX).color

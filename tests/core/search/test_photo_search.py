@@ -26,7 +26,7 @@ from panoloc.core.search.pose_limits import PoseLimits, pose_limits
 from panoloc.core.search.pose_scores import Candidates
 from panoloc.core.search.position_sweep import swept
 from tests.core.built_maps import BOX, POSE, map_of
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.painted_box import rotation_of
 from tests.core.panorama.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, rig_pose, session_of
 from tests.core.search.found_candidates import CONFIG, described, poses_of, prepared, rank_of

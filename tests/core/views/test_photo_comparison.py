@@ -17,7 +17,7 @@ from panoloc.core.views.comparison import Comparison
 from panoloc.core.views.photo_comparison import RigView
 from panoloc.core.views.synthetic_view import render_parts
 from tests.core.built_maps import BOX, map_of, tensors_of
-from tests.core.known import known
+from tests.core.found_pose import known
 from tests.core.panorama.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, UPRIGHT, rig_pose, session_of
 
 HEIGHT = 128
