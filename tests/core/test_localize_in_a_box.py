@@ -71,7 +71,7 @@ def test_the_same_query_gives_the_same_answer_to_the_bit() -> None:
     one, again = answer(), localized(panorama())
     np.testing.assert_array_equal(best_of(again).pose.matrix, best_of(one).pose.matrix)
     assert (best_of(again).score, best_of(again).confidence) == (best_of(one).score, best_of(one).confidence)
-    np.testing.assert_array_equal(again.score_map_2d, known(one.score_map_2d))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(again.score_map_2d, known(one.score_map_2d))
 
 
 @pytest.mark.slow

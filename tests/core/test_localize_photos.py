@@ -120,10 +120,10 @@ def test_what_has_changed_is_told_in_the_axes_of_the_photo() -> None:
     scores, points = found.score_map_2d, found.point_scores
     assert scores is not None
     assert points is not None
-    known = ~np.isnan(scores)
+    told = ~np.isnan(scores)
     shown = photo_on_sphere(photo.color, photo.valid, photo.camera).valid
-    shown = shown[:: len(shown) // len(known), :: len(shown) // len(known)]
-    assert (known & shown).sum() > 0.95 * known.sum() > 0.9 * 0.95 * shown.sum()
+    shown = shown[:: len(shown) // len(told), :: len(shown) // len(told)]
+    assert (told & shown).sum() > 0.95 * told.sum() > 0.9 * 0.95 * shown.sum()
     assert np.nanmedian(scores) > 0.8
     seen = (index.positions.numpy()[~np.isnan(points)] + index.origin_offset - pose.position) @ pose.rotation
     assert len(seen) > 0.03 * len(points)

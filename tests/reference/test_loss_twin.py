@@ -49,18 +49,21 @@ def made_problem() -> SamplingProblem:
     colors[:5] = 0.0  # black points count like any other
     points = rng.normal(size=(60, 3))
     points *= rng.uniform(1.5, 4, (60, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
-    per_point = (torch.from_numpy(each) for each in (points, colors, rng.uniform(size=60), rng.uniform(size=18)))
-    of_image = torch.from_numpy(image).permute(2, 0, 1).contiguous(), torch.ones((12, 24), dtype=torch.float64)
-    return SamplingProblem(*of_image, *per_point, PatchGrid(3, 6))
+    positions, painted, weights, scores = (
+        torch.from_numpy(each) for each in (points, colors, rng.uniform(size=60), rng.uniform(size=18))
+    )
+    planes, valid = torch.from_numpy(image).permute(2, 0, 1).contiguous(), torch.ones((12, 24), dtype=torch.float64)
+    return SamplingProblem(planes, valid, positions, painted, weights, scores, PatchGrid(3, 6))
 
 
 PROBLEM = made_problem()
 
 
 def test_the_sampling_loss_agrees_with_a_loop_over_points() -> None:
-    per_point = (PROBLEM.positions, PROBLEM.colors, PROBLEM.point_weights, PROBLEM.patch_scores)
+    given = (PROBLEM.positions, PROBLEM.colors, PROBLEM.point_weights, PROBLEM.patch_scores)
+    points, colors, weights, scores = (each.numpy() for each in given)
     image = PROBLEM.image.permute(1, 2, 0).numpy()
-    expected = looped_loss(image, *(each.numpy() for each in per_point), 3, 6, ROTATION, POSITION)
+    expected = looped_loss(image, points, colors, weights, scores, 3, 6, ROTATION, POSITION)
     assert float(sampling_loss(PROBLEM, *POSE)) == pytest.approx(expected, abs=1e-9)
 
 

@@ -108,8 +108,8 @@ def test_a_bound_of_the_field_of_view_is_named() -> None:
 
 @pytest.mark.parametrize(("radius_m", "status"), [(0.28, "localized"), (0.5, "not_localized")])
 def test_what_an_uncertain_focal_length_leaves_open_bounds_the_confidence(radius_m: float, status: Status) -> None:
-    known = replace(found(), accuracy_position_m=radius_m, accuracy_orientation_deg=1.0)
-    answer = DOUBTS.unless_focal_length_matters(known)
+    unsure = replace(found(), accuracy_position_m=radius_m, accuracy_orientation_deg=1.0)
+    answer = DOUBTS.unless_focal_length_matters(unsure)
     assert answer.status == status
     assert (0.6 < known(answer.best).confidence < 0.8) == (status == "localized")
     assert ["less than 0.50 m" in words for words in answer.warnings] == [True] * (status == "not_localized")

@@ -44,9 +44,8 @@ def gpano_packet(
     full: tuple[int, int], left_top: tuple[int, int], size: tuple[int, int], as_elements: bool = False
 ) -> bytes:
     """Return an XMP packet with GPano crop fields, as attributes or as elements."""
-    places = ("CroppedAreaLeftPixels", "CroppedAreaTopPixels")
-    names = ("FullPanoWidthPixels", "FullPanoHeightPixels", *places)
-    names += ("CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels")
+    names = ["FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels"]
+    names += ["CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels"]
     values = dict(zip(names, (*full, *left_top, *size), strict=True))
     if as_elements:
         inner = "".join(f"<GPano:{name}>{value}</GPano:{name}>" for name, value in values.items())
