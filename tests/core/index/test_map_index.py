@@ -140,11 +140,9 @@ def test_every_setting_of_the_index_is_in_the_digest(monkeypatch: pytest.MonkeyP
     plain = base.digest()
     for section in dataclasses.fields(base):
         value = getattr(base, section.name)
-        if not dataclasses.is_dataclass(value):
-            assert dataclasses.replace(base, **{section.name: value + 1}).digest() != plain, section.name
-            continue
-        for field in dataclasses.fields(value):
-            changed: Any = dataclasses.replace(value, **{field.name: getattr(value, field.name) + 1})
-            assert dataclasses.replace(base, **{section.name: changed}).digest() != plain, field.name
+        inner = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
+        changes = [{field.name: getattr(value, field.name) + 1} for field in inner]
+        for changed in [dataclasses.replace(value, **each) for each in changes] or [value + 1]:
+            assert dataclasses.replace(base, **{section.name: changed}).digest() != plain, (section.name, changed)
     monkeypatch.setattr("panoloc.core.config.index.CONTRAST", dataclasses.replace(CONTRAST, rows=8))
     assert base.digest() != plain
