@@ -1,10 +1,8 @@
 """Places and poses on Earth, against pyproj, examples of EPSG, golden numbers worked out elsewhere and the matrices of the exports."""
 
-import math
-
 import numpy as np
 import pytest
-from pyproj import CRS, Proj, Transformer
+from pyproj import CRS, Proj
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.exports.angles import photo_angles
@@ -34,15 +32,6 @@ def test_convergence_and_scale_are_those_of_pyproj(code: str, east: float, north
     factors = Proj(CRS(code)).get_factors(place.longitude_deg, place.latitude_deg)
     assert place.convergence_deg == pytest.approx(factors.meridian_convergence, abs=0.001)
     assert place.scale == pytest.approx(factors.meridional_scale, abs=5e-6)  # datums differ in scale
-
-
-def test_the_place_is_that_of_an_independent_transformation() -> None:
-    place = known(coordinate_system(UTM_32).place((640_000.0, 5_320_000.0, 12.0)))
-    longitude, latitude = Transformer.from_crs(UTM_32, "EPSG:4326", always_xy=True).transform(640_000.0, 5_320_000.0)
-    assert (place.latitude_deg, place.longitude_deg) == pytest.approx((latitude, longitude), abs=1e-9)
-    # Series of first order: the convergence is the longitude from the middle of the zone times the sine of the latitude.
-    rough = (longitude - 9) * math.sin(math.radians(latitude))
-    assert place.convergence_deg == pytest.approx(rough, abs=0.005)
 
 
 def test_wkt_is_recognised_by_its_code_and_feet_are_converted() -> None:

