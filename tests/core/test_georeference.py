@@ -54,19 +54,12 @@ def test_heights_say_what_they_are_above(text: str, undulation: float | None, he
     assert (place.height_m, place.height_reference) == (height, reference)
 
 
+GEOGRAPHIC, GEOCENTRIC = "EPSG:4326", "EPSG:4978"
+
+
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "UTM 32",
-        "EPSG:4326",
-        "EPSG:4978",
-        "EPSG:99999",
-        "+proj=utm +zone=32",
-        "PROJCS[",
-        "EPSG:5555;x",
-        "x" * 70_000,
-    ],
+    [GEOGRAPHIC, GEOCENTRIC, "", "UTM 32", "EPSG:99999", "+proj=utm +zone=32", "PROJCS[", "EPSG:5555;x", "x" * 70_000],
 )
 def test_what_is_no_projected_system_is_refused_with_what_was_expected(text: str) -> None:
     with pytest.raises(OptionsError, match="expected a projected coordinate system by EPSG code"):

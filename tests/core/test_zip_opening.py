@@ -56,19 +56,8 @@ def test_an_end_that_lies_is_no_zip(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize(
-    ("name", "leads"),
-    [
-        ("a/b.ply", False),
-        ("a..b/c.ply", False),
-        ("../b.ply", True),
-        ("a/../../b.ply", True),
-        ("a\\..\\b.ply", True),
-        ("/b.ply", True),
-        ("\\\\host\\b.ply", True),
-        ("C:b.ply", True),
-        ("a\x00b.ply", True),
-    ],
-)
-def test_names_that_lead_out_are_told(name: str, leads: bool) -> None:
-    assert leads_out(name) is leads
+@pytest.mark.parametrize("name", ["../b", "a/../../b", "a\\..\\b", "/b", "\\\\host\\b", "C:b", "a\x00b"])
+def test_names_that_lead_out_are_told(name: str) -> None:
+    assert leads_out(name)
+    assert not leads_out("a/b.ply")
+    assert not leads_out("a..b/c.ply")

@@ -5,6 +5,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear
 from panoloc.core.geometry.rotations import rotation_from_vector
@@ -33,6 +36,20 @@ def test_rare_colours_are_noise_not_labels() -> None:
     colors[25_000:] = 255
     colors[7] = torch.tensor([9, 99, 199], dtype=torch.uint8)
     assert len(label_codes(colors).labels) == 2
+
+
+@settings(deadline=None)
+@given(hnp.arrays(np.uint8, st.tuples(st.integers(1, 30), st.just(3))), st.integers(-10, 10))
+def test_label_colours_survive_the_noise_of_compression(labels: np.ndarray, noise: int) -> None:
+    separated = (labels // 64 * 64 + 20).astype(np.uint8)
+    codes = label_codes(torch.from_numpy(separated))
+    exact, known = codes.recode(torch.from_numpy(separated))
+    noisy, noisy_known = codes.recode(torch.from_numpy((separated.astype(int) + noise).astype(np.uint8)))
+    assert bool(known.all())
+    assert bool(noisy_known.all())
+    assert torch.equal(exact, noisy)
+    num_labels, num_codes = len(np.unique(separated, axis=0)), len(torch.unique(codes.codes, dim=0))
+    assert num_labels == num_codes
 
 
 def test_an_unknown_label_in_a_panorama_is_masked() -> None:
