@@ -1,20 +1,71 @@
-"""Maps of painted boxes, each built once in a process whichever tests ask for it."""
+"""Painted boxes with their maps, and answers to queries in them; maps are built once in a process, whichever tests ask for them."""
 
 from functools import cache
+from typing import Any
 
+import numpy as np
+import torch
+
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.index.map_index import MapIndex
+from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
-from tests.core.painted_box import PaintedBox
+from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.panorama.session import Photo, Session
+from panoloc.core.results import Localization
+from tests.core.painted_box import PaintedBox, rotation_of
 
 BOX = PaintedBox(seed=3)
 OTHER_BOX = PaintedBox(seed=44, size_m=(4.2, 4.6, 2.5))
 LABELLED = PaintedBox(seed=1, palette=((0, 0, 0), (255, 0, 0), (0, 128, 255), (90, 90, 90), (20, 200, 60)))
 AS_LABELS = IndexOptions(color_kind="labels", spacing_m=0.8)
 _PLAIN = IndexOptions()
+# A camera that is nearly level, off the middle of the box.
+POSE = Pose(rotation_of(130.0, 8.0, -5.0), np.array([1.7, 2.4, 1.5]))
+
+# It looks the same after half a turn.
+SYMMETRIC = PaintedBox(seed=3, symmetric=True)
+
+
+def seen_from_the_other_side(pose: Pose) -> Pose:
+    """Return the pose that sees the same as this one from the other side of the symmetric box."""
+    half_turn, middle = rotation_of(180.0), np.array([*SYMMETRIC.size_m[:2], 0.0]) / 2
+    return Pose(half_turn @ pose.rotation, half_turn @ (pose.position - middle) + middle)
+
+
+TWIN = seen_from_the_other_side(POSE)
 
 
 @cache
 def map_of(box: PaintedBox, options: IndexOptions = _PLAIN) -> MapIndex:
     """Return the map of a box, with which no test may tamper."""
     return build_map_index(box.scan(), options)
+
+
+def tensors_of(pose: Pose) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the rotation (1, 3, 3) and the position (1, 3) of a pose."""
+    return torch.from_numpy(pose.rotation).float()[None], torch.from_numpy(pose.position).float()[None]
+
+
+@cache
+def localizer() -> Localizer:
+    return Localizer(device="cpu")
+
+
+@cache
+def panorama() -> Panorama:
+    """Return the panorama of BOX from POSE."""
+    return BOX.panorama(POSE)
+
+
+def localized(query: Panorama | Photo | Session, *maps: PaintedBox | MapIndex, **options: Any) -> Localization:
+    """Return the answer to a query in maps, or in that of BOX."""
+    indexes = [map_of(each) if isinstance(each, PaintedBox) else each for each in maps or (BOX,)]
+    return localizer().localize(query, indexes, **options)
+
+
+@cache
+def answer() -> Localization:
+    """Return the answer to the panorama of BOX."""
+    return localized(panorama())

@@ -14,20 +14,18 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 # Of the types that PyTorch knows, the one that no code treats in a way of its own.
 DEVICE = torch.device("meta")
-_VIEWS = {
-    "view",
-    "_unsafe_view",
-    "transpose",
-    "t",
-    "permute",
-    "expand",
-    "slice",
-    "select",
-    "unsqueeze",
-    "squeeze",
+_VIEWS = {"view", "_unsafe_view", "transpose", "t", "permute", "expand", "slice", "select", "unsqueeze", "squeeze"}
+_VIEWS |= {
     "alias",
+    "unbind",
+    "detach",
+    "split",
+    "split_with_sizes",
+    "diagonal",
+    "_reshape_alias",
+    "as_strided",
+    "unfold",
 }
-_VIEWS |= {"unbind", "detach", "split", "split_with_sizes", "diagonal", "_reshape_alias", "as_strided", "unfold"}
 # What cannot answer before everything before it is done.
 _WAITING = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2", "unique_dim", "unique_consecutive", "equal"}
 

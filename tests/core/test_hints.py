@@ -1,88 +1,58 @@
 """Hints: what holds narrows the search, what does not is neither found nor exceeded."""
 
-import math
-
-import numpy as np
 import pytest
 
-from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.localizer import Localizer
 from panoloc.core.options import Hints
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.results import Localization
+from panoloc.core.search.pose_limits import pose_limits
+from tests.core.built_maps import BOX, POSE, answer, localized, map_of, panorama, tensors_of
 from tests.core.found_pose import assert_found
 
-HINTS_THAT_HOLD = {
+HOLDING = {
     "position": Hints(position_m=(1.9, 2.2, 1.4), radius_m=0.5),
-    "position without a radius": Hints(position_m=(2.5, 2.0, 1.3)),
     "region": Hints(region=((1.0, 1.5, 0.8), (2.2, 3.0, 2.0))),
     "upright": Hints(upright=True),
     "small tilt": Hints(max_tilt_deg=12.0),
-    "heading": Hints(heading_deg=120.0, heading_tolerance_deg=30.0),
     "heading a turn further": Hints(heading_deg=120.0 - 360.0, heading_tolerance_deg=30.0),
     "all": Hints((1.9, 2.2, 1.4), 0.6, ((1.0, 1.5, 0.8), (2.2, 3.0, 2.0)), True, None, 140.0, 20.0),
 }
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name in ("all", "upright") else pytest.mark.slow) for name in HINTS_THAT_HOLD],
-)
-def test_a_hint_that_holds_narrows_the_search_and_keeps_the_answer(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, box_pose: Pose, answer: Localization, name: str
-) -> None:
-    found = localizer.localize(box_panorama, [box_index], hints=HINTS_THAT_HOLD[name])
-    assert found.status == "localized"
-    assert_found(found, box_pose)
-    if name != "position without a radius":  # whose default radius covers the box
-        assert found.search.num_poses < answer.search.num_poses
-
-
-HINTS_THAT_DO_NOT_HOLD = {
-    "position": Hints(position_m=(4.3, 0.7, 1.4), radius_m=0.5),
-    "region": Hints(region=((3.2, 0.2, 0.2), (4.8, 1.2, 2.4))),
-    "heading": Hints(heading_deg=-50.0, heading_tolerance_deg=30.0),
-    "tilt": Hints(max_tilt_deg=4.0),
+WRONG = {
+    "wrong position": Hints(position_m=(4.3, 0.7, 1.4), radius_m=0.5),
+    "wrong heading": Hints(heading_deg=-50.0, heading_tolerance_deg=30.0),
+    "wrong tilt": Hints(max_tilt_deg=4.0),
 }
+AT_ONCE = ("all", "upright", "wrong position")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=() if name == "position" else pytest.mark.slow) for name in HINTS_THAT_DO_NOT_HOLD],
-)
-def test_a_wrong_hint_is_not_localized_and_not_exceeded(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama, name: str
-) -> None:
-    hints = HINTS_THAT_DO_NOT_HOLD[name]
-    found = localizer.localize(box_panorama, [box_index], hints=hints, top_k=4)
+def named(hints: dict[str, Hints]) -> list[object]:
+    """Return the hints as parameters; most of them are slow."""
+    slow = pytest.mark.slow
+    return [pytest.param(each, id=name, marks=() if name in AT_ONCE else slow) for name, each in hints.items()]
+
+
+@pytest.mark.parametrize("hints", named(HOLDING))
+def test_a_hint_that_holds_narrows_the_search_and_keeps_the_answer(hints: Hints) -> None:
+    found = localized(panorama(), hints=hints)
+    assert found.status == "localized"
+    assert_found(found, POSE)
+    assert found.search.num_poses < answer().search.num_poses
+
+
+@pytest.mark.parametrize("hints", named(WRONG))
+def test_a_wrong_hint_is_not_localized_and_not_exceeded(hints: Hints) -> None:
+    found = localized(panorama(), hints=hints, top_k=4)
     assert found.warnings
     assert "hints" in found.warnings[0]
     assert found.status == "not_localized"
+    limits = pose_limits(hints, map_of(BOX))  # whose properties are tested apart
     for candidate in (found.best, *found.alternatives):
         if candidate is not None:
-            assert_within(candidate.pose, hints)
+            rotation, position = tensors_of(candidate.pose)
+            assert bool(limits.allows_position(position, 1e-4))
+            assert bool(limits.allows_rotation(rotation, 1e-3))
 
 
-def assert_within(pose: Pose, hints: Hints) -> None:
-    """Check a pose against hints by their definition."""
-    if hints.position_m is not None:
-        assert np.linalg.norm(pose.position - hints.position_m) <= (hints.radius_m or 5.0) + 1e-4
-    if hints.region is not None:
-        assert (pose.position >= np.array(hints.region[0]) - 1e-4).all()
-        assert (pose.position <= np.array(hints.region[1]) + 1e-4).all()
-    if hints.max_tilt_deg is not None:
-        assert math.degrees(math.acos(min(1.0, pose.rotation[2, 2]))) <= hints.max_tilt_deg + 0.01
-    if hints.heading_deg is not None:
-        yaw = math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
-        difference = (yaw - hints.heading_deg + 180) % 360 - 180
-        assert abs(difference) <= (hints.heading_tolerance_deg or 45.0) + 0.01
-
-
-def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so(
-    localizer: Localizer, box_index: MapIndex, box_panorama: Panorama
-) -> None:
-    found = localizer.localize(box_panorama, [box_index], hints=Hints(position_m=(500.0, 0.0, 0.0), radius_m=1.0))
+def test_a_hint_outside_of_the_map_leaves_nothing_and_says_so() -> None:
+    found = localized(panorama(), hints=Hints(position_m=(500.0, 0.0, 0.0), radius_m=1.0))
     assert found.status == "not_localized"
     assert found.best is None
     assert "hints" in found.warnings[0]

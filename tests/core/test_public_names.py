@@ -11,16 +11,17 @@ import pytest
 from PIL import Image
 
 import panoloc
-from panoloc.core.geometry.pose import Pose
 from panoloc.core.scan.ply.writer import encode_ply
+from tests.core.built_maps import POSE
 from tests.core.painted_box import PaintedBox
 
 
 @pytest.mark.slow
-def test_the_example_in_the_docstring_runs(box: PaintedBox, box_pose: Pose, tmp_path: Path) -> None:
+def test_the_example_in_the_docstring_runs(tmp_path: Path) -> None:
+    box = PaintedBox(seed=3, size_m=(3.4, 3.6, 2.5))
     photo, scan_path = io.BytesIO(), tmp_path / "box.ply"
-    scan_path.write_bytes(encode_ply(box.scan()))
-    Image.fromarray(box.panorama(box_pose).color).save(photo, "png")
+    scan_path.write_bytes(encode_ply(box.scan(12_000)))
+    Image.fromarray(box.panorama(POSE).color).save(photo, "png")
     names = {"scan_path": scan_path, "photo": photo.getvalue()}
     (example,) = doctest.DocTestFinder(recurse=False).find(panoloc, globs=names)
     said: list[str] = []

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.describe.spherical_patches import PatchGrid
 from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.options import IndexOptions
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.pyramid import PanoramaPyramid
-from panoloc.core.paper.sampling_loss import SamplingProblem, sampling_loss
 from tests.core.painted_box import PaintedBox
 
 
@@ -32,20 +30,6 @@ def test_a_masked_pixel_does_not_darken_its_neighbours_when_the_panorama_is_scal
         level = PanoramaPyramid(Panorama(color, valid), 64, None, "cpu").level(height)
         seen = level.valid > 0
         torch.testing.assert_close(level.color[:, seen], torch.full_like(level.color[:, seen], 200 / 255))
-
-
-def test_a_black_point_has_its_part_in_the_sampling_loss() -> None:
-    problem = SamplingProblem(
-        torch.ones((3, 8, 16)),
-        torch.ones((8, 16)),
-        torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-        torch.tensor([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]),
-        torch.ones(2),
-        torch.ones(8),
-        PatchGrid(2, 4),
-    )
-    loss = sampling_loss(problem, torch.eye(3), torch.zeros(3))
-    assert abs(float(loss) - np.sqrt(3 / 2)) < 1e-5
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from panoloc.core.zip_opening import is_encrypted, is_link, leads_out, open_zip, unpacked_bytes
+from panoloc.core.zip_opening import leads_out, open_zip, unpacked_bytes
 
 
 def zip_at(path: Path, names: list[str]) -> Path:
@@ -56,28 +56,8 @@ def test_an_end_that_lies_is_no_zip(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize(
-    ("name", "leads"),
-    [
-        ("a/b.ply", False),
-        ("a..b/c.ply", False),
-        ("../b.ply", True),
-        ("a/../../b.ply", True),
-        ("a\\..\\b.ply", True),
-        ("/b.ply", True),
-        ("\\\\host\\b.ply", True),
-        ("C:b.ply", True),
-        ("a\x00b.ply", True),
-    ],
-)
-def test_names_that_lead_out_are_told(name: str, leads: bool) -> None:
-    assert leads_out(name) is leads
-
-
-def test_links_and_locked_files_are_told() -> None:
-    info = zipfile.ZipInfo("a")
-    assert not is_link(info)
-    assert not is_encrypted(info)
-    info.external_attr, info.flag_bits = 0o120777 << 16, 0x1
-    assert is_link(info)
-    assert is_encrypted(info)
+@pytest.mark.parametrize("name", ["../b", "a/../../b", "a\\..\\b", "/b", "\\\\host\\b", "C:b", "a\x00b"])
+def test_names_that_lead_out_are_told(name: str) -> None:
+    assert leads_out(name)
+    assert not leads_out("a/b.ply")
+    assert not leads_out("a..b/c.ply")

@@ -2,7 +2,6 @@
 
 import numpy as np
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -28,4 +27,3 @@ def matrix_of(quaternion: Array) -> Array:
 quaternions = st.lists(finite(-1, 1), min_size=4, max_size=4).map(_normalized)
 rotations = quaternions.map(matrix_of)
 vectors = st.tuples(finite(-50, 50), finite(-50, 50), finite(-50, 50)).map(np.array)
-byte_colors = hnp.arrays(np.uint8, st.tuples(st.integers(2, 60), st.just(3)))

@@ -18,14 +18,6 @@ from panoloc.core.geometry.rotations import (
 from panoloc.core.options import Frame
 from tests.properties.strategies import Array, finite, matrix_of, quaternions, rotations, vectors
 
-# Axes of the camera frames written in FLU (x forward, y left, z up), and where the map's axes go.
-CAMERA_AXES = {
-    "ros": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    "opencv": ((0, -1, 0), (0, 0, -1), (1, 0, 0)),  # right, down, forward
-    "webxr": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),  # right, up, backward
-    "unity": ((0, -1, 0), (0, 0, 1), (1, 0, 0)),  # right, up, forward
-}
-
 
 @given(quaternions)
 def test_a_matrix_gives_back_its_quaternion_with_positive_w(quaternion: Array) -> None:
@@ -78,35 +70,6 @@ def test_the_angle_between_rotations_is_the_angle_of_the_turn_between_them(
     error = pose_error(Pose(turned, np.zeros(3)), Pose(rotation, np.array([3.0, 4.0, 0.0])))
     assert error.orientation_deg == pytest.approx(math.degrees(abs(angle)), abs=1e-4)
     assert error.position_m == pytest.approx(5.0)
-
-
-@given(rotations, vectors, vectors, st.sampled_from(FRAMES))
-def test_every_frame_describes_the_same_camera_and_the_same_point(
-    rotation: Array, position: Array, point: Array, frame: Frame
-) -> None:
-    pose = Pose(rotation, position)
-    written = pose.in_frame(frame)
-    # The point in the axes of the frame's camera, then through the frame's pose, must be the point in the frame's map axes.
-    axes = np.array(CAMERA_AXES[frame], np.float64)
-    map_point = rotation @ point + position
-    through_frame = written.rotation @ (axes @ point) + written.position
-    expected = {
-        "ros": map_point,
-        "opencv": map_point,
-        "webxr": np.array([map_point[0], map_point[2], -map_point[1]]),
-        "unity": np.array([map_point[0], map_point[2], map_point[1]]),
-    }[frame]
-    np.testing.assert_allclose(through_frame, expected, atol=1e-9 * (1 + np.abs(map_point).max()))
-    np.testing.assert_allclose(written.rotation @ written.rotation.T, np.eye(3), atol=1e-9)
-    assert np.linalg.det(written.rotation) == pytest.approx(1.0)
-
-
-@given(rotations, vectors, st.sampled_from(FRAMES))
-def test_a_pose_survives_being_sent_in_any_frame(rotation: Array, position: Array, frame: Frame) -> None:
-    sent = Pose(rotation, position).in_frame(frame)
-    read = Pose.from_frame(sent.position.tolist(), sent.quaternion_xyzw.tolist(), frame)
-    np.testing.assert_allclose(read.rotation, rotation, atol=1e-7)
-    np.testing.assert_allclose(read.position, position, atol=1e-9)
 
 
 @given(rotations, vectors, rotations, vectors, st.sampled_from(FRAMES))

@@ -1,19 +1,30 @@
-"""Equalization and 1-D optimal transport against sorting."""
+"""Equalization and 1-D optimal transport against sorting, without look-up tables."""
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from panoloc.core.light.color_equalization import equalize, transport
-from tests.reference.color_twin import matched_by_sorting, rank_of
+
+Array = NDArray[np.float64]
 
 
-def byte_colors(rng: np.random.Generator, count: int) -> np.ndarray:
-    return rng.integers(0, 256, (count, 3)) / 255
+def rank_of(values: Array, weights: Array) -> Array:
+    """Return for each value (N,) the weighted share of values that are smaller, ties counted half."""
+    total = weights.sum()
+    return np.array([(weights[values < value].sum() + weights[values == value].sum() / 2) / total for value in values])
+
+
+def matched_by_sorting(source: Array, target: Array) -> Array:
+    """Return the optimal transport (N,) of N equally heavy source values to N equally heavy target values: k-th to k-th."""
+    matched = np.empty_like(source)
+    matched[np.argsort(source, kind="stable")] = np.sort(target)
+    return matched
 
 
 def test_equalization_gives_the_weighted_share_of_darker_pixels() -> None:
     rng = np.random.default_rng(0)
-    colors, weights = byte_colors(rng, 150), rng.uniform(size=150)
+    colors, weights = rng.integers(0, 256, (150, 3)) / 255, rng.uniform(size=150)
     weights[:30] = 0.0
     found = equalize(torch.from_numpy(colors).float()[None], torch.from_numpy(weights).float()[None])[0].numpy()
     for channel in range(3):
@@ -43,13 +54,8 @@ def test_transport_weighs_pixels_by_their_solid_angle() -> None:
 
 
 def test_transport_ignores_pixels_of_no_weight() -> None:
-    rng = np.random.default_rng(3)
-    source, target = byte_colors(rng, 80), byte_colors(rng, 90)
-    weights = torch.ones(80)
-    weights[40:] = 0
-    changed = source.copy()
-    changed[40:] = 0.7
-    arguments = weights, torch.from_numpy(target).float(), torch.ones(90)
-    one = transport(torch.from_numpy(source).float(), *arguments)[:40]
-    other = transport(torch.from_numpy(changed).float(), *arguments)[:40]
+    source, target = torch.rand((2, 80, 3), generator=torch.Generator().manual_seed(3))
+    weights = (torch.arange(80) < 40).float()
+    changed = torch.where(weights[:, None] > 0, source, torch.full_like(source, 0.7))
+    one, other = (transport(each, weights, target, torch.ones(80))[:40] for each in (source, changed))
     torch.testing.assert_close(one, other)

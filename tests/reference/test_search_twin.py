@@ -4,21 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.describe.patch_descriptors import centered_roots, normalize_per_view, similarity_tensor
 from panoloc.core.describe.patch_histograms import hard_histograms, soft_histograms
 from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
 from panoloc.core.geometry.rotations import uniform_rotations
 from panoloc.core.paper.intersection import bin_major, intersection_tensor
 from panoloc.core.paper.score_maps import (
-    pairing_counts,
-    sample_patch_map,
     score_map_2d,
     score_map_3d,
     view_patch_scores,
 )
 from panoloc.core.search.pose_scores import score_poses
 from tests.reference import search_twin as twin
-from tests.reference.spherical_twin import patch_of
 
 ROWS, COLUMNS = 3, 6
 PATCHES = ROWS * COLUMNS
@@ -96,35 +92,3 @@ def test_the_3d_score_map_is_the_mean_over_views(tensor: np.ndarray, table: np.n
     found = score_map_3d(scores, torch.from_numpy(points), torch.from_numpy(starts), PatchGrid(ROWS, COLUMNS), chunk=7)
     expected = twin.score_map_3d(tensor, table, points, starts, ROWS, COLUMNS)
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
-
-
-def test_pairing_counts_count_every_patch_of_every_rotation_once(table: np.ndarray) -> None:
-    counts = pairing_counts(torch.from_numpy(table)).numpy()
-    expected = np.zeros((PATCHES, PATCHES), int)
-    for row in table:
-        for i, j in enumerate(row):
-            expected[i, j] += 1
-    np.testing.assert_array_equal(counts, expected)
-
-
-def test_patch_scores_are_read_where_points_project() -> None:
-    scores, points = np.random.default_rng(6).uniform(size=PATCHES), np.random.default_rng(7).normal(size=(100, 3))
-    found = sample_patch_map(torch.from_numpy(scores), PatchGrid(ROWS, COLUMNS), torch.from_numpy(points))
-    np.testing.assert_array_equal(found.numpy(), [scores[patch_of(point, ROWS, COLUMNS)] for point in points])
-
-
-def test_the_centred_search_is_the_tensor_centred_twice_and_divided_by_its_deviation() -> None:
-    rng = np.random.default_rng(8)
-    query = torch.from_numpy(rng.dirichlet(np.full(27, 0.2), size=PATCHES)).float()
-    views = torch.from_numpy(rng.dirichlet(np.full(27, 0.2), size=(3, PATCHES))).float()
-    solid = PatchGrid(ROWS, COLUMNS).solid_angles()
-    query_roots, query_weights = centered_roots(query[None], solid)
-    view_roots, view_weights = centered_roots(views, solid)
-    found = normalize_per_view(similarity_tensor(query_roots[0], view_roots), query_weights[0], view_weights)
-
-    weights = (solid / solid.sum()).double().numpy()
-    for t in range(3):
-        similarity = np.sqrt(query.double().numpy()) @ np.sqrt(views[t].double().numpy()).T
-        centered = similarity - similarity @ weights[:, None] - weights @ similarity + weights @ similarity @ weights
-        deviation = np.sqrt(weights @ centered**2 @ weights)
-        np.testing.assert_allclose(found[t].numpy(), centered / deviation, atol=2e-4)

@@ -1,14 +1,72 @@
 """Starts against recursion over cells, points and pairs."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from panoloc.core.config import StartsConfig
 from panoloc.core.errors import OptionsError
 from panoloc.core.index.starts import Starts, grid_starts, octree_starts
-from tests.reference import starts_twin as twin
+from panoloc.core.options import IndexOptions
+
+Array = NDArray[np.float64]
+Leaf = tuple[tuple[float, ...], float]
+
+
+def octree_leaves(points: Array, lower: Array, upper: Array, spacing: float, clearance: float) -> list[Leaf]:
+    """Return centre and edge of the empty leaves whose middle keeps the clearance and lies within the bounds.
+
+    The root cells, of edge `spacing`, are centred on the bounds; a cell that holds a point is divided, twice at most. The clearance is
+    counted in cells of the smallest size, along each axis.
+    """
+    num = [max(1, int(np.ceil((high - low) / spacing))) for low, high in zip(lower, upper, strict=True)]
+    origin = np.array([(low + high) / 2 - n * spacing / 2 for low, high, n in zip(lower, upper, num, strict=True)])
+    smallest = spacing / 4
+    occupied = {tuple(np.floor((point - origin) / smallest).astype(int)) for point in points}
+    occupied = {cell for cell in occupied if all(0 <= c < 4 * n for c, n in zip(cell, num, strict=True))}
+    taken, steps = np.array(sorted(occupied)), round(clearance / smallest)
+
+    def leaves(corner: tuple[int, ...], side: int) -> list[Leaf]:
+        inside = itertools.product(*(range(c, c + side) for c in corner))
+        if not any(cell in occupied for cell in inside):
+            middle = tuple(c + side // 2 for c in corner)
+            if (np.abs(taken - middle).max(axis=1) <= steps).any():
+                return []
+            center = origin + (np.array(corner) + side / 2) * smallest
+            return [(tuple(center), side * smallest)] if (lower <= center).all() and (center <= upper).all() else []
+        if side == 1:
+            return []
+        half = side // 2
+        corners = itertools.product(*((c, c + half) for c in corner))
+        return [leaf for each in corners for leaf in leaves(each, half)]
+
+    roots = itertools.product(*(range(0, 4 * n, 4) for n in num))
+    return [leaf for root in roots for leaf in leaves(root, 4)]
+
+
+def thinned(leaves: list[Leaf], distance: float) -> list[Leaf]:
+    """Keep leaves, the largest first and then by z, y and x, that are at least `distance` from all kept before."""
+    kept: list[Leaf] = []
+    for center, edge in sorted(leaves, key=lambda leaf: (-leaf[1], leaf[0][2], leaf[0][1], leaf[0][0])):
+        if all(np.linalg.norm(np.subtract(center, other)) >= distance for other, _ in kept):
+            kept.append((center, edge))
+    return kept
+
+
+def slow_starts(points: Array, config: StartsConfig, region: tuple[Array, Array] | None = None) -> list[Leaf]:
+    """Return the starts; the spacing grows until there are no more than `config.max_starts`."""
+    lower, upper = np.quantile(points, 0.002, axis=0), np.quantile(points, 0.998, axis=0)
+    if region is not None:
+        lower, upper = np.maximum(lower, region[0]), np.minimum(upper, region[1])
+    spacing = config.spacing_m
+    while True:
+        starts = thinned(octree_leaves(points, lower, upper, spacing, config.clearance_m), 0.75 * spacing)
+        if len(starts) <= config.max_starts:
+            return starts
+        spacing *= max(1.02, (len(starts) / config.max_starts) ** (1 / 3))
 
 
 def room(seed: int, size: tuple[float, float, float] = (2.3, 1.9, 1.4)) -> np.ndarray:
@@ -21,50 +79,44 @@ def room(seed: int, size: tuple[float, float, float] = (2.3, 1.9, 1.4)) -> np.nd
     return np.asarray(points, np.float32)
 
 
-def as_leaves(starts: Starts) -> list[twin.Leaf]:
-    return [(tuple(center), float(edge)) for center, edge in zip(starts.positions, starts.leaf_sizes, strict=True)]
-
-
-def assert_same(found: Starts, expected: list[twin.Leaf]) -> None:
+def assert_as_slow(
+    points: np.ndarray,
+    config: StartsConfig,
+    region: tuple[np.ndarray, np.ndarray] | None = None,
+    slow_config: StartsConfig | None = None,
+) -> Starts:
+    """Check the starts against the twin's, and return them."""
+    found = octree_starts(points, config, region)
+    expected = slow_starts(points.astype(np.float64), slow_config or config, region)
     assert len(found) == len(expected) > 3
-    for (center, edge), (other, other_edge) in zip(as_leaves(found), expected, strict=True):
-        assert center == pytest.approx(other)
-        assert edge == pytest.approx(other_edge)
+    np.testing.assert_allclose(found.positions, [center for center, _ in expected], rtol=1e-6)
+    np.testing.assert_allclose(found.leaf_sizes, [edge for _, edge in expected], rtol=1e-6)
+    return found
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "config"),
-    [
-        (0, StartsConfig(spacing_m=0.5, clearance_m=0.25)),
-        (1, StartsConfig(spacing_m=0.3, clearance_m=0.1)),
-        (2, StartsConfig(spacing_m=0.4, clearance_m=0.0)),
-        (3, StartsConfig(spacing_m=0.7, clearance_m=0.2)),
-    ],
-)
-def test_starts_are_the_empty_leaves_that_keep_clear_thinned_from_the_largest(seed: int, config: StartsConfig) -> None:
-    points = room(seed)
-    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
+@pytest.mark.parametrize("seed_spacing_clearance", [(0, 0.5, 0.25), (1, 0.3, 0.1), (2, 0.4, 0.0), (3, 0.7, 0.2)])
+def test_starts_are_the_empty_leaves_that_keep_clear_thinned_from_the_largest(
+    seed_spacing_clearance: tuple[int, float, float],
+) -> None:
+    seed, spacing_m, clearance_m = seed_spacing_clearance
+    assert_as_slow(room(seed), StartsConfig(spacing_m=spacing_m, clearance_m=clearance_m))
 
 
 @pytest.mark.slow
 def test_the_spacing_grows_until_there_are_few_enough() -> None:
-    points, config = room(4), StartsConfig(spacing_m=0.3, clearance_m=0.1, max_starts=20)
-    found = octree_starts(points, config)
+    found = assert_as_slow(room(4), StartsConfig(spacing_m=0.3, clearance_m=0.1, max_starts=20))
     assert 8 < len(found) <= 20
-    assert_same(found, twin.octree_starts(points.astype(np.float64), config))
 
 
 def test_a_place_lower_than_the_spacing_has_one_layer_of_cells() -> None:
-    points, config = room(10), StartsConfig(spacing_m=0.5, clearance_m=0.1)
-    points = points[points[:, 2] < 0.9]
-    assert_same(octree_starts(points, config), twin.octree_starts(points.astype(np.float64), config))
+    points = room(10)
+    assert_as_slow(points[points[:, 2] < 0.9], StartsConfig(spacing_m=0.5, clearance_m=0.1))
 
 
 def test_within_a_region_the_leaves_are_those_of_the_region() -> None:
-    points, config = room(5), StartsConfig(spacing_m=0.4, clearance_m=0.1)
     region = np.array([3.5, -4.8, 0.3]), np.array([4.9, -3.7, 1.5])
-    assert_same(octree_starts(points, config, region), twin.octree_starts(points.astype(np.float64), config, region))
+    assert_as_slow(room(5), StartsConfig(spacing_m=0.4, clearance_m=0.1), region)
 
 
 def test_a_place_without_a_free_leaf_still_gets_a_start_in_its_middle() -> None:
@@ -81,8 +133,7 @@ def test_a_scan_that_is_too_large_has_cells_that_fit_into_memory(scale: float) -
     volume = np.prod([max(side, 1.0) for side in upper - lower])
     least = 4 * (volume / 3000) ** (1 / 3)
     config = StartsConfig(spacing_m=0.1, clearance_m=0.1, max_cells=3000)
-    expected = twin.octree_starts(points.astype(np.float64), replace(config, spacing_m=float(least)))
-    assert_same(octree_starts(points, config), expected)
+    assert_as_slow(points, config, slow_config=replace(config, spacing_m=float(least)))
 
 
 @pytest.mark.parametrize(("spacing", "max_starts"), [(0.5, 800), (0.31, 800), (0.2, 60), (9.0, 800)])
@@ -119,3 +170,20 @@ def test_a_region_without_room_is_refused(axis: int) -> None:
     for find in (octree_starts, grid_starts):
         with pytest.raises(OptionsError, match=r"starts\.region"):
             find(room(7), StartsConfig(), (low, high))
+
+
+@pytest.mark.parametrize("extent_m", [300.0, 1e7])
+def test_a_scan_of_any_extent_gives_a_bounded_number_of_starts(extent_m: float) -> None:
+    points = np.random.default_rng(0).uniform(0, extent_m, (500, 3)).astype(np.float32)
+    starts = octree_starts(points, StartsConfig(max_starts=50, max_cells=100_000))
+    assert 1 <= len(starts) <= 50
+    assert bool(((starts.positions >= 0) & (starts.positions <= extent_m)).all())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"starts_method": "random"}, {"spacing_m": 0.01}, {"color_kind": "grey"}, {"region": ((0, 0, 0), (1, 0, 1))}],
+)
+def test_index_options_out_of_range_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(OptionsError):
+        IndexOptions(**options)  # type: ignore[arg-type]

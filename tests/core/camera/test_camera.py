@@ -4,12 +4,15 @@ import io
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
 from panoloc.core.camera.exif import camera_of_photo
 from panoloc.core.errors import OptionsError
+from tests.core.found_pose import known
+from tests.core.panorama.picture_files import photo_file
 
 GOOD = Camera("opencv", 1920, 1440, 1450.0, 1450.0, 960.0, 720.0, (0.1, -0.2, 0.0, 0.0))
 
@@ -47,28 +50,23 @@ def test_an_image_of_another_shape_is_refused_with_both_shapes() -> None:
         GOOD.resized(1440, 1920)
 
 
-def photo(width: int, height: int, focal_mm: object) -> Image.Image:
-    exif = Image.Exif()
-    if focal_mm is not None:
-        exif.get_ifd(0x8769)[0xA405] = focal_mm
-    data = io.BytesIO()
-    Image.new("RGB", (width, height)).save(data, "JPEG", exif=exif)
-    return Image.open(io.BytesIO(data.getvalue()))
+def camera_of(width: int, height: int, focal_mm: object) -> Camera | None:
+    """Return the camera that a photo tells by its EXIF data."""
+    image = Image.open(io.BytesIO(photo_file(np.zeros((height, width, 3), np.uint8), focal_mm)))
+    return camera_of_photo(image, image.size)
 
 
 def test_the_focal_length_in_35_mm_terms_gives_the_field_of_view() -> None:
     # 26 mm on 36 x 24 mm film shows 69.4 degrees across; of a 4:3 image the diagonal counts: 67.3 degrees.
-    camera = camera_of_photo(photo(1200, 800, 26), (1200, 800))
-    assert camera is not None
+    camera = known(camera_of(1200, 800, 26))
     assert camera.hfov_deg == pytest.approx(2 * math.degrees(math.atan(18 / 26)), abs=0.01)
-    camera = camera_of_photo(photo(1600, 1200, 26), (1600, 1200))
-    assert camera is not None
+    camera = known(camera_of(1600, 1200, 26))
     assert camera.hfov_deg == pytest.approx(67.3, abs=0.05)
 
 
 @pytest.mark.parametrize("focal_mm", [None, 0, 1, 60_000])
 def test_a_photo_that_does_not_say_its_focal_length_has_no_camera(focal_mm: object) -> None:
-    assert camera_of_photo(photo(1200, 800, focal_mm), (1200, 800)) is None
+    assert camera_of(1200, 800, focal_mm) is None
 
 
 @pytest.mark.parametrize(

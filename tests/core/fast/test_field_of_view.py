@@ -1,4 +1,4 @@
-"""Photos whose field of view nobody knows."""
+"""Photos whose field of view nobody knows, and photos that contradict the one that they are said to have."""
 
 from dataclasses import replace
 
@@ -8,87 +8,106 @@ import pytest
 from panoloc.core.camera.camera import Camera
 from panoloc.core.errors import OptionsError
 from panoloc.core.fast.field_of_view import searched_range_deg
-from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.localizer import Localizer
+from panoloc.core.geometry.pose import Pose
 from panoloc.core.panorama.session import Photo, Session, SessionImage
-from tests.core.built_maps import AS_LABELS, LABELLED, map_of
-from tests.core.painted_box import PaintedBox
+from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, localized, map_of
+from tests.core.found_pose import assert_found, known
+from tests.core.painted_box import PaintedBox, rotation_of
 from tests.core.panorama.painted_photos import photo_of
 
 WIDTH_DEG = 84.0
+TAKEN = Camera.from_hfov("pinhole", 640, 480, WIDTH_DEG)
+KNOWN = photo_of(Camera.from_hfov("pinhole", 640, 480, 100.0))
 
 
-def of_unknown_field_of_view(box: PaintedBox, pose: Pose, bounds_deg: tuple[float, float]) -> Photo:
+def said_to_be(photo: Photo, hfov_deg: float) -> Photo:
+    camera = photo.camera
+    return replace(photo, camera=Camera.from_hfov("pinhole", camera.width_px, camera.height_px, hfov_deg))
+
+
+def of_unknown_field_of_view(bounds_deg: tuple[float, float], box: PaintedBox = BOX) -> Photo:
     """Return a photo 84 degrees wide, taken for one of 70."""
-    photo = photo_of(box, Camera.from_hfov("pinhole", 640, 480, WIDTH_DEG), pose)
-    return replace(photo, camera=Camera.from_hfov("pinhole", 640, 480, 70.0), hfov_range_deg=bounds_deg)
+    return replace(said_to_be(photo_of(TAKEN, POSE, box), 70.0), hfov_range_deg=bounds_deg)
 
 
 @pytest.mark.slow
-def test_a_photo_is_found_although_nobody_knows_how_wide_it_is(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
-) -> None:
-    found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 100.0)), [box_index])
+def test_a_photo_is_found_although_nobody_knows_how_wide_it_is() -> None:
+    found = localized(of_unknown_field_of_view((70.0, 96.0)))
     assert found.status == "localized"
     (camera,) = found.found_cameras
     assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.5)
-    assert found.best is not None
-    error = pose_error(found.best.pose, box_pose)
-    assert error.position_m < 0.15
-    assert error.orientation_deg < 3
+    assert_found(found, POSE, 0.15, 3.0)
     # What the focal length leaves open: some percent of the metres to the walls.
-    assert found.accuracy_position_m is not None
-    assert found.accuracy_position_m > 0.04
+    assert known(found.accuracy_position_m) > 0.04
 
 
 @pytest.mark.slow
-def test_the_boundaries_of_labels_tell_it_too(localizer: Localizer, box_pose: Pose) -> None:
-    query = of_unknown_field_of_view(LABELLED, box_pose, (60.0, 100.0))
-    found = localizer.localize(query, [map_of(LABELLED, AS_LABELS)])
+def test_the_boundaries_of_labels_tell_it_too() -> None:
+    found = localized(of_unknown_field_of_view((74.0, 92.0), LABELLED), map_of(LABELLED, AS_LABELS))
     (camera,) = found.found_cameras
     assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=4.0)
-    assert found.best is not None
-    assert pose_error(found.best.pose, box_pose).position_m < 0.15
+    assert_found(found, POSE, 0.15)
 
 
 @pytest.mark.slow
-def test_a_photo_that_is_wider_than_its_bounds_is_not_localized_and_the_bound_is_named(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
-) -> None:
-    found = localizer.localize(of_unknown_field_of_view(box, box_pose, (60.0, 76.0)), [box_index])
+def test_a_photo_that_is_wider_than_its_bounds_is_not_localized_and_the_bound_is_named() -> None:
+    found = localized(of_unknown_field_of_view((70.0, 76.0)))
     assert found.status == "not_localized"
     assert any("76 degrees wide, a bound of hfov_range_deg" in words for words in found.warnings)
 
 
 @pytest.mark.slow
-def test_the_radius_tells_what_the_focal_length_leaves_open(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
-) -> None:
-    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
+def test_the_radius_tells_what_the_focal_length_leaves_open() -> None:
     sharp, blurred = (
-        localizer.localize(replace(known, focal_uncertainty=share), [box_index]).accuracy_position_m
-        for share in (0.0, 0.03)
+        localized(replace(KNOWN, focal_uncertainty=share)).accuracy_position_m or np.nan for share in (0.0, 0.03)
     )
-    assert sharp is not None
-    assert blurred is not None
     walls_m = float(np.sqrt(blurred**2 - sharp**2)) / 0.03
     assert 0.5 < walls_m < 6  # metres to the walls of the box
 
 
 @pytest.mark.slow
-def test_a_focal_length_that_may_be_anything_is_no_answer(
-    localizer: Localizer, box: PaintedBox, box_index: MapIndex, box_pose: Pose
-) -> None:
-    known = photo_of(box, Camera.from_hfov("pinhole", 640, 480, 100.0), box_pose)
-    found = localizer.localize(replace(known, focal_uncertainty=0.3), [box_index])
+def test_a_focal_length_that_may_be_anything_is_no_answer() -> None:
+    found = localized(replace(KNOWN, focal_uncertainty=0.3))
     assert found.status == "not_localized"
     assert any("field of view is not known well enough" in words for words in found.warnings)
 
 
-def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale(box: PaintedBox, box_pose: Pose) -> None:
-    photo = of_unknown_field_of_view(box, box_pose, (60.0, 100.0))
-    image = SessionImage(photo, Pose(np.eye(3), np.zeros(3)))
+def test_the_poses_of_several_photos_say_nothing_where_one_has_no_scale() -> None:
+    image = SessionImage(of_unknown_field_of_view((60.0, 100.0)), Pose(np.eye(3), np.zeros(3)))
     assert searched_range_deg(Session((image,))) == (60.0, 100.0)
     with pytest.raises(OptionsError, match="hfov_range_deg: expected a single photo"):
         searched_range_deg(Session((image, image)))
+
+
+# Photos of a known field of view.
+
+
+@pytest.mark.slow
+def test_a_photo_that_says_how_wide_it_is_is_localized_as_that_and_the_answer_says_so() -> None:
+    found = localized(said_to_be(photo_of(TAKEN), 100.0))
+    assert found.status == "localized"
+    assert_found(found, POSE)
+    (camera,) = found.found_cameras
+    assert camera.hfov_deg == pytest.approx(WIDTH_DEG, abs=2.0)
+    (words,) = found.warnings
+    assert "not 100.0 as given" in words
+    assert "hfov_deg" in words
+
+
+@pytest.mark.slow
+def test_one_that_is_as_wide_as_it_is_said_to_be_is_left_alone() -> None:
+    found = localized(photo_of(TAKEN))
+    assert (found.found_cameras, found.warnings) == ((), ())
+    assert_found(found, POSE)
+
+
+@pytest.mark.slow
+def test_the_images_of_a_session_say_it_too() -> None:
+    camera = Camera.from_hfov("pinhole", 320, 240, 66.0)
+    turns = [Pose(rotation_of(90.0 * k), np.zeros(3)) for k in range(3)]
+    images = tuple(SessionImage(said_to_be(photo_of(camera, POSE.after(turn)), 76.0), turn) for turn in turns)
+    found = localized(Session(images))
+    assert found.status == "localized"
+    assert_found(found, POSE)
+    assert [camera.hfov_deg for camera in found.found_cameras] == pytest.approx([66.0] * 3, abs=2.0)
+    assert any("images of which the first is 6" in words for words in found.warnings)

@@ -12,6 +12,7 @@ from panoloc.core.index.map_diagnostics import map_diagnostics
 from panoloc.core.index.map_index import MapIndex
 from panoloc.core.light.color_equalization import LabelCodes
 from panoloc.core.options import ColorKind, IndexOptions
+from tests.core.found_pose import known
 
 NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
 FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8
@@ -78,8 +79,7 @@ def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
     assert (index.color_kind, labelled.color_kind) == ("rgb", "labels")
     torch.testing.assert_close(index.canonical_cloud_colors(), index.colors.float() / 255)
     torch.testing.assert_close(index.render_cloud.colors[:NUM_POINTS, :3], index.colors.float() / 255)
-    assert labelled.labels is not None
-    expected = labelled.labels.codes.repeat(NUM_POINTS // 2, 1)
+    expected = known(labelled.labels).codes.repeat(NUM_POINTS // 2, 1)
     torch.testing.assert_close(labelled.canonical_cloud_colors(), expected)
 
 
@@ -120,43 +120,40 @@ def found(
     index: MapIndex, options: IndexOptions | None = None, num_points_given: int = NUM_POINTS
 ) -> list[tuple[str, str, str]]:
     """Return code, severity and message of all that is doubtful."""
-    return [
-        (each.code, each.severity, each.message)
-        for each in map_diagnostics(index, options or IndexOptions(), num_points_given)
-    ]
+    told = map_diagnostics(index, options or IndexOptions(), num_points_given)
+    return [(each.code, each.severity, each.message) for each in told]
 
 
-def with_points(number: int) -> MapIndex:
-    return replace(made(), positions=made().positions[:number], colors=made().colors[:number])
+def assert_told(told: list[tuple[str, str, str]], code: str, severity: str, is_told: bool, message: str) -> None:
+    assert [each[:2] for each in told] == [(code, severity)] * is_told
+    assert all(message in each[2] for each in told)
+
+
+def region(low: tuple[float, ...], high: tuple[float, ...]) -> IndexOptions:
+    """Return the options of a region in the axes of the index."""
+    return IndexOptions(region=(tuple((OFFSET + low).tolist()), tuple((OFFSET + high).tolist())))
 
 
 def test_nothing_is_doubtful_about_a_good_map() -> None:
-    assert found(made()) == []
-    inside = IndexOptions(region=((1000.5, -2000.0, 30.5), (1004.5, -1998.0, 31.5)))
-    assert found(made(), inside) == []
+    assert found(made()) == found(made(), region((0.0, 0.25, 0.5), (4.0, 2.25, 1.5))) == []
 
 
 def test_points_that_were_merged_are_told_with_the_distance() -> None:
-    ((code, severity, message),) = found(made(), num_points_given=40_000)
-    assert (code, severity) == ("merged_points", "info")
-    assert message.startswith("40,000 points became 1,200: those closer together than about 4.0 cm were merged")
+    message = "40,000 points became 1,200: those closer together than about 4.0 cm were merged"
+    assert_told(found(made(), num_points_given=40_000), "merged_points", "info", True, message)
 
 
 @pytest.mark.parametrize(("number", "is_few"), [(999, True), (1000, False)])
 def test_fewer_than_a_thousand_points_are_few(number: int, is_few: bool) -> None:
-    told = found(with_points(number), num_points_given=number)
-    assert [(code, severity) for code, severity, _ in told] == ([("few_points", "warning")] if is_few else [])
-    assert not is_few or told[0][2].startswith("The map has only 999 points; ")
+    some = replace(made(), positions=made().positions[:number], colors=made().colors[:number])
+    assert_told(found(some, num_points_given=number), "few_points", "warning", is_few, "has only 999 points; ")
 
 
 @pytest.mark.parametrize(("share", "is_little"), [(0.0996, True), (0.1, False)])
 def test_a_best_start_that_sees_less_than_a_tenth_sees_little(share: float, is_little: bool) -> None:
     shares = torch.tensor([0.01, share, 0.02], dtype=torch.float64)
-    told = found(replace(made(), sampled_shares=shares))
-    assert [(code, severity) for code, severity, _ in told] == ([("starts_see_little", "warning")] if is_little else [])
-    assert not is_little or told[0][2].startswith(
-        "From the best of the 3 starts the scan covers 10.0% of the view; at least 10% is expected."
-    )
+    message = "From the best of the 3 starts the scan covers 10.0% of the view; at least 10% is expected."
+    assert_told(found(replace(made(), sampled_shares=shares)), "starts_see_little", "warning", is_little, message)
 
 
 @pytest.mark.parametrize(
@@ -170,30 +167,23 @@ def test_a_scan_with_hardly_any_colours_says_so_and_labels_may_be_few(
     colors[::3] += 8
     colors[:num_others] = torch.tensor([200, 10, 10], dtype=torch.uint8)
     told = found(replace(made(), colors=colors), IndexOptions(color_kind=color_kind))
-    assert [(code, severity) for code, severity, _ in told] == [("hardly_any_colors", "warning")] * is_said
-    assert not is_said or "of the points have nearly the same colour (124, 124, 124)" in told[0][2]
+    assert_told(told, "hardly_any_colors", "warning", is_said, "have nearly the same colour (124, 124, 124)")
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("beyond", ["below", "above"])
 def test_a_region_that_reaches_beyond_the_scan_is_told_with_the_scan_s_bounds(axis: int, beyond: str) -> None:
-    low, high = OFFSET + np.full(3, 0.5), OFFSET + np.array([3.0, 2.5, 1.75])
+    low, high = np.full(3, 0.5), np.array([3.0, 2.5, 1.75])
     if beyond == "below":
         low[axis] -= 0.6
     else:
         high[axis] += 1.6
-    region = IndexOptions(region=(tuple(low.tolist()), tuple(high.tolist())))
-    ((code, severity, message),) = found(made(), region)
-    assert (code, severity) == ("region_outside_scan", "info")
-    bounds = "((1000.50, -2000.25, 30.00) to (1004.50, -1997.25, 32.00), metres)"
-    assert message == f"starts.region reaches beyond the scan {bounds}; all starts lie within it."
+    message = "beyond the scan ((1000.50, -2000.25, 30.00) to (1004.50, -1997.25, 32.00), metres)"
+    assert_told(found(made(), region(tuple(low), tuple(high))), "region_outside_scan", "info", True, message)
 
 
 def test_starts_outside_of_the_scan_are_counted() -> None:
-    index = made()
-    starts = index.starts.clone()
+    starts = made().starts.clone()
     starts[0, 1], starts[2, 2] = -0.1, 2.1
-    beyond = IndexOptions(region=((1000.0, -2001.0, 30.0), (1004.0, -1998.0, 33.0)))
-    ((code, severity, message),) = found(replace(index, starts=starts), beyond)
-    assert (code, severity) == ("region_outside_scan", "warning")
-    assert message.startswith("2 of 3 starts lie outside of the scan ((1000.50, -2000.25, 30.00) to (1004.50, ")
+    told = found(replace(made(), starts=starts), region((-0.5, -0.75, 0.0), (3.5, 2.25, 3.0)))
+    assert_told(told, "region_outside_scan", "warning", True, "2 of 3 starts lie outside of the scan ((1000.50, ")

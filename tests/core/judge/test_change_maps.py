@@ -14,7 +14,6 @@ from panoloc.core.geometry.rotations import even_directions, rotation_from_vecto
 from panoloc.core.judge.change_maps import ChangeMaps, change_maps
 from panoloc.core.views.comparison import Comparison
 from panoloc.core.views.synthetic_view import SyntheticViews
-from tests.reference import change_twin as twin
 
 HEIGHT, WIDTH = 24, 48
 SOLID = pixel_solid_angles(HEIGHT, WIDTH).expand(-1, WIDTH)
@@ -55,16 +54,6 @@ def compared(
     return change_maps(comparison, cloud, rotation_from_vector(torch.tensor(turn)), CENTER, config)
 
 
-def test_what_changed_has_a_low_score_and_its_share_of_the_sphere_is_told() -> None:
-    found = compared(picture(), with_block(picture()))
-    assert float(found.score_map_2d[10:14, 12:20].max()) < 0.1
-    outside = np.ones((HEIGHT, WIDTH), bool)
-    outside[6:18, 8:24] = False
-    assert float(found.score_map_2d[outside].min()) > 0.8
-    assert 0.02 < found.panorama_changed_fraction < 0.2
-    assert found.map_changed_fraction == pytest.approx(found.panorama_changed_fraction, abs=0.01)
-
-
 def test_points_have_the_score_of_the_pixel_that_shows_them() -> None:
     found = compared(picture(), with_block(picture()))
     scores = found.point_scores()[0::2]
@@ -79,14 +68,6 @@ def test_points_have_the_score_of_the_pixel_that_shows_them() -> None:
     assert found.map_changed_fraction == pytest.approx(changed, abs=1e-6)
 
 
-def test_gain_and_offset_of_light_are_no_change() -> None:
-    panorama = picture() * torch.tensor([0.6, 0.9, 1.3]) + torch.tensor([0.1, 0.0, -0.1])
-    assert float(compared(picture(), panorama).score_map_2d.min()) > 0.9
-    assert float(compared(picture(), with_block(panorama)).score_map_2d[12, 16]) < 0.1
-    outside = compared(picture(), with_block(panorama)).score_map_2d[:, 30:40]
-    assert float(outside.min()) > 0.8  # what changed does not spoil the fit of light
-
-
 def test_what_either_side_does_not_show_is_unknown_and_has_no_share() -> None:
     weights = SOLID.clone()
     weights[:, :24] = 0
@@ -97,6 +78,51 @@ def test_what_either_side_does_not_show_is_unknown_and_has_no_share() -> None:
     assert np.isnan(found.point_scores()).sum() > 3000 + 1400
 
 
+def neighbours(row: int, column: int, height: int, width: int) -> list[tuple[int, int]]:
+    """Return the 3 x 3 pixels around one; over a pole the image goes on on the opposite meridian."""
+    found = []
+    for r in (row - 1, row, row + 1):
+        for c in (column - 1, column, column + 1):
+            if r < 0:
+                found.append((-1 - r, (c + width // 2) % width))
+            elif r >= height:
+                found.append((2 * height - 1 - r, (c + width // 2) % width))
+            else:
+                found.append((r, c % width))
+    return found
+
+
+def fitted_light(panorama: np.ndarray, scan: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the panorama (S, 3) with the gain and offset per channel that bring it nearest to the scan."""
+    share = weights / weights.sum()
+    fitted = np.zeros_like(panorama)
+    for channel in range(3):
+        source, target = panorama[:, channel], scan[:, channel]
+        middle, wanted = share @ source, share @ target
+        slope = (share @ ((source - middle) * (target - wanted)) + 1e-3) / (share @ (source - middle) ** 2 + 1e-3)
+        fitted[:, channel] = (source - middle) * np.clip(slope, 0.3, 3.0) + wanted
+    return fitted
+
+
+def pixel_scores(scan: np.ndarray, panorama: np.ndarray, weights: np.ndarray, half: float) -> np.ndarray:
+    """Return scores (H, W) of images (H, W, 3) with weights (H, W); a colour distance of `half` to the best pixel nearby scores 0.5."""
+    height, width, _ = scan.shape
+    robust = weights.ravel()
+    for _ in range(3):
+        fitted = fitted_light(panorama.reshape(-1, 3), scan.reshape(-1, 3), robust)
+        distance = np.linalg.norm(fitted - scan.reshape(-1, 3), axis=1) / half
+        robust = weights.ravel() / (1 + distance**2) ** 2
+    nearby = fitted.reshape(scan.shape)
+    sharp = np.zeros((height, width))
+    for row, column in np.ndindex(height, width):
+        distances = [np.linalg.norm(nearby[p] - scan[row, column]) for p in neighbours(row, column, height, width)]
+        sharp[row, column] = 1 / (1 + (min(distances) / half) ** 2)
+    scores = np.zeros((height, width))
+    for row, column in np.ndindex(height, width):
+        scores[row, column] = np.mean([sharp[p] for p in neighbours(row, column, height, width)])
+    return scores
+
+
 def test_scores_and_shares_are_those_of_a_loop_over_the_pixels() -> None:
     rng = np.random.default_rng(0)
     scan = picture().double().numpy()
@@ -105,7 +131,7 @@ def test_scores_and_shares_are_those_of_a_loop_over_the_pixels() -> None:
     for config in (CONFIG, ChangeConfig(half_score_difference=0.3, changed_below=0.7)):
         first, second, third = (torch.from_numpy(each).float() for each in (scan, panorama, weights))
         found = compared(first, second, third, config=config)
-        expected = twin.pixel_scores(scan, panorama, weights, config.half_score_difference)
+        expected = pixel_scores(scan, panorama, weights, config.half_score_difference)
         seen = weights > 0
         np.testing.assert_allclose(found.score_map_2d[seen], expected[seen], atol=1e-4)
         changed = weights[expected < config.changed_below].sum() / weights.sum()

@@ -18,6 +18,9 @@ from panoloc.core.judge.confidence import (
     share_within,
 )
 from panoloc.core.judge.hypotheses import Hypothesis
+from tests.core.found_pose import known
+
+CONFIG = JudgeConfig()
 
 
 def test_confidence_never_falls_with_a_sign_of_agreement_and_grows_with_most() -> None:
@@ -36,9 +39,7 @@ def test_radii_grow_with_the_distance_of_halves_and_shrink_with_what_is_seen(axi
 
     def radius(apart: float, coverage: float) -> float:
         measures = {"halves_apart_m": 0.01 * apart, "halves_apart_deg": 0.1 * apart, "coverage": coverage}
-        found = error_radii((0.01, 0.1), measures, model)[axis]
-        assert found is not None
-        return found
+        return known(error_radii((0.01, 0.1), measures, model)[axis])
 
     assert radius(10.0, 0.1) > radius(2.0, 0.1) > radius(2.0, 0.9)
 
@@ -68,44 +69,42 @@ def judged(score: float = 1.2, **measures: float) -> Any:
 def test_the_relative_margin_is_the_share_that_the_best_other_place_is_behind(
     score: float, best_elsewhere: float, share: float
 ) -> None:
-    found = features_of(judged(score), best_elsewhere, None, JudgeConfig())
+    found = features_of(judged(score), best_elsewhere, None, CONFIG)
     assert found["relative_margin"] == pytest.approx(share)
 
 
 def test_what_was_not_measured_is_neither_a_good_sign_nor_a_bad_one() -> None:
-    found, config = features_of(judged(), 0.9, None, JudgeConfig()), JudgeConfig()
+    found = features_of(judged(), 0.9, None, CONFIG)
     assert tuple(found) == FEATURES
     assert found["patch_correlation"] == pytest.approx(0.2)
-    assert found["distinctness"] == config.unknown_distinctness
-    assert found["halves"] == config.unknown_halves
-    assert found["sharpness"] == config.unknown_sharpness
-    assert found["lines"] == config.unknown_lines
-
-
-def test_what_was_measured_is_a_sign() -> None:
-    found = features_of(judged(distinctness=0.8, lines=0.3), 0.9, None, JudgeConfig())
-    assert (found["distinctness"], found["lines"]) == (0.8, 0.3)
+    unknown = {name: getattr(CONFIG, f"unknown_{name}") for name in ("distinctness", "halves", "sharpness", "lines")}
+    assert {name: found[name] for name in unknown} == unknown
 
 
 @pytest.mark.parametrize(
-    ("apart_m", "apart_deg", "sign"),
+    ("measures", "formal_deg", "feature", "sign"),
     [
-        (0.3, 0.0, 0.0),  # as far apart as a right pose may be off
-        (0.0, 10.0, 0.0),
-        (0.03, 0.0, math.log(10)),
-        (0.018, 0.8, math.log(10)),  # both together
-        (1.0, 90.0, -1.0),  # further says nothing more
-        (0.0, 0.0, 7.0),
+        ({"distinctness": 0.8}, None, "distinctness", 0.8),
+        ({"lines": 0.3}, None, "lines", 0.3),
+        # Halves that meet nearer are a better sign.
+        ({"halves_apart_m": 0.3, "halves_apart_deg": 0.0}, None, "halves", 0.0),  # as a right pose may be off
+        ({"halves_apart_m": 0.0, "halves_apart_deg": 10.0}, None, "halves", 0.0),
+        ({"halves_apart_m": 0.03, "halves_apart_deg": 0.0}, None, "halves", math.log(10)),
+        ({"halves_apart_m": 0.018, "halves_apart_deg": 0.8}, None, "halves", math.log(10)),  # both together
+        ({"halves_apart_m": 1.0, "halves_apart_deg": 90.0}, None, "halves", -1.0),  # further says nothing more
+        ({"halves_apart_m": 0.0, "halves_apart_deg": 0.0}, None, "halves", 7.0),
+        # And so is a sharper loss.
+        ({}, 10.0, "sharpness", 0.0),
+        ({}, 0.1, "sharpness", math.log(100)),
+        ({}, 90.0, "sharpness", -1.0),
+        ({}, 0.0, "sharpness", 9.0),
     ],
 )
-def test_halves_that_meet_nearer_are_a_better_sign(apart_m: float, apart_deg: float, sign: float) -> None:
-    measures = {"halves_apart_m": apart_m, "halves_apart_deg": apart_deg}
-    assert features_of(judged(**measures), 0.9, None, JudgeConfig())["halves"] == pytest.approx(sign)
-
-
-@pytest.mark.parametrize(("formal_deg", "sign"), [(10.0, 0.0), (0.1, math.log(100)), (90.0, -1.0), (0.0, 9.0)])
-def test_a_sharper_loss_is_a_better_sign(formal_deg: float, sign: float) -> None:
-    assert features_of(judged(), 0.9, (0.01, formal_deg), JudgeConfig())["sharpness"] == pytest.approx(sign)
+def test_what_was_measured_is_a_sign(
+    measures: dict[str, float], formal_deg: float | None, feature: str, sign: float
+) -> None:
+    formal = None if formal_deg is None else (0.01, formal_deg)
+    assert features_of(judged(**measures), 0.9, formal, CONFIG)[feature] == pytest.approx(sign)
 
 
 def test_the_probability_is_the_logistic_function_of_the_weighted_signs() -> None:
@@ -139,8 +138,7 @@ def test_error_radii_use_the_model_of_their_own_and_no_turn_is_more_than_half_a_
 def test_formal_radii_are_those_of_independent_residuals() -> None:
     curvature = torch.diag(torch.tensor([1.0, 4.0, 16.0, 25.0, 100.0, 400.0]))
     hypothesis = Hypothesis(0, 0, torch.eye(3), torch.zeros(3), hessian=curvature, residual_scale=0.2)
-    found = formal_radii(hypothesis)
-    assert found is not None
+    found = known(formal_radii(hypothesis))
     assert found[0] == pytest.approx(0.2 * math.sqrt(1 / 25 + 1 / 100 + 1 / 400), rel=1e-6)
     assert found[1] == pytest.approx(math.degrees(0.2 * math.sqrt(1 + 1 / 4 + 1 / 16)), rel=1e-6)
 

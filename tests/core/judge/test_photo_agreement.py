@@ -4,65 +4,47 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from panoloc.core.config import JudgeConfig
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.judge.photo_agreement import PhotoAgreement, agreement_by_photo
 from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.session import Session, SessionImage, session_from_rig
+from panoloc.core.panorama.session import Session
 from panoloc.core.views.comparison import Comparison
 from panoloc.core.views.photo_comparison import RigView
-from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
+from tests.core.built_maps import BOX, map_of, tensors_of
+from tests.core.painted_box import rotation_of
+from tests.core.panorama.painted_photos import TWO, rig_pose, session_of
 
 JUDGE = JudgeConfig()
-MAP_FROM_SESSION = Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2]))
+SESSION = session_of(TWO)
+SECOND = SESSION.images[1]
+COLOR = SECOND.photo.color
 
 
-@pytest.fixture(scope="module")
-def session(box: PaintedBox) -> Session:
-    return session_of(box, MAP_FROM_SESSION, TWO, (UPRIGHT, SIDEWAYS))
-
-
-def compared(session: Session, index: MapIndex) -> Comparison:
-    rig = MAP_FROM_SESSION.after(session_from_rig(session))
-    rotation, position = (torch.from_numpy(each).float()[None] for each in (rig.rotation, rig.position))
+def compared(session: Session) -> Comparison:
     view = RigView(PhotoAtlas(session, 512, None, "cpu"), 8.0)
-    return view.compare(index.render_cloud, rotation, position, 128, is_labels=False)
+    return view.compare(map_of(BOX).render_cloud, *tensors_of(rig_pose(session)), 128, is_labels=False)
 
 
-def agreements(session: Session, index: MapIndex) -> tuple[PhotoAgreement, PhotoAgreement]:
-    first, second = agreement_by_photo(compared(session, index), 2, JUDGE)
+def agreements(color: np.ndarray = COLOR, at: Pose = TWO[1]) -> tuple[PhotoAgreement, PhotoAgreement]:
+    """Return those of the session whose second photo shows something, taken at some place in the session."""
+    second = replace(SECOND, photo=replace(SECOND.photo, color=color), session_from_camera=at)
+    first, other = agreement_by_photo(compared(replace(SESSION, images=(SESSION.images[0], second))), 2, JUDGE)
     assert first is not None
-    assert second is not None
-    return first, second
+    assert other is not None
+    return first, other
 
 
-def with_second(session: Session, image: SessionImage) -> Session:
-    return replace(session, images=(session.images[0], image))
-
-
-def painted(session: Session, color: np.ndarray, share: float) -> Session:
-    """Return a session whose second photo shows something else in a share of its columns."""
-    image = session.images[1]
-    spoilt = image.photo.color.copy()
-    spoilt[:, : round(share * spoilt.shape[1])] = color[:, : round(share * spoilt.shape[1])]
-    return with_second(session, replace(image, photo=replace(image.photo, color=spoilt)))
-
-
-def test_photos_at_their_places_agree(session: Session, box_index: MapIndex) -> None:
-    for each in agreements(session, box_index):
+def test_photos_at_their_places_agree() -> None:
+    for each in agreements():
         assert each.correlation > 0.9
         assert each.agreeing_share > 0.9
         assert not each.contradicts(JUDGE)
 
 
-def test_one_that_looks_elsewhere_contradicts_and_the_other_does_not(session: Session, box_index: MapIndex) -> None:
-    image = session.images[1]
-    turned = SessionImage(image.photo, Pose(rotation_of(140.0), image.session_from_camera.position))
-    good, bad = agreements(with_second(session, turned), box_index)
+def test_one_that_looks_elsewhere_contradicts_and_the_other_does_not() -> None:
+    good, bad = agreements(at=Pose(rotation_of(140.0), TWO[1].position))
     assert good.correlation > 0.8
     assert not good.contradicts(JUDGE)
     assert bad.correlation < 0.2
@@ -70,21 +52,17 @@ def test_one_that_looks_elsewhere_contradicts_and_the_other_does_not(session: Se
     assert bad.contradicts(JUDGE)
 
 
-def test_one_in_which_most_has_changed_but_not_all_contradicts_nothing(session: Session, box_index: MapIndex) -> None:
-    black_and_white = np.where(session.images[1].photo.color.mean(-1, keepdims=True) > 128, 0, 255).astype(np.uint8)
-    _, found = agreements(
-        painted(session, np.broadcast_to(black_and_white, session.images[1].photo.color.shape), 0.65), box_index
-    )
+def test_one_in_which_most_has_changed_but_not_all_contradicts_nothing() -> None:
+    spoilt, columns = COLOR.copy(), round(0.65 * COLOR.shape[1])
+    spoilt[:, :columns] = np.where(COLOR[:, :columns].mean(-1, keepdims=True) > 128, 0, 255)
+    _, found = agreements(spoilt)
     assert found.correlation < 0.2  # the rest is drowned in it
     assert 0.2 < found.agreeing_share < 0.5
     assert not found.contradicts(JUDGE)
 
 
-def test_one_that_shows_nothing_but_a_plain_thing_before_the_lens_contradicts_nothing(
-    session: Session, box_index: MapIndex
-) -> None:
-    plain = np.full_like(session.images[1].photo.color, 90)
-    _, found = agreements(painted(session, plain, 1.0), box_index)
+def test_one_that_shows_nothing_but_a_plain_thing_before_the_lens_contradicts_nothing() -> None:
+    _, found = agreements(np.full_like(COLOR, 90))
     assert found.correlation < 0.2
     assert found.contrast < 0.05
     assert not found.contradicts(JUDGE)
@@ -104,6 +82,6 @@ def test_all_three_signs_have_to_speak_against_it(measured: PhotoAgreement, cont
     assert measured.contradicts(JUDGE) == contradicts
 
 
-def test_nothing_is_told_of_a_photo_that_shows_nothing_of_the_scan(session: Session, box_index: MapIndex) -> None:
-    assert agreement_by_photo(compared(session, box_index), 3, JUDGE)[2] is None
+def test_nothing_is_told_of_a_photo_that_shows_nothing_of_the_scan() -> None:
+    assert agreement_by_photo(compared(SESSION), 3, JUDGE)[2] is None
     assert agreement_by_photo(None, 2, JUDGE) == [None, None]

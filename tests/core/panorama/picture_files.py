@@ -23,9 +23,20 @@ def encoded(pixels: NDArray[Any], kind: str = "PNG", **options: Any) -> bytes:
     return buffer.getvalue()
 
 
-def jpeg_with_exif_orientation(pixels: NDArray[np.uint8], orientation: int) -> bytes:
+def photo_file(
+    pixels: NDArray[np.uint8],
+    focal_mm: object = None,
+    orientation: int | None = None,
+    taken: tuple[int, int] | None = None,
+) -> bytes:
+    """Return a JPEG whose EXIF data tell its focal length in 35 mm terms, how it is turned, and the size that it was taken in."""
     exif = Image.Exif()
-    exif[0x0112] = orientation
+    if orientation is not None:
+        exif[0x0112] = orientation
+    if focal_mm is not None:
+        exif.get_ifd(0x8769)[0xA405] = focal_mm
+    if taken is not None:
+        exif.get_ifd(0x8769)[0xA002], exif.get_ifd(0x8769)[0xA003] = taken
     return encoded(pixels, "JPEG", quality=97, exif=exif)
 
 
@@ -33,14 +44,9 @@ def gpano_packet(
     full: tuple[int, int], left_top: tuple[int, int], size: tuple[int, int], as_elements: bool = False
 ) -> bytes:
     """Return an XMP packet with GPano crop fields, as attributes or as elements."""
-    values = {
-        "FullPanoWidthPixels": full[0],
-        "FullPanoHeightPixels": full[1],
-        "CroppedAreaLeftPixels": left_top[0],
-        "CroppedAreaTopPixels": left_top[1],
-        "CroppedAreaImageWidthPixels": size[0],
-        "CroppedAreaImageHeightPixels": size[1],
-    }
+    names = ["FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels"]
+    names += ["CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels"]
+    values = dict(zip(names, (*full, *left_top, *size), strict=True))
     if as_elements:
         inner = "".join(f"<GPano:{name}>{value}</GPano:{name}>" for name, value in values.items())
         body = f"<rdf:Description>{inner}</rdf:Description>"

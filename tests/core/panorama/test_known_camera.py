@@ -1,12 +1,11 @@
 """Photos that nothing is known of are refused by their first bytes, and no photo that the reader would take."""
 
 import pytest
-from PIL import Image
 
 from panoloc.core.errors import PanoramaFormatError, PanoramaShapeError
 from panoloc.core.panorama.known_camera import check_known_cameras
 from panoloc.core.panorama.reader import read_image
-from tests.core.panorama.picture_files import encoded, gpano_packet, jpeg_with_exif_orientation, picture
+from tests.core.panorama.picture_files import encoded, gpano_packet, photo_file, picture
 
 PHOTO = picture(160, 120)
 _XMP = b"http://ns.adobe.com/xap/1.0/\x00"
@@ -17,12 +16,6 @@ def with_segment(jpeg: bytes, marker: int, content: bytes) -> bytes:
     return jpeg[:2] + bytes([0xFF, marker]) + (len(content) + 2).to_bytes(2, "big") + content + jpeg[2:]
 
 
-def with_focal_length(focal_mm: int) -> bytes:
-    exif = Image.Exif()
-    exif.get_ifd(0x8769)[0xA405] = focal_mm
-    return encoded(PHOTO, "JPEG", exif=exif)
-
-
 PLAIN = encoded(PHOTO, "JPEG")
 CROP = gpano_packet((640, 320), (100, 50), (160, 120))
 TURNED = b'<x:xmpmeta><rdf:Description tiff:Orientation="6"/></x:xmpmeta>'
@@ -31,9 +24,9 @@ FILES = {
     "progressive": encoded(PHOTO, "JPEG", progressive=True),
     "commented": with_segment(PLAIN, 0xFE, b"taken by nobody"),
     "full sphere": encoded(picture(256, 128), "JPEG"),
-    "focal length": with_focal_length(26),
-    "no focal length": with_focal_length(0),
-    "turned": jpeg_with_exif_orientation(PHOTO, 6),
+    "focal length": photo_file(PHOTO, 26),
+    "no focal length": photo_file(PHOTO, 0),
+    "turned": photo_file(PHOTO, orientation=6),
     "turned by XMP": with_segment(PLAIN, 0xE1, _XMP + TURNED),
     "crop": with_segment(PLAIN, 0xE1, _XMP + CROP),
     "fill bytes": PLAIN[:2] + b"\xff" + PLAIN[2:],

@@ -5,11 +5,10 @@ import pytest
 
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.localizer import Localizer
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.reader import read_image, read_panorama
 from panoloc.core.panorama.session import Photo, Session, SessionImage, left_out
+from tests.core.built_maps import localized, panorama
 from tests.core.panorama.missing.scenery import scenery
 from tests.core.panorama.picture_files import encoded
 
@@ -26,10 +25,10 @@ def with_void() -> np.ndarray:
 @pytest.mark.parametrize("size", [(128, 64), (1024, 512)], ids=str)
 def test_an_image_of_one_colour_is_said_to_show_nothing(level: int, noise: float, size: tuple[int, int]) -> None:
     grain = np.random.default_rng(0).normal(level, noise, (size[1], size[0], 3))
-    panorama = read_panorama(encoded(np.clip(grain, 0, 255).astype(np.uint8), "JPEG"))
-    (words,) = panorama.left_out
+    found = read_panorama(encoded(np.clip(grain, 0, 255).astype(np.uint8), "JPEG"))
+    (words,) = found.left_out
     assert words.startswith("the panorama has a single colour and shows no place")
-    assert panorama.valid.all()
+    assert found.valid.all()
 
 
 def test_a_dark_room_with_one_lamp_is_not_of_one_colour() -> None:
@@ -41,18 +40,18 @@ def test_a_dark_room_with_one_lamp_is_not_of_one_colour() -> None:
 def test_a_mask_of_the_caller_adds_to_what_is_found() -> None:
     mask = np.zeros((512, 1024), np.uint8)
     mask[400:] = 255
-    panorama = read_panorama(encoded(with_void()), encoded(mask))
-    assert not panorama.valid[400:].any()
-    assert not panorama.valid[20:200, 320:600].any()
-    assert panorama.left_out
+    found = read_panorama(encoded(with_void()), encoded(mask))
+    assert not found.valid[400:].any()
+    assert not found.valid[20:200, 320:600].any()
+    assert found.left_out
 
 
 def test_what_a_mask_leaves_is_meant_even_where_it_looks_void() -> None:
     mask = np.full((512, 1024), 255, np.uint8)
     mask[20:180, 320:600] = 0
-    panorama = read_panorama(encoded(with_void()), encoded(mask))
-    assert panorama.valid[20:180, 320:600].all()
-    assert panorama.left_out == ()
+    found = read_panorama(encoded(with_void()), encoded(mask))
+    assert found.valid[20:180, 320:600].all()
+    assert found.left_out == ()
 
 
 def test_bars_of_a_photo_are_left_out_and_it_keeps_that_on_the_sphere() -> None:
@@ -85,7 +84,7 @@ def test_several_photos_are_told_apart_by_their_number() -> None:
 
 
 @pytest.mark.slow
-def test_an_answer_says_what_was_left_out(localizer: Localizer, box_index: MapIndex, box_panorama: Panorama) -> None:
-    spoilt = Panorama(box_panorama.color, box_panorama.valid, ("words",))
-    assert localizer.localize(spoilt, [box_index]).warnings == ("words",)
-    assert localizer.localize(Photo.of_panorama(spoilt), [box_index]).warnings == ("words",)
+def test_an_answer_says_what_was_left_out() -> None:
+    spoilt = Panorama(panorama().color, panorama().valid, ("words",))
+    assert localized(spoilt).warnings == ("words",)
+    assert localized(Photo.of_panorama(spoilt)).warnings == ("words",)

@@ -1,6 +1,7 @@
 """Photos as windows of spheres: what they show where, at every resolution, against the definition of their cameras."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from panoloc.core.light.color_equalization import LabelCodes
 from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.photo_atlas import PhotoAtlas
 from panoloc.core.panorama.photo_colors import PhotoContrast
+from panoloc.core.panorama.photo_level import PhotoWindows
 from panoloc.core.panorama.session import Photo, Session, SessionImage
 from tests.core.painted_box import rotation_of
 
@@ -32,18 +34,24 @@ def plain(camera: Camera, value: int = 90) -> Photo:
     return Photo(np.full((*shape, 3), value, np.uint8), np.ones(shape, bool), camera)
 
 
-def atlas_of(*photos: Photo, rows: int = 256, labels: LabelCodes | None = None) -> PhotoAtlas:
-    return PhotoAtlas(
-        Session(tuple(SessionImage(p, Pose(np.eye(3), np.zeros(3))) for p in photos)), rows, labels, "cpu"
-    )
+def atlas_of(*photos: Photo, labels: LabelCodes | None = None) -> PhotoAtlas:
+    """Return photos that look the same way."""
+    here = Pose(np.eye(3), np.zeros(3))
+    return PhotoAtlas(Session(tuple(SessionImage(each, here) for each in photos)), 256, labels, "cpu")
 
 
-def sampled(atlas: PhotoAtlas, rows: int, azimuth: np.ndarray, elevation: np.ndarray, photo: int = 0) -> np.ndarray:
-    """Return the planes (10, N) that a photo has at directions in its own axes, radians."""
-    windows = atlas.windows(rows)
+def sampled(
+    windows: PhotoWindows, color: torch.Tensor, azimuth: np.ndarray, elevation: np.ndarray, photo: int = 0
+) -> np.ndarray:
+    """Return the planes (10, N) that a photo has, in some colours, at directions in its own axes, radians."""
     ahead, up = (torch.from_numpy(angle).float()[None] for angle in (azimuth, elevation))
-    which = torch.full((1, len(azimuth)), photo)
-    return windows.level(windows.color).sample(ahead, up, which)[0].numpy()
+    return windows.level(color).sample(ahead, up, torch.full((1, len(azimuth)), photo))[0].numpy()
+
+
+def painted_in(windows: PhotoWindows, painted: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> torch.Tensor:
+    """Return colours that are a function of azimuth and elevation."""
+    x, y, z = windows.direction.double().numpy()
+    return torch.from_numpy(painted(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))).float()
 
 
 def directions_within(azimuth_deg: float, elevation_deg: float, count: int = 500) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +62,8 @@ def directions_within(azimuth_deg: float, elevation_deg: float, count: int = 500
 @pytest.mark.parametrize("photo", [0, 1])
 def test_a_photo_shows_a_direction_in_the_colour_of_the_pixel_that_its_camera_projects_it_to(photo: int) -> None:
     azimuth, elevation = directions_within(30.0, 20.0)
-    found = sampled(atlas_of(ramp(CAMERA), ramp(FISHEYE)), 256, azimuth, elevation, photo)
+    windows = atlas_of(ramp(CAMERA), ramp(FISHEYE)).windows(256)
+    found = sampled(windows, windows.color, azimuth, elevation, photo)
     if photo == 0:
         u = 320 - CAMERA.fx_px * np.tan(azimuth)
         v = 240 - CAMERA.fy_px * np.tan(elevation) / np.cos(azimuth)
@@ -71,7 +80,8 @@ def test_a_photo_shows_a_direction_in_the_colour_of_the_pixel_that_its_camera_pr
 def test_what_a_photo_does_not_show_is_not_valid() -> None:
     azimuth = np.radians([33.0, 36.0, -33.0, -36.0, 0.0, 0.0, 0.0, 0.0, 179.0, -179.0, 0.0, 90.0])
     elevation = np.radians([0.0, 0.0, 0.0, 0.0, 25.5, 29.0, -25.5, -29.0, 0.0, 0.0, 89.9, -89.9])
-    found = sampled(atlas_of(ramp(CAMERA)), 256, azimuth, elevation)[9] > 0.99
+    windows = atlas_of(ramp(CAMERA)).windows(256)
+    found = sampled(windows, windows.color, azimuth, elevation)[9] > 0.99
     assert found.tolist() == [True, False] * 4 + [False] * 4
 
 
@@ -94,13 +104,9 @@ def test_derivatives_are_those_of_the_colours_by_azimuth_and_elevation(rows: int
     def painted(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
         return np.stack((np.sin(2 * azimuth + elevation), np.cos(3 * elevation), azimuth * elevation))
 
-    atlas = atlas_of(plain(FISHEYE), plain(CAMERA))
-    windows = atlas.windows(rows)
-    x, y, z = windows.direction.double().numpy()
-    level = windows.level(torch.from_numpy(painted(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))).float())
+    windows = atlas_of(plain(FISHEYE), plain(CAMERA)).windows(rows)
     azimuth, elevation = directions_within(25.0, 18.0)
-    ahead, up = (torch.from_numpy(angle).float()[None] for angle in (azimuth, elevation))
-    found = level.sample(ahead, up, torch.ones((1, len(azimuth)), dtype=torch.int64))[0].numpy()
+    found = sampled(windows, painted_in(windows, painted), azimuth, elevation, 1)
     h, pixel = 1e-5, math.pi / rows
     by_azimuth = (painted(azimuth + h, elevation) - painted(azimuth - h, elevation)) / (2 * h)
     by_elevation = (painted(azimuth, elevation + h) - painted(azimuth, elevation - h)) / (2 * h)
@@ -115,12 +121,9 @@ def test_a_full_turn_goes_on_across_its_seam() -> None:
 
     sphere = Panorama(np.full((64, 128, 3), 90, np.uint8), np.ones((64, 128), bool))
     windows = atlas_of(Photo.of_panorama(sphere), plain(CAMERA)).windows(64)
-    x, y, z = windows.direction.double().numpy()
-    level = windows.level(torch.from_numpy(painted(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))).float())
     azimuth = np.radians(np.array([180, 179.5, 178.6, 177, 160, 0, -160, -177, -178.6, -179.5, -180], float))
     elevation = np.linspace(-0.6, 0.6, len(azimuth))
-    ahead, up = (torch.from_numpy(angle).float()[None] for angle in (azimuth, elevation))
-    found = level.sample(ahead, up, torch.zeros((1, len(azimuth)), dtype=torch.int64))[0].numpy()
+    found = sampled(windows, painted_in(windows, painted), azimuth, elevation)
     assert (found[9] > 0.99).all()
     np.testing.assert_allclose(found[:3], painted(azimuth, elevation), atol=0.01)
     by_azimuth = np.stack((np.cos(azimuth), -2 * np.sin(2 * azimuth), np.zeros_like(azimuth)))
@@ -146,8 +149,7 @@ def test_labels_are_those_of_the_nearest_pixels_and_never_mixed() -> None:
 
 @pytest.mark.parametrize("kept", ["four pixels of ten", "every eighth column", "one pixel"])
 def test_a_mask_that_leaves_no_region_is_refused_with_what_to_do(kept: str) -> None:
-    photo = plain(CAMERA)
-    valid = np.zeros_like(photo.valid)
+    photo, valid = plain(CAMERA), np.zeros((480, 640), bool)
     if kept == "four pixels of ten":
         valid = np.random.default_rng(0).uniform(size=valid.shape) < 0.4
     elif kept == "every eighth column":

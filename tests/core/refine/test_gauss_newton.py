@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from panoloc.core.config import StepConfig
-from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
 from panoloc.core.panorama.image_level import ImageLevel, prepare_level
 from panoloc.core.refine.gauss_newton import (
@@ -18,6 +17,7 @@ from panoloc.core.refine.gauss_newton import (
     normal_equations,
 )
 from panoloc.core.refine.point_sampling import sample_points
+from tests.core.refine.painted_scene import at_distances, painted, painted_sphere
 
 HEIGHT = 64
 RULES = StepConfig()
@@ -25,17 +25,10 @@ ROTATION = uniform_rotations(9)[5]
 POSITION = torch.tensor([0.4, -0.2, 1.1])
 
 
-def painted(directions: torch.Tensor) -> torch.Tensor:
-    x, y, z = directions.unbind(-1)
-    return 0.5 + 0.3 * torch.stack(((3 * x + 2 * y).sin(), (4 * y - z).sin(), (3 * z + x).cos()), dim=-1)
-
-
 def scene(count: int = 401) -> tuple[ImageLevel, PointPlanes]:
     """Return a painted sphere as seen from ROTATION and POSITION, and points that it shows, in their own colours."""
-    image = painted(pixel_directions(HEIGHT, 2 * HEIGHT)).permute(2, 0, 1).contiguous()
-    directions = even_directions(count)
-    distance = 1 + 3 * torch.rand((count, 1), generator=torch.Generator().manual_seed(1))
-    place = POSITION + distance * directions @ ROTATION.T
+    image, directions = painted_sphere(HEIGHT), even_directions(count)
+    place = POSITION + at_distances(directions) @ ROTATION.T
     points = PointPlanes(place.T[None].contiguous(), painted(directions).T[None].contiguous(), torch.ones((1, count)))
     return prepare_level(image, torch.ones(image.shape[1:])), points
 

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixels_towards, project
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.light.local_contrast import local_contrast
 from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.session import session_from_rig
 from panoloc.core.refine.photo_points import (
     look_directions,
     photos_showing,
@@ -20,67 +17,58 @@ from panoloc.core.refine.photo_points import (
     views_from_starts,
 )
 from panoloc.core.views.photo_comparison import RigView
-from tests.core.built_maps import BOX
-from tests.core.painted_box import rotation_of
-from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
+from tests.core.built_maps import BOX, map_of, tensors_of
+from tests.core.found_pose import known
+from tests.core.panorama.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
 
-MAP_FROM_SESSION = Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2]))
-SESSION = session_of(BOX, MAP_FROM_SESSION, TWO, (UPRIGHT, SIDEWAYS))
-RIG = MAP_FROM_SESSION.after(session_from_rig(SESSION))
-POSE = torch.from_numpy(RIG.rotation).float()[None], torch.from_numpy(RIG.position).float()[None]
+SESSION = session_of(TWO)
+RIG = rig_pose(SESSION)
+POSE = tensors_of(RIG)
 HEIGHT = 64
+ATLAS = PhotoAtlas(SESSION, 256, None, "cpu")
 
 
-@pytest.fixture(scope="module")
-def atlas() -> PhotoAtlas:
-    return PhotoAtlas(SESSION, 256, None, "cpu")
-
-
-def test_each_point_is_looked_up_in_the_photo_whose_middle_is_nearest_to_it(atlas: PhotoAtlas) -> None:
+def test_each_point_is_looked_up_in_the_photo_whose_middle_is_nearest_to_it() -> None:
     towards = np.random.default_rng(0).normal(size=(200, 3))
     points = BOX.points_along(RIG.position, towards)
     of_angle = []
-    for pose, cone in zip(TWO, atlas.cones.tolist(), strict=True):
+    for pose, cone in zip(TWO, ATLAS.cones.tolist(), strict=True):
         camera = MAP_FROM_SESSION.after(pose)
         seen = (points - camera.position) @ camera.rotation
         of_angle.append(np.arccos(seen[:, 0] / np.linalg.norm(seen, axis=1)) / cone)
-    found = photos_showing(atlas, torch.from_numpy(points).float()[None], *POSE)
-    assert found is not None
+    found = known(photos_showing(ATLAS, torch.from_numpy(points).float()[None], *POSE))
     np.testing.assert_array_equal(found[0].numpy(), np.argmin(of_angle, axis=0))
 
 
-def test_points_of_a_start_are_those_of_its_view_in_its_colours(atlas: PhotoAtlas, box_index: MapIndex) -> None:
+def test_points_of_a_start_are_those_of_its_view_in_its_colours() -> None:
     starts, rows = torch.tensor([5, 9]), torch.tensor([1])
-    look = look_directions(atlas, 300, 5.0)
-    views = views_from_starts(box_index, starts, HEIGHT)
+    look = look_directions(ATLAS, 300, 5.0)
+    views = views_from_starts(map_of(BOX), starts, HEIGHT)
     found = points_seen_in_starts(
-        atlas, box_index.render_cloud, views, rows, POSE[0], box_index.starts[starts[rows]], look, False, None
+        ATLAS, map_of(BOX).render_cloud, views, rows, POSE[0], map_of(BOX).starts[starts[rows]], look, False, None
     )
     seen = found.weights[0] > 0
     assert float(seen.float().mean()) > 0.3
-    relative = found.positions[0][seen] - box_index.starts[starts[1]]
+    relative = found.positions[0][seen] - map_of(BOX).starts[starts[1]]
     along = look.directions[seen] @ POSE[0][0].T
     for here, there in zip(project(relative, HEIGHT, 2 * HEIGHT), project(along, HEIGHT, 2 * HEIGHT), strict=True):
         assert torch.equal(here.long(), there.long())
     paint = torch.from_numpy(BOX.color_at(found.positions[0][seen].double().numpy())).float() / 255
     assert float((found.colors[0][seen] - paint).abs().mean()) < 0.05
     # Of half the resolution, with nothing but contrast.
-    start = POSE[0], box_index.starts[starts[rows]], look
-    half = points_seen_in_starts(atlas, box_index.render_cloud, views, rows, *start, True, 1.0)
+    start = POSE[0], map_of(BOX).starts[starts[rows]], look
+    half = points_seen_in_starts(ATLAS, map_of(BOX).render_cloud, views, rows, *start, True, 1.0)
     pixel = pixels_towards(look.directions @ POSE[0][0].T, HEIGHT // 2)
     torch.testing.assert_close(half.colors[0], views.contrast[0][1, pixel])
 
 
 @pytest.mark.parametrize("share", [None, 0.7])
-def test_points_of_a_pose_have_the_colours_that_were_compared_mixed_with_contrast(
-    atlas: PhotoAtlas, box_index: MapIndex, share: float | None
-) -> None:
-    view, look = RigView(atlas, 8.0), look_directions(atlas, 300, 0.0)
-    compared = view.compare(box_index.render_cloud, *POSE, HEIGHT, is_labels=False)
+def test_points_of_a_pose_have_the_colours_that_were_compared_mixed_with_contrast(share: float | None) -> None:
+    view, look = RigView(ATLAS, 8.0), look_directions(ATLAS, 300, 0.0)
+    compared = view.compare(map_of(BOX).render_cloud, *POSE, HEIGHT, is_labels=False)
     extra = torch.full_like(compared.weights, 0.25)
-    found = points_seen_by_photos(view, box_index.render_cloud, compared, *POSE, look, share, extra, 15.0)
-    assert found.patches is not None
-    assert bool((found.patches.diff() >= 0).all())
+    found = points_seen_by_photos(view, map_of(BOX).render_cloud, compared, *POSE, look, share, extra, 15.0)
+    assert bool((known(found.patches).diff() >= 0).all())
     seen = found.weights[0] > 0
     assert set(found.weights[0].tolist()) <= {0.0, 0.25}
     towards = torch.nn.functional.normalize(found.positions[0][seen] - POSE[1], dim=-1) @ POSE[0][0]

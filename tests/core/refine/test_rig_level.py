@@ -17,6 +17,7 @@ from panoloc.core.panorama.session import Photo, Session, SessionImage
 from panoloc.core.refine.point_sampling import sample_points
 from panoloc.core.refine.rig_level import RigLevel
 from tests.core.painted_box import rotation_of
+from tests.core.refine.painted_scene import at_distances
 
 POSES = (
     Pose(rotation_of(20.0, 10.0, 30.0), np.array([0.3, 0.1, -0.1])),
@@ -129,8 +130,7 @@ def test_a_sphere_as_a_photo_is_sampled_as_a_panorama_is() -> None:
     level = RigLevel(windows.level(color), atlas.rotations, atlas.centers)
     directions = even_directions(900)
     directions = directions[directions[:, 2].abs() < 0.99]
-    distance = 1 + 3 * torch.rand((len(directions), 1), generator=torch.Generator().manual_seed(1))
-    place = (POSITION + distance * directions @ ROTATION.T).T[None].contiguous()
+    place = (POSITION + at_distances(directions) @ ROTATION.T).T[None].contiguous()
     expected, all_inside = sample_points(panorama, place, ROTATION[None], POSITION[None])
     for photos in (None, torch.zeros((1, len(directions)), dtype=torch.int64)):
         found, inside = level.sample_points(place, photos, ROTATION[None], POSITION[None])

@@ -6,11 +6,12 @@ import pytest
 import torch
 
 from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
-from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
-from panoloc.core.panorama.image_level import ImageLevel, prepare_level
+from panoloc.core.panorama.image_level import prepare_level
 from panoloc.core.refine.gauss_newton import PoseStep, gauss_newton_step, initial_history
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
+from tests.core.found_pose import known
+from tests.core.refine.painted_scene import painted, painted_sphere
 
 HEIGHT, COUNT = 32, 150
 CONFIG = StepConfig()
@@ -19,15 +20,7 @@ TURNS = torch.tensor([[0.05, -0.02, 0.03], [-0.04, 0.05, 0.0], [0.001, 0.0, 0.0]
 MOVES = torch.tensor([[0.1, 0.05, 0.0], [-0.1, 0.0, 0.08], [0.001, 0.0, -0.001], [0.5, 0.6, -0.4]])
 
 
-def painted(directions: torch.Tensor) -> torch.Tensor:
-    x, y, z = directions.unbind(-1)
-    return 0.5 + 0.3 * torch.stack(((3 * x + 2 * y).sin(), (4 * y - z).sin(), (3 * z + x).cos()), dim=-1)
-
-
-@pytest.fixture(scope="module")
-def level() -> ImageLevel:
-    image = painted(pixel_directions(HEIGHT, 2 * HEIGHT)).permute(2, 0, 1).contiguous()
-    return prepare_level(image, torch.ones(image.shape[1:]))
+LEVEL = prepare_level(painted_sphere(HEIGHT), torch.ones((HEIGHT, 2 * HEIGHT)))
 
 
 def candidates() -> tuple[CandidatePoints, torch.Tensor, torch.Tensor]:
@@ -53,9 +46,9 @@ class Alone:
         self.num_steps = 0
         self.last: PoseStep | None = None
 
-    def step(self, level: ImageLevel, relaxed: bool) -> None:
+    def step(self, relaxed: bool) -> None:
         self.last = gauss_newton_step(
-            level, self.points, self.rotation, self.position, self.weights, self.history, CONFIG, relaxed
+            LEVEL, self.points, self.rotation, self.position, self.weights, self.history, CONFIG, relaxed
         )
         self.rotation, self.position = self.last.rotations, self.last.positions
         self.weights, self.history = self.last.weights, self.last.history
@@ -63,18 +56,17 @@ class Alone:
 
     @property
     def loss(self) -> float:
-        assert self.last is not None
-        return float(self.last.loss)
+        return float(known(self.last).loss)
 
 
-def one_by_one(level: ImageLevel, iterations: int, stop: StoppingRule, groups: list[int] | None) -> list[Alone]:
+def one_by_one(iterations: int, stop: StoppingRule, groups: list[int] | None) -> list[Alone]:
     """Refine all candidates as the rule says: after every `interval` steps the worse of two near ones goes, then those rest that
     hardly moved."""
     left = [Alone(number) for number in range(4)]
     resting: list[Alone] = []
     for done in range(1, iterations + 1):
         for each in left:
-            each.step(level, relaxed=done < iterations)
+            each.step(relaxed=done < iterations)
         if done % stop.interval or done == iterations:
             continue
         if stop.merge is not None:
@@ -125,25 +117,23 @@ STOPS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STOPS)
 @pytest.mark.parametrize("groups", [None, [0, 1, 0, 1]], ids=["one map", "two maps"])
-def test_candidates_stop_and_merge_as_if_each_went_alone(
-    level: ImageLevel, name: str, groups: list[int] | None
-) -> None:
+def test_candidates_stop_and_merge_as_if_each_went_alone(name: str, groups: list[int] | None) -> None:
     points, rotations, positions = candidates()
     of = None if groups is None else torch.tensor(groups)
-    found = refine(level, points, rotations, positions, 8, CONFIG, STOPS[name], of)
-    assert_same(found, one_by_one(level, 8, STOPS[name], groups))
+    found = refine(LEVEL, points, rotations, positions, 8, CONFIG, STOPS[name], of)
+    assert_same(found, one_by_one(8, STOPS[name], groups))
 
 
 @pytest.mark.parametrize("iterations", [1, 4, 5])
-def test_without_a_rule_all_steps_are_taken(level: ImageLevel, iterations: int) -> None:
+def test_without_a_rule_all_steps_are_taken(iterations: int) -> None:
     points, rotations, positions = candidates()
-    found = refine(level, points, rotations, positions, iterations, CONFIG)
-    assert_same(found, one_by_one(level, iterations, StoppingRule(0.0, 0.0, interval=99), None))
+    found = refine(LEVEL, points, rotations, positions, iterations, CONFIG)
+    assert_same(found, one_by_one(iterations, StoppingRule(0.0, 0.0, interval=99), None))
 
 
-def test_no_step_leaves_the_poses_as_they_are(level: ImageLevel) -> None:
+def test_no_step_leaves_the_poses_as_they_are() -> None:
     points, rotations, positions = candidates()
-    found = refine(level, points, rotations, positions, 0, CONFIG)
+    found = refine(LEVEL, points, rotations, positions, 0, CONFIG)
     assert torch.equal(found.rotations, rotations)
     assert torch.equal(found.positions, positions)
     assert found.steps.tolist() == [0] * 4

@@ -4,75 +4,48 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import torch
 
 from panoloc.core.config import JudgeConfig
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.judge.agreement import agreement
 from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.session import Session, SessionImage
+from panoloc.core.panorama.session import Session
 from panoloc.core.views.comparison import Comparison
 from panoloc.core.views.photo_comparison import RigView
 from panoloc.core.views.synthetic_view import render_parts
-from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import SIDEWAYS, TWO, UPRIGHT, session_of
+from tests.core.built_maps import BOX, map_of, tensors_of
+from tests.core.found_pose import known
+from tests.core.panorama.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, UPRIGHT, rig_pose, session_of
 
 HEIGHT = 128
 CAMERAS = (UPRIGHT, SIDEWAYS)
-MAP_FROM_SESSION = Pose(rotation_of(40.0), np.array([0.4, -0.1, 1.2]))
-MAP_FROM_RIG = Pose(
-    MAP_FROM_SESSION.rotation,
-    MAP_FROM_SESSION.after(Pose(np.eye(3), np.mean([p.position for p in TWO], axis=0))).position,
-)
+SESSION = session_of(TWO)
+RIG = rig_pose(SESSION)
 
 
-@pytest.fixture(scope="module")
-def session(box: PaintedBox) -> Session:
-    return session_of(box, MAP_FROM_SESSION, TWO, CAMERAS)
+def view_of(session: Session = SESSION) -> RigView:
+    return RigView(PhotoAtlas(session, 512, None, "cpu"), 8.0)
 
 
-def compared(session: Session, index: MapIndex, pose: Pose = MAP_FROM_RIG) -> Comparison:
-    return view_of(session).compare(index.render_cloud, *tensors_of(pose), HEIGHT, is_labels=False)
+def compared(session: Session = SESSION) -> Comparison:
+    return view_of(session).compare(map_of(BOX).render_cloud, *tensors_of(RIG), HEIGHT, is_labels=False)
 
 
-def view_of(session: Session, margin_deg: float = 8.0) -> RigView:
-    return RigView(PhotoAtlas(session, 512, None, "cpu"), margin_deg)
-
-
-def tensors_of(pose: Pose) -> tuple[torch.Tensor, torch.Tensor]:
-    return torch.from_numpy(pose.rotation).float()[None], torch.from_numpy(pose.position).float()[None]
-
-
-def test_at_the_true_pose_scan_and_photos_show_the_same_in_spite_of_parallax(
-    session: Session, box_index: MapIndex
-) -> None:
-    right = agreement(compared(session, box_index), JudgeConfig())
-    assert float(right.correlation) > 0.95
+def test_at_the_true_pose_scan_and_photos_show_the_same_in_spite_of_parallax() -> None:
+    assert float(agreement(compared(), JudgeConfig()).correlation) > 0.95
     # Cameras that stood where they did not: parallax counts.
-    wrong = Session(
-        tuple(
-            SessionImage(image.photo, Pose(image.session_from_camera.rotation, TWO[0].position))
-            for image in session.images
-        )
-    )
-    assert float(agreement(compared(wrong, box_index), JudgeConfig()).correlation) < 0.85
+    places = (Pose(pose.rotation, TWO[0].position) for pose in TWO)
+    images = (replace(image, session_from_camera=pose) for image, pose in zip(SESSION.images, places, strict=True))
+    assert float(agreement(compared(Session(tuple(images))), JudgeConfig()).correlation) < 0.85
 
 
-def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest(
-    session: Session, box_index: MapIndex, box: PaintedBox
-) -> None:
-    found = compared(session, box_index)
-    assert found.photo is not None
+def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest() -> None:
+    found = compared()
     directions = found.views.window.directions(torch.device("cpu")) @ found.views.map_from_view[0].T
-    rays = directions.double().numpy()
-    size = np.array(box.size_m)
-    with np.errstate(divide="ignore"):
-        steps = (np.where(rays > 0, size, 0.0) - MAP_FROM_RIG.position) / rays
-    points = MAP_FROM_RIG.position + rays * np.where(rays == 0, np.inf, steps).min(axis=1)[:, None]
+    points = BOX.points_along(RIG.position, directions.double().numpy())
     best, expected = np.full(len(points), -np.inf), np.full(len(points), -1)
     for number, (camera, pose) in enumerate(zip(CAMERAS, TWO, strict=True)):
         map_from_camera = MAP_FROM_SESSION.after(pose)
@@ -84,25 +57,24 @@ def test_each_pixel_is_compared_with_the_photo_whose_middle_is_nearest(
         ahead = x / np.sqrt(x * x + y * y + z * z)
         better = shown & (ahead > best)
         best[better], expected[better] = ahead[better], number
-    numbers = found.photo[0].numpy()
+    numbers = known(found.photo)[0].numpy()
     assert set(np.unique(expected)) == {-1, 0, 1}
     assert (numbers == expected).mean() > 0.985  # the rest lies at edges
     for number in (0, 1):
         assert (numbers[expected == number] == number).mean() > 0.9
-    assert bool((found.weights[0][found.photo[0] < 0] == 0).all())
+    assert bool((found.weights[0][known(found.photo)[0] < 0] == 0).all())
 
 
-def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_show(
-    session: Session, box_index: MapIndex
-) -> None:
-    view, (rotations, positions) = view_of(session), tensors_of(MAP_FROM_RIG)
+def test_the_part_that_is_drawn_is_that_of_the_whole_view_and_all_that_photos_show() -> None:
+    view, (rotations, positions) = view_of(), tensors_of(RIG)
+    cloud = map_of(BOX).render_cloud
     parts = view.parts(rotations, HEIGHT)
     assert 0.1 < parts.window.height * parts.window.width / (2 * HEIGHT**2) < 0.7
     everything = replace(
         parts, window=SphereWindow.of_sphere(HEIGHT), half_angles=torch.full_like(parts.half_angles, 4.0)
     )
-    whole = render_parts(box_index.render_cloud, positions, everything)
-    drawn = render_parts(box_index.render_cloud, positions, parts).on_sphere()
+    whole = render_parts(cloud, positions, everything)
+    drawn = render_parts(cloud, positions, parts).on_sphere()
     inside = SphereWindow.on_sphere(parts.window, torch.ones(1, parts.window.height * parts.window.width))[0] > 0
     inside = inside.view(HEIGHT, 2 * HEIGHT)
     directions = pixel_directions(HEIGHT, 2 * HEIGHT) @ view.rig_from_view.T

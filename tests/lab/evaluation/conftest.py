@@ -8,10 +8,10 @@ import torch
 
 from panoloc.core.geometry.pose import Pose
 from panoloc.lab.rooms import PosedPanorama, write_case_folder
-from tests.core.conftest import box, box_index, box_panorama, box_pose, localizer
+from tests.core.conftest import box, box_index, box_pose
 from tests.core.painted_box import PaintedBox, rotation_of
 
-__all__ = ["box", "box_index", "box_panorama", "box_pose", "localizer"]
+__all__ = ["box", "box_index", "box_pose"]
 
 torch.set_num_threads(1)
 
