@@ -145,12 +145,17 @@ def query(url: str) -> httpx.Response:
 def test_half_open_uploads_hold_no_more_memory_than_allowed(listen: Listen, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(capacity, "_LARGEST_IMAGES_OF_CALLER", 1)
     with listen(max_image_bytes=3_000_000) as url:
-        with connected(url, half_a_query(2_000_000)):
-            assert eventually(lambda: query(url).status_code == 503)
-            refused = query(url)
-            assert refused.json()["type"] == "/problems/bytes-in-flight"
-            assert "PANOLOC_MAX_IMAGE_BYTES" in refused.json()["detail"]
-        assert refusals(url, "bytes-in-flight") >= 2
+
+        def beside_half_a_query() -> httpx.Response:
+            """Return the answer to a query; where its bytes came first, the half one was refused in its place."""
+            with connected(url, half_a_query(2_000_000)):
+                return query(url)
+
+        answers = (beside_half_a_query() for _ in range(100))
+        refused = next(answer for answer in answers if answer.status_code == 503)
+        assert refused.json()["type"] == "/problems/bytes-in-flight"
+        assert "PANOLOC_MAX_IMAGE_BYTES" in refused.json()["detail"]
+        assert refusals(url, "bytes-in-flight") >= 1
         # What was held is free as soon as the service has seen that the first client has gone.
         assert eventually(lambda: query(url).status_code == 415)
 
