@@ -138,6 +138,7 @@ def test_a_damaged_mesh_is_refused_or_still_a_mesh(name: str, edits: list[tuple[
                 pass
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(data=st.binary(max_size=300), name=st.sampled_from(["scan.ply", "scan.pcd", "scan.laz", "scan.xyz", "scan"]))
 def test_random_bytes_are_refused(data: bytes, name: str) -> None:

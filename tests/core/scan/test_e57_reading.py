@@ -166,6 +166,7 @@ def test_the_parser_refuses_xml_entities_and_damage(tmp_path: Path, name: str, x
         read_scan(path)
 
 
+@pytest.mark.slow
 def test_the_sandbox_stops_nodes_that_take_too_long_to_compare(tmp_path: Path) -> None:
     # libE57 compares each node with all before it: 20,000 take 4 s, 60,000 take 37 s of the 900 that a reader has.
     path = tmp_path / "scan.e57"

@@ -160,6 +160,7 @@ def test_half_open_uploads_hold_no_more_memory_than_allowed(listen: Listen, monk
         assert eventually(lambda: query(url).status_code == 415)
 
 
+@pytest.mark.slow
 def test_a_caller_who_does_not_read_is_cut_off(
     tmp_path: Path, redis_server: EmbeddedRedis, impatient: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,6 +175,7 @@ def test_a_caller_who_does_not_read_is_cut_off(
         assert eventually(lambda: not running.server_state.connections)
 
 
+@pytest.mark.slow
 def test_whoever_reads_and_sends_as_usual_is_not_disturbed(listen: Listen, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pauses between requests count for nothing."""
     monkeypatch.setattr(slow_clients, "TIMEOUT_S", 0.2)

@@ -58,6 +58,7 @@ async def taken(locks: Locks, name: str = "map-a") -> HeldLock:
     return lock
 
 
+@pytest.mark.slow
 async def test_a_lock_has_one_holder_for_as_long_as_it_is_held(
     both: Both, redis_client: "redis.Redis", tmp_path: Path
 ) -> None:
