@@ -32,6 +32,10 @@ from panoloc.core.views.comparison import Comparison
 _HINTS_MAY_BE_WRONG = (
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"
 )
+_PANORAMA_MAY_BE_WRONG = (
+    "no pose fits the panorama well enough; if it shows this place, much of what it shows has changed, or it is no full sphere: "
+    "describe a crop or a stretched image in cameras"
+)
 _CAMERA_MAY_BE_WRONG = (
     "no pose fits the photo well enough; if it shows this place, much of what it shows has changed, or its field of view is not as given "
     "(a crop, a zoom): let it be searched with hfov_range_deg"
@@ -207,7 +211,9 @@ class Localizer:
 def why_nothing_fits(query: Panorama | Session, hints: Hints | None, was_searched: bool) -> tuple[str, ...]:
     """Say what may be wrong with a query that no pose fits well. was_searched: whether its field of view was."""
     reasons = [] if hints is None else [_HINTS_MAY_BE_WRONG]
-    if isinstance(query, Session) and not was_searched:
+    if isinstance(query, Panorama):
+        reasons.append(_PANORAMA_MAY_BE_WRONG)
+    elif not was_searched:
         reasons.append(_CAMERA_MAY_BE_WRONG if len(query.images) == 1 else _CAMERAS_MAY_BE_WRONG)
     return tuple(reasons)
 

@@ -96,5 +96,6 @@ def _why_not(exporter: Exporter, photo: PlacedPhoto) -> str | None:
     if not photo.name.isprintable():
         return "its name has control characters; rename it"
     if exporter.spheres_only and not photo.is_sphere:
-        return "placed, but this format holds only full panoramas"
+        of_photos = ", ".join(name for name, each in EXPORTERS.items() if not each.spheres_only)
+        return f"placed, but this format holds only full panoramas; formats of photos as well: {of_photos}"
     return None if exporter.why_not is None else exporter.why_not(photo)

@@ -83,7 +83,8 @@ class ScanCollector:
             system = coordinate_system(context.coordinate_system)
             if abs(system.metres_per_unit / metres - 1) > _UNIT_TOLERANCE:
                 raise OptionsError(
-                    f"its unit is {system.metres_per_unit:.7g} m, but the given unit is {context.options.unit}"
+                    f"its unit is {system.metres_per_unit:.7g} m, but the given unit is {context.options.unit}; register the scan "
+                    "again with the unit of its coordinates"
                 )
             east, north, height = ((self._lowest + self._highest) / 2).tolist()
             place = system.place((east, north, height))

@@ -14,6 +14,7 @@ from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.localizer import Localizer, why_nothing_fits
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints
+from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.panorama.photo import photo_on_sphere
 from panoloc.core.panorama.session import Session, SessionImage
 from panoloc.core.results import Localization
@@ -205,4 +206,6 @@ def test_what_fits_nowhere_is_said_with_what_may_be_wrong() -> None:
     assert "hfov_range_deg" in of_one
     assert "session_from_camera" in of_several
     assert len(why_nothing_fits(one, Hints(upright=True), False)) == 2
+    (of_panorama,) = why_nothing_fits(Panorama(np.zeros((2, 4, 3), np.uint8), np.ones((2, 4), np.bool_)), None, False)
+    assert "full sphere" in of_panorama
     assert why_nothing_fits(one, None, True) == ()  # its field of view was searched already

@@ -38,7 +38,7 @@ from panoloc.service.cli.query_options import (
     check_map_choice,
 )
 from panoloc.service.cli.session import DEFAULT_URL, JsonOption, Session, UrlOption
-from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient
+from panoloc.service.client import ApiProblemError, JsonObject, PanolocClient, UnreachableError
 from panoloc.service.jobs import QueryOptions, Result
 
 # Statuses about the key or the map: every other photo would fail in the same way.
@@ -169,7 +169,7 @@ class _Placing:
             try:
                 for future in as_completed(running):
                     yield running[future], future.result()
-            except KeyboardInterrupt:
+            except (KeyboardInterrupt, UnreachableError):
                 self.session.messages.print("stops after the photos in progress; run again to resume")
                 raise
             finally:
