@@ -41,7 +41,7 @@ def run_service(settings: Settings) -> int:
         _log.warning(exposure)
     if settings.keys.file.is_lost:
         _log.warning(
-            "the key file is missing, so none of its keys is asked for; restore it, or make keys with `panoloc keys make`",
+            "the key file is missing, so the service asks for none of its keys; restore it, or make keys with `panoloc keys make`",
             extra={"path": str(settings.keys.file.path.resolve())},
         )
     if not can_filter_system_calls():

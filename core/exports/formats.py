@@ -8,8 +8,8 @@ from typing import Literal
 from panoloc.core.errors import ExportRefusedError
 from panoloc.core.exports import colmap, e57, earth, gpano, reconstruction, robots, viewers
 from panoloc.core.exports.tour import ExportedFile, LeftOut, PlacedPhoto, Tour
+from panoloc.core.file_names import display_name
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
-from panoloc.core.shown_name import shown_name
 
 North = Literal["map", "grid", "true"]
 
@@ -62,7 +62,7 @@ def export(format_name: ExportFormat, tour: Tour) -> Iterator[ExportedFile]:
         )
     held = _held(exporter, tour)
     yield from exporter.write(held)
-    lines = "".join(f"{shown_name(each.name)}\t{each.reason}\n" for each in held.left_out)
+    lines = "".join(f"{display_name(each.name)}\t{each.reason}\n" for each in held.left_out)
     yield ExportedFile("unplaced.txt", lines.encode(errors="surrogateescape"))
     summary = {
         "format": format_name,

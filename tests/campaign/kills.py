@@ -12,7 +12,7 @@ from pathlib import Path
 from panoloc.lab.process_memory import command_of
 from tests.campaign.clients import Answers, Clients, Reader
 from tests.campaign.outcome import Outcome, quantile
-from tests.campaign.running import PATIENCE_S, ready_service, tell
+from tests.campaign.running import MAX_WAIT_S, ready_service, tell
 from tests.integration.proxy import proxy_before
 from tests.integration.ray_cluster import RayClusterOfOthers, start_workers
 from tests.integration.real_redis import RealRedis
@@ -39,7 +39,7 @@ def process_kills(process: str, times: int, num_clients: int = 4) -> Outcome:
                 os.kill(pid, signal.SIGKILL)
 
         def wait_for_next(_: int) -> None:
-            assert eventually(lambda: bool(pids()), PATIENCE_S)
+            assert eventually(lambda: bool(pids()), MAX_WAIT_S)
 
         try:
             clients = Clients(str(service.http.base_url), map_id, num_clients)
@@ -132,9 +132,9 @@ def node_killed(num_queries: int = 200, num_clients: int = 4) -> Outcome:
         replicas = [RunningService(data, **settings) for _ in range(2)]
         try:
             for replica in replicas:
-                replica.wait_until_ready(PATIENCE_S)
+                replica.wait_until_ready(MAX_WAIT_S)
             map_id = replicas[0].register(small_room().scan, OPTIONS)
-            assert eventually(lambda: all(each.map(map_id).get("status") == "ready" for each in replicas), PATIENCE_S)
+            assert eventually(lambda: all(each.map(map_id).get("status") == "ready" for each in replicas), MAX_WAIT_S)
             began, answers, lock = time.monotonic(), Answers(), threading.Lock()
 
             def ask(number: int) -> None:
@@ -175,7 +175,7 @@ def killed_again(
         for number in range(times):
             # Clients that were paused ask all at once: of that, too, the first answer takes its time.
             asked = time.monotonic()
-            assert eventually(lambda since=asked: clients.num_answered_since(since) > 2 * clients.number, PATIENCE_S)  # type: ignore[misc]
+            assert eventually(lambda since=asked: clients.num_answered_since(since) > 2 * clients.number, MAX_WAIT_S)  # type: ignore[misc]
             without_s.append(_next_answer_s(clients, lambda: None))
             back_s.append(_next_answer_s(clients, lambda: kill(number)))  # noqa: B023
             start(number)
@@ -194,5 +194,5 @@ def _next_answer_s(clients: Clients, happens: Callable[[], None]) -> float:
     """Let something happen, and return the seconds to the next answer; those that were on their way do not count."""
     began = time.monotonic()
     happens()
-    assert eventually(lambda: clients.answered_since(began + 0.2), PATIENCE_S)
+    assert eventually(lambda: clients.answered_since(began + 0.2), MAX_WAIT_S)
     return time.monotonic() - began

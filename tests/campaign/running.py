@@ -14,7 +14,7 @@ from tests.campaign.outcome import Outcome
 from tests.integration.running_service import RunningService
 from tests.integration.small_room import OPTIONS, small_room
 
-PATIENCE_S = 300.0
+MAX_WAIT_S = 300.0
 
 
 def soak(seconds: float) -> Outcome:

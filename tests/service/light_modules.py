@@ -5,12 +5,11 @@ FOR_COMMANDS = frozenset(
         "panoloc.core",
         "panoloc.core.camera",
         "panoloc.core.camera.camera",
-        "panoloc.core.distinct_names",
         "panoloc.core.errors",
+        "panoloc.core.file_names",
         "panoloc.core.options",
         "panoloc.core.panorama",
         "panoloc.core.panorama.image_header",
-        "panoloc.core.shown_name",
         "panoloc.core.zip_opening",
     }
 )

@@ -10,8 +10,8 @@ import re
 import sys
 from pathlib import Path, PurePosixPath
 
-from panoloc.core.distinct_names import distinct_names
 from panoloc.core.errors import CoreError
+from panoloc.core.file_names import distinct_names
 from panoloc.core.options import CAMERAS_FILE, ScanOptions
 from panoloc.core.scan.e57.images import E57Image, images_of
 from panoloc.core.scan.e57.reader import opened

@@ -18,8 +18,8 @@ from typing import Any
 
 import typer
 
+from panoloc.core.file_names import display_name
 from panoloc.core.options import CAMERAS_FILE
-from panoloc.core.shown_name import shown_name
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo, why_left_out
 from panoloc.service.cli.placing.placed_photos import PlacedPhotos, replace_file
@@ -147,7 +147,9 @@ class PlaceFolder:
     def write_unplaced(self, photos: Sequence[Photo]) -> Path:
         """Write the list of photos without a reliable pose, with the reasons."""
         reasons = ((photo.name, why_left_out(photo.result, None, include_ambiguous=False)) for photo in photos)
-        lines = (f"{shown_name(name)}\t{' '.join(reason.split())}\n" for name, reason in reasons if reason is not None)
+        lines = (
+            f"{display_name(name)}\t{' '.join(reason.split())}\n" for name, reason in reasons if reason is not None
+        )
         target = self.folder / "unplaced.txt"
         # File names that are not UTF-8 are written as they are.
         replace_file(target, os.fsencode("".join(lines)))

@@ -79,7 +79,13 @@ def test_an_e57_file_names_it_in_its_root(tmp_path: Path, monkeypatch: pytest.Mo
         ("PROJCS[nonsense", "m", "z", 1.0, "expected a projected coordinate system"),
         (CRS(UTM_32).to_wkt(), "m", "y", 1.0, "the given up axis"),
         (CRS(UTM_32).to_wkt(), "ft", "z", 1 / 0.3048, "its unit is 1 m, but the given unit is ft"),
-        (CRS(2263).to_wkt(), "m", "z", 1.0, "its unit is 0.3048006 m, but the given unit is m"),
+        (
+            CRS(2263).to_wkt(),
+            "m",
+            "z",
+            1.0,
+            "its unit is 0.3048006 m, but the given unit is m; register the scan again",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_said_and_the_scan_is_read(

@@ -105,3 +105,12 @@ def test_the_audit_log_is_appended_to_and_costs_no_change_where_it_cannot_be_wri
     log.path.mkdir()
     log.note("key key_1", "map deleted", "map_1", "req_2")
     assert "cannot be written" in caplog.text
+
+
+def test_a_file_that_was_taken_away_is_told_from_one_that_was_never_made(tmp_path: Path) -> None:
+    file = KeyFile(tmp_path)
+    assert not file.is_lost
+    file.make("phones", ["localize"])
+    assert not file.is_lost
+    file.path.unlink()
+    assert file.is_lost

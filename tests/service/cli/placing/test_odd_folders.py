@@ -5,8 +5,10 @@ import os
 from concurrent.futures import Future
 from pathlib import Path
 
+import httpx
 import pytest
 
+from panoloc.service.cli.exit_codes import ExitCode
 from panoloc.service.cli.placing import place as place_command
 from tests.core.exports.tours import jpeg
 from tests.service.cli.commands import Panoloc
@@ -95,6 +97,23 @@ def test_photos_of_several_cameras_have_theirs_and_an_option_goes_before(
     assert json.loads(fake.parts["options"][0])["cameras"] == [camera]
     assert place("--out", tmp_path / "other", "--hfov", "70").code == 0
     assert json.loads(fake.parts["options"][0])["cameras"] == [{"model": "pinhole", "hfov_deg": 70.0}]
+
+
+def test_a_run_whose_service_goes_away_can_be_resumed_and_says_so(
+    place: Panoloc, fake: FakeService, tmp_path: Path
+) -> None:
+    folder_of(tmp_path, "a.jpg", "b.jpg")
+
+    def gone_after_the_first(request: httpx.Request) -> None:
+        fake.down = ("POST", "/localize") in fake.requests[:-1]
+        if fake.down:
+            raise httpx.ConnectError("Connection refused", request=request)
+
+    fake.on_request = gone_after_the_first
+    outcome = place("--parallel", "1")
+    assert (outcome.code, "run again to resume" in outcome.err) == (ExitCode.UNREACHABLE, True)
+    fake.down, fake.on_request = False, lambda request: None
+    assert "1 of 2 photos are already done" in place().err
 
 
 def test_ctrl_c_keeps_what_is_under_way_and_says_so(

@@ -1,7 +1,15 @@
-"""Names of files, each once, also where systems take upper and lower case for the same."""
+"""Names of files: as people see them, and each once."""
 
 from collections.abc import Iterable
 from pathlib import PurePosixPath
+
+
+def display_name(name: str) -> str:
+    """Return the name of a file with its control characters, which steer terminals, written out: `\\x1b`.
+
+    Bytes that are no UTF-8 stay as `os.fsdecode` has them.
+    """
+    return "".join(each if each.isprintable() or "\udc80" <= each <= "\udcff" else ascii(each)[1:-1] for each in name)
 
 
 def distinct_names(given: Iterable[str]) -> list[str]:

@@ -2,8 +2,7 @@
 
 import pytest
 
-from panoloc.core.distinct_names import distinct_names
-from panoloc.core.shown_name import shown_name
+from panoloc.core.file_names import display_name, distinct_names
 
 
 @pytest.mark.parametrize(
@@ -16,7 +15,7 @@ from panoloc.core.shown_name import shown_name
     ],
 )
 def test_what_steers_a_terminal_is_written_out(name: str, shown: str) -> None:
-    assert shown_name(name) == shown
+    assert display_name(name) == shown
 
 
 def test_what_is_taken_gets_a_number_before_its_ending_that_nobody_else_has() -> None:
