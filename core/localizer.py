@@ -7,27 +7,27 @@ from typing import Any
 
 import torch
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Session, left_out, session_from_rig
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.change_maps import ChangeMaps, change_maps
+from panoloc.core.decide.confidence import error_radii, formal_radii, load_confidence_model
+from panoloc.core.decide.doubts import Doubts
+from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
+from panoloc.core.decide.photo_agreement import agreement_by_photo
+from panoloc.core.decide.verdict import verdict
 from panoloc.core.errors import OptionsError
 from panoloc.core.fast.camera_check import CheckedCameras, checked_cameras
 from panoloc.core.fast.fast_method import FastMethod
 from panoloc.core.fast.field_of_view import bound_reached, searched_range_deg, with_focal_uncertainty, with_found_camera
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.change_maps import ChangeMaps, change_maps
-from panoloc.core.judge.confidence import error_radii, formal_radii, load_confidence_model
-from panoloc.core.judge.doubts import Doubts
-from panoloc.core.judge.hypotheses import Hypothesis, MethodResult
-from panoloc.core.judge.photo_agreement import agreement_by_photo
-from panoloc.core.judge.verdict import verdict
+from panoloc.core.image.rig_on_sphere import session_on_sphere
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MAX_TOP_K, Hints, Method
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo, Session, left_out, session_from_rig
-from panoloc.core.panorama.session_sphere import session_on_sphere
 from panoloc.core.paper.paper_method import PaperMethod
+from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.core.stage_clock import StageClock
-from panoloc.core.views.comparison import Comparison
 
 _HINTS_MAY_BE_WRONG = (
     "no pose within the hints fits well enough; if the hints could be wrong, widen them or leave them out"

@@ -3,16 +3,16 @@
 import torch
 from torch import Tensor
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.config import DescriptorConfig
+from panoloc.core.features.equalization import LabelCodes
+from panoloc.core.features.local_contrast import mixed_with_contrast
 from panoloc.core.geometry.projection import wrap_border
-from panoloc.core.light.color_equalization import LabelCodes
-from panoloc.core.light.local_contrast import mixed_with_contrast
-from panoloc.core.panorama.image_level import ImageLevel, prepare_level
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
+from panoloc.core.image.image_level import ImageLevel, prepare_level
+from panoloc.core.image.pyramid import PanoramaLevel, PanoramaPyramid
+from panoloc.core.render.comparison import Comparison, compare
+from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.search.map_search import DescribedPanorama, describe_panorama
-from panoloc.core.views.comparison import Comparison, compare
-from panoloc.core.views.render_cloud import RenderCloud
 
 
 class PreparedPanorama:

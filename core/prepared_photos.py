@@ -6,16 +6,16 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from panoloc.core.camera.rig import Session
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.hypotheses import Hypothesis, stacked_poses
-from panoloc.core.light.color_equalization import LabelCodes, apply_tables
-from panoloc.core.lines.line_support import LineSupport
-from panoloc.core.lines.photo_edges import Edges, edges_of_photos
+from panoloc.core.decide.hypotheses import Hypothesis, stacked_poses
+from panoloc.core.features.equalization import LabelCodes, apply_tables
+from panoloc.core.features.line_support import LineSupport
+from panoloc.core.features.photo_edges import Edges, edges_of_photos
+from panoloc.core.image.photo_atlas import PhotoAtlas
+from panoloc.core.image.photo_colors import PhotoContrast, blurred_windows, equalized_windows
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MAX_SESSION_TILT_DEG
-from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.photo_colors import PhotoContrast, blurred_windows, equalized_windows
-from panoloc.core.panorama.session import Session
 from panoloc.core.refine.photo_points import (
     LookDirections,
     StartViews,
@@ -26,11 +26,11 @@ from panoloc.core.refine.photo_points import (
 )
 from panoloc.core.refine.refinement import CandidatePoints
 from panoloc.core.refine.rig_level import RigLevel
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.render.photo_comparison import RigView
+from panoloc.core.render.render_cloud import RenderCloud
 from panoloc.core.search.described_photos import DescribedPhotos, describe_photos
 from panoloc.core.search.pose_limits import PoseLimits
-from panoloc.core.views.comparison import Comparison
-from panoloc.core.views.photo_comparison import RigView
-from panoloc.core.views.render_cloud import RenderCloud
 
 
 class PreparedPhotos:

@@ -7,25 +7,25 @@ from functools import cached_property
 
 import torch
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Session
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.agreement import agreement, with_agreement
+from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses
+from panoloc.core.features.line_hold import LineHold
 from panoloc.core.geometry.rotations import rotation_angle
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.agreement import agreement, with_agreement
-from panoloc.core.judge.hypotheses import Hypothesis, by_map, stacked_poses
-from panoloc.core.lines.line_hold import LineHold
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Session
 from panoloc.core.prepared_panorama import PreparedPanorama
 from panoloc.core.prepared_photos import PreparedPhotos
 from panoloc.core.refine.candidate_points import points_seen_from_poses, points_seen_from_starts, unchanged_share
 from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.synthetic_view import RENDER_BATCH
 from panoloc.core.search.line_evidence import LineEvidence
 from panoloc.core.search.photo_search import line_rotations
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits, within_reach
-from panoloc.core.views.comparison import Comparison
-from panoloc.core.views.render_cloud import RenderCloud
-from panoloc.core.views.synthetic_view import RENDER_BATCH
 
 _HELD_BACK = math.radians(0.5)  # less is within what refinement is off by
 

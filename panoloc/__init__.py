@@ -17,10 +17,10 @@ from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from panoloc.core.index.map_builder import build_map_index as build_map_index
+    from panoloc.core.image.reader import read_panorama as read_panorama
     from panoloc.core.localizer import Localizer as Localizer
+    from panoloc.core.map.map_builder import build_map_index as build_map_index
     from panoloc.core.options import Hints as Hints
-    from panoloc.core.panorama.reader import read_panorama as read_panorama
     from panoloc.core.results import Localization as Localization
     from panoloc.core.scan.reading import read_scan as read_scan
     from panoloc.service.client import PanolocClient as PanolocClient
@@ -32,8 +32,8 @@ _HOMES = {
     "Localization": "panoloc.core.results",
     "Localizer": "panoloc.core.localizer",
     "PanolocClient": "panoloc.service.client",
-    "build_map_index": "panoloc.core.index.map_builder",
-    "read_panorama": "panoloc.core.panorama.reader",
+    "build_map_index": "panoloc.core.map.map_builder",
+    "read_panorama": "panoloc.core.image.reader",
     "read_scan": "panoloc.core.scan.reading",
 }
 __all__ = [

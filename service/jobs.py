@@ -88,7 +88,7 @@ class LocalizeJob:
     """One query.
 
     images: at least one; of several, each has its pose. maps: at least one, all ready. deadline_unix_s: nobody waits
-    for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.geopose.geopose_of`
+    for the answer after it. georeferences: by map id, of the maps that have one, as `panoloc.core.earth.geopose.geopose_of`
     takes it.
     """
 

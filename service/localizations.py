@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import structlog
 
 from panoloc.core.errors import DeadlineExceededError
-from panoloc.core.panorama.image_header import read_image_header
+from panoloc.core.image.image_header import read_image_header
 from panoloc.service.answer import Document, Localization
 from panoloc.service.cache import Cache
 from panoloc.service.errors import (

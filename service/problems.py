@@ -4,7 +4,7 @@ from http import HTTPStatus
 from typing import Any
 
 from panoloc.core import errors as core
-from panoloc.core.panorama.image_header import KNOWN_FORMATS as IMAGE_FORMATS
+from panoloc.core.image.image_header import KNOWN_FORMATS as IMAGE_FORMATS
 from panoloc.core.scan.format_detection import KNOWN_FORMATS as SCAN_FORMATS
 from panoloc.service.errors import (
     EXPECTED_ERRORS,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ContrastConfig:
-    """Local contrast (see `panoloc.core.light.local_contrast`)."""
+    """Local contrast (see `panoloc.core.features.local_contrast`)."""
 
     darkest: float = 0.03  # colour, added before the logarithm: below it there is only noise
     sampled_rows: int = 64  # of a large image these say as much of the surroundings as all of it
@@ -16,7 +16,7 @@ class ContrastConfig:
 
 @dataclass(frozen=True)
 class LightFitConfig:
-    """Gain and offset between scan and photo (see `panoloc.core.light.light_fit`)."""
+    """Gain and offset between scan and photo (see `panoloc.core.features.light_fit`)."""
 
     min_gain: float = 0.3
     max_gain: float = 3.0
@@ -25,7 +25,7 @@ class LightFitConfig:
 
 @dataclass(frozen=True)
 class RenderingConfig:
-    """Synthetic views (see `panoloc.core.views.synthetic_view`)."""
+    """Synthetic views (see `panoloc.core.render.synthetic_view`)."""
 
     footprint: float = 1.5  # pixel size over point spacing at which a random sampling of a surface leaves few holes
     slack_spacings: float = 4.0  # depth range of one surface inside a pixel seen at a slant, in point spacings

@@ -8,7 +8,7 @@ from panoloc.core.config.imaging import CONTRAST, RENDERING
 
 @dataclass(frozen=True)
 class StartsConfig:
-    """Where the search starts (see `panoloc.core.index.starts`)."""
+    """Where the search starts (see `panoloc.core.map.starts`)."""
 
     spacing_m: float = 0.5  # basin of convergence in a furnished room
     max_starts: int = 800
@@ -37,7 +37,7 @@ class DescriptorConfig:
 @dataclass(frozen=True)
 class FineViewConfig:
     """What a map keeps of its views for photos, which show few patches of 22 degrees (see
-    `panoloc.core.describe.fine_views`)."""
+    `panoloc.core.features.fine_views`)."""
 
     patch_rows: int = 16
     patch_columns: int = 32

@@ -7,7 +7,7 @@ from panoloc.core.config.search import PoseDistance
 
 @dataclass(frozen=True)
 class JudgeConfig:
-    """The scan rendered at a refined pose against the panorama, and which poses differ (see `panoloc.core.judge`)."""
+    """The scan rendered at a refined pose against the panorama, and which poses differ (see `panoloc.core.decide`)."""
 
     first_height: int = 64  # rows of the rendering of all candidates
     height: int = 64  # and of those that are left then
@@ -19,7 +19,7 @@ class JudgeConfig:
     min_patch_variance: float = 1e-3
     # Measured in patches that begin in the middle of those as well: a photo has thirty, and where their borders lie decides much.
     shifted_patches: bool = False
-    ranks_by_explained: bool = False  # rather than by correlations (see `panoloc.core.judge.agreement`)
+    ranks_by_explained: bool = False  # rather than by correlations (see `panoloc.core.decide.agreement`)
     # Of the score of photos, where lines agree with a rotation no more than with any (see `panoloc.core.lines`); of
     # ones in between, less.
     lines_share: float = 0.3
@@ -27,7 +27,7 @@ class JudgeConfig:
     distinct: PoseDistance = PoseDistance(0.15, 4.0)  # after judgement
     place: PoseDistance = PoseDistance(0.5, 15.0)  # beyond it poses are different answers
     # One of several images contradicts the pose of the others where its correlation and the share of its patches that agree are below
-    # these, and its contrast is not (see `panoloc.core.judge.photo_agreement`); and the share of images that may.
+    # these, and its contrast is not (see `panoloc.core.decide.photo_agreement`); and the share of images that may.
     contradiction: float = 0.45
     contradicting_patches: float = 0.2
     telling_contrast: float = 0.15
@@ -76,7 +76,7 @@ class JudgeConfig:
 
 @dataclass(frozen=True)
 class ChangeConfig:
-    """What has changed since the scan (see `panoloc.core.judge.change_maps`)."""
+    """What has changed since the scan (see `panoloc.core.decide.change_maps`)."""
 
     half_score_difference: float = 0.2  # of canonical colours; the score is 0.5 there
     changed_below: float = 0.5  # score

@@ -22,7 +22,7 @@ class LineConfig:
     fewest_edges: int = 40
     least_walls: float = 0.6
     least_contrast: float = 0.2
-    # The hold on rotations that are refined (see `panoloc.core.lines.line_hold`): of those that miss no more than this
+    # The hold on rotations that are refined (see `panoloc.core.features.line_hold`): of those that miss no more than this
     # of what the best one has, the less the more they miss; noise of edges, how many of them, and how much they count
     # beside the loss, on what starts see, in the rounds between, and at full resolution.
     held_within: float = 0.2

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from panoloc.core import geodesy
+from panoloc.core.earth import geodesy
+from panoloc.core.earth.georeference import HeightReference
 from panoloc.core.exports.tour import Georeference
 from panoloc.core.geometry.pose import Pose, quaternion_of
-from panoloc.core.georeference import HeightReference
 
 Matrix = NDArray[np.float64]
 

@@ -9,13 +9,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from panoloc.core.camera.rig import Session, with_focal_factor
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.hypotheses import MethodResult
 from panoloc.core.fast.fast_method import FastMethod
 from panoloc.core.fast.field_of_view import focal_uncertainty
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.hypotheses import MethodResult
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
-from panoloc.core.panorama.session import Session, with_focal_factor
 from panoloc.core.stage_clock import StageClock
 
 _WHAT_TO_DO = (

@@ -5,14 +5,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.agreement import likeness
+from panoloc.core.decide.hypotheses import Hypothesis, by_map, by_score, distinct, merged, with_distinctness
 from panoloc.core.fast.refinement_steps import RefinementSteps
-from panoloc.core.judge.agreement import likeness
-from panoloc.core.judge.hypotheses import Hypothesis, by_map, by_score, distinct, merged, with_distinctness
 from panoloc.core.prepared_photos import PreparedPhotos
 from panoloc.core.prepared_query import MapQuery
 from panoloc.core.refine.refinement import CandidatePoints
+from panoloc.core.render.comparison import Comparison
 from panoloc.core.stage_clock import StageClock
-from panoloc.core.views.comparison import Comparison
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from panoloc.core.config import PhotoRefinementConfig, SearchConfig
-from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.prepared_query import MapQuery
 from panoloc.core.search.map_search import MapCandidates
 

@@ -11,14 +11,11 @@ from dataclasses import replace
 
 import torch
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Session, is_perspective
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.describe.spherical_patches import PatchGrid
-from panoloc.core.fast.candidate_stages import CandidateStages
-from panoloc.core.fast.candidates import best_candidates, portions
-from panoloc.core.fast.refinement_steps import RefinementSteps
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.confidence import ConfidenceModel, features_of, formal_radii
-from panoloc.core.judge.hypotheses import (
+from panoloc.core.decide.confidence import ConfidenceModel, features_of, formal_radii
+from panoloc.core.decide.hypotheses import (
     Hypothesis,
     MethodResult,
     by_score,
@@ -27,22 +24,25 @@ from panoloc.core.judge.hypotheses import (
     with_same_views,
     within_margin,
 )
-from panoloc.core.judge.verdict import verdict
+from panoloc.core.decide.verdict import verdict
+from panoloc.core.fast.candidate_stages import CandidateStages
+from panoloc.core.fast.candidates import best_candidates, portions
+from panoloc.core.fast.refinement_steps import RefinementSteps
+from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.image.photo_atlas import shown_share
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.photo_atlas import shown_share
-from panoloc.core.panorama.session import Session, is_perspective
 from panoloc.core.prepared_panorama import PreparedPanorama
 from panoloc.core.prepared_photos import PreparedPhotos
 from panoloc.core.prepared_query import MapQuery, SearchRound, prepare_queries, search_rounds
 from panoloc.core.refine.focal_refinement import FocalRefined
+from panoloc.core.render.comparison import Comparison
 from panoloc.core.search.closer_look import search_around
 from panoloc.core.search.lookalikes import described_as_scanned, search_lookalikes
 from panoloc.core.search.map_search import MapCandidates, make_search_rotations, search_maps
 from panoloc.core.search.photo_search import search_photos
 from panoloc.core.search.same_views import search_same_views
 from panoloc.core.stage_clock import StageClock
-from panoloc.core.views.comparison import Comparison
 
 
 class FastMethod:

@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Session, with_focal_factor
 from panoloc.core.config import FieldOfViewConfig
+from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.errors import OptionsError
 from panoloc.core.fast.fast_method import FastMethod
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
-from panoloc.core.panorama.session import Session, with_focal_factor
+from panoloc.core.render.comparison import Comparison
 from panoloc.core.results import Localization
 from panoloc.core.stage_clock import StageClock
-from panoloc.core.views.comparison import Comparison
 
 _AT_BOUND_DEG = 0.1
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import torch
 
 from panoloc.core.config import LocalizerConfig, StepConfig, StoppingRule
+from panoloc.core.decide.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
 from panoloc.core.fast.candidates import most_promising
-from panoloc.core.judge.hypotheses import Hypothesis, by_map, stacked_poses, with_refined
-from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.image.image_level import ImageLevel
 from panoloc.core.prepared_panorama import PreparedPanorama
 from panoloc.core.prepared_photos import PreparedPhotos
 from panoloc.core.prepared_query import MapQuery, by_colors, within_limits

@@ -10,25 +10,25 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.describe.patch_histograms import hard_histograms
-from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.decide.hypotheses import Hypothesis, MethodResult
+from panoloc.core.features.equalization import transport
+from panoloc.core.features.patch_grid import PatchGrid, rotation_table
+from panoloc.core.features.patch_histograms import hard_histograms
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.rotations import uniform_rotations
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.hypotheses import Hypothesis, MethodResult
-from panoloc.core.light.color_equalization import transport
+from panoloc.core.image.pyramid import PanoramaLevel, PanoramaPyramid
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import Hints
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.pyramid import PanoramaLevel, PanoramaPyramid
 from panoloc.core.paper.intersection import bin_major, intersection_tensor
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.paper.score_maps import score_map_2d, score_map_3d, view_patch_scores
 from panoloc.core.prepared_query import prepare_queries
+from panoloc.core.render.synthetic_view import render_views
 from panoloc.core.search.pose_limits import PoseLimits, pose_limits
 from panoloc.core.search.pose_scores import score_poses
 from panoloc.core.stage_clock import StageClock
-from panoloc.core.views.synthetic_view import render_views
 
 
 class PaperMethod:

@@ -7,15 +7,15 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import RefinementConfig
+from panoloc.core.features.equalization import equalize
+from panoloc.core.features.local_contrast import mixed_with_contrast
 from panoloc.core.geometry.projection import pixel_solid_angles, pixels_towards
 from panoloc.core.geometry.rotations import even_directions
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.light.color_equalization import equalize
-from panoloc.core.light.local_contrast import mixed_with_contrast
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.refine.refinement import CandidatePoints
-from panoloc.core.views.comparison import Comparison
-from panoloc.core.views.render_cloud import RenderCloud
-from panoloc.core.views.synthetic_view import RENDER_BATCH, SyntheticViews, halve, render_views
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.synthetic_view import RENDER_BATCH, SyntheticViews, halve, render_views
 
 
 def points_seen_from_starts(

@@ -15,10 +15,10 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import StepConfig
+from panoloc.core.features.light_fit import fit_planes, weighted_sums
+from panoloc.core.features.line_hold import LineHold
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.light.light_fit import fit_planes, weighted_sums
-from panoloc.core.lines.line_hold import LineHold
-from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.image.image_level import ImageLevel
 from panoloc.core.refine.patch_sums import PatchSums
 from panoloc.core.refine.point_sampling import SampledPoints, sample_points
 from panoloc.core.refine.rig_level import RigLevel

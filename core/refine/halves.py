@@ -13,7 +13,7 @@ from torch import Tensor
 
 from panoloc.core.config import HalvesConfig, StepConfig
 from panoloc.core.geometry.rotations import rotation_angle
-from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.image.image_level import ImageLevel
 from panoloc.core.refine.refinement import CandidatePoints, refine
 from panoloc.core.refine.rig_level import RigLevel
 from panoloc.core.refine.sphere_squares import on_black_squares

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from panoloc.core.features.equalization import apply_tables, equalization_tables
+from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.geometry.projection import pixels_towards
 from panoloc.core.geometry.rotations import even_directions
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.light.color_equalization import apply_tables, equalization_tables
-from panoloc.core.light.local_contrast import local_contrast
-from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.image.photo_atlas import PhotoAtlas
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.refine.refinement import CandidatePoints
 from panoloc.core.refine.sphere_squares import patch_numbers
-from panoloc.core.views.comparison import Comparison
-from panoloc.core.views.photo_comparison import RigView
-from panoloc.core.views.render_cloud import RenderCloud
-from panoloc.core.views.synthetic_view import RENDER_BATCH, halve, render_views
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.render.photo_comparison import RigView
+from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.synthetic_view import RENDER_BATCH, halve, render_views
 
 _FIRST_DIRECTIONS = 4096
 

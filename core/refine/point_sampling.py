@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.image.image_level import ImageLevel
 
 MIN_COSINE = 0.05  # rows next to a pole: the azimuth derivative grows without bound there
 MIN_DISTANCE_M = 0.05

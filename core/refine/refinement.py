@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
+from panoloc.core.features.line_hold import LineHold
 from panoloc.core.geometry.distinct_poses import first_distinct
-from panoloc.core.lines.line_hold import LineHold
-from panoloc.core.panorama.image_level import ImageLevel
+from panoloc.core.image.image_level import ImageLevel
 from panoloc.core.refine.gauss_newton import PointPlanes, PoseStep, StepHistory, gauss_newton_step, initial_history
 from panoloc.core.refine.patch_step import PatchStep, patch_step
 from panoloc.core.refine.patch_sums import PatchSums

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from panoloc.core.panorama.photo_level import PhotoLevel
+from panoloc.core.image.photo_level import PhotoLevel
 from panoloc.core.refine.point_sampling import MIN_COSINE, MIN_DISTANCE_M, VALID_SHARE, SampledPoints
 
 

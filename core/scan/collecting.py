@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.errors import OptionsError, ScanContentError
-from panoloc.core.georeference import coordinate_system
 from panoloc.core.options import FARTHEST_M, METRES_PER_UNIT
 from panoloc.core.scan.point_cloud import Diagnostic, PointCloud
 from panoloc.core.scan.reading_context import RawChunk, ReadingContext

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from panoloc.core.errors import ScanContentError, ScanDamagedError
-from panoloc.core.zip_opening import is_encrypted, is_link, leads_out, open_zip
+from panoloc.core.scan.zip_opening import is_encrypted, is_link, leads_out, open_zip
 
 MAX_MEMBERS = 10_000
 MAX_UNPACKED_BYTES = 64 << 30

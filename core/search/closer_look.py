@@ -11,7 +11,7 @@ from torch import Tensor
 
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.rotations import rotation_angle
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.described_photos import DescribedPhotos
 from panoloc.core.search.line_evidence import LineEvidence
 from panoloc.core.search.map_search import MapCandidates

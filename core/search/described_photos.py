@@ -7,12 +7,12 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import DescriptorConfig, FineViewConfig, PhotoSearchConfig
-from panoloc.core.describe.patch_descriptors import centered_roots
-from panoloc.core.describe.patch_histograms import soft_histograms
-from panoloc.core.describe.spherical_patches import PatchGrid
-from panoloc.core.light.color_equalization import equalize
-from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.photo_colors import PhotoContrast, equalized_windows
+from panoloc.core.features.equalization import equalize
+from panoloc.core.features.patch_descriptors import centered_roots
+from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.features.patch_histograms import soft_histograms
+from panoloc.core.image.photo_atlas import PhotoAtlas
+from panoloc.core.image.photo_colors import PhotoContrast, equalized_windows
 
 _LEAST_PATCH_SHARE = 0.25  # of the patch that shows most; patches that show less say little and cost as much
 _GOLDEN = (math.sqrt(5) - 1) / 2

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import PhotoSearchConfig
-from panoloc.core.describe.fine_views import FineViews
+from panoloc.core.features.equalization import equalization_tables, equalize
+from panoloc.core.features.fine_views import FineViews
 from panoloc.core.geometry.projection import pixels_towards
-from panoloc.core.light.color_equalization import equalization_tables, equalize
 from panoloc.core.search.described_photos import PhotoPixels
 
 _STARTS_AT_ONCE = 512

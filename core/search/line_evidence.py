@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import PhotoSearchConfig, PoseDistance
+from panoloc.core.features.line_support import LineSupport
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotations_of_axes
-from panoloc.core.lines.line_support import LineSupport
 from panoloc.core.search.pose_limits import PoseLimits
 
 

@@ -11,17 +11,17 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import LocalizerConfig
-from panoloc.core.describe.fine_views import histograms_of_views, small_pictures
-from panoloc.core.describe.patch_descriptors import centered_roots
-from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.features.fine_views import histograms_of_views, small_pictures
+from panoloc.core.features.patch_descriptors import centered_roots
+from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.geometry.projection import project
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.render.described_view import views_to_describe
 from panoloc.core.search.described_photos import DescribedPhotos
 from panoloc.core.search.map_search import MapCandidates
 from panoloc.core.search.photo_search import search_rotations
 from panoloc.core.search.pose_limits import PoseLimits
-from panoloc.core.views.described_view import views_to_describe
 
 
 def described_as_scanned(

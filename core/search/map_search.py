@@ -11,19 +11,19 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import DescriptorConfig, SearchConfig
-from panoloc.core.describe.patch_descriptors import (
+from panoloc.core.features.equalization import LabelCodes
+from panoloc.core.features.patch_descriptors import (
     ViewDescriptors,
     centered_roots,
     normalize_per_view,
     pooled,
     similarity_tensor,
 )
-from panoloc.core.describe.patch_histograms import described_histograms
-from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.features.patch_grid import PatchGrid, rotation_table
+from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.rotations import uniform_rotations
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.light.color_equalization import LabelCodes
-from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.image.pyramid import PanoramaPyramid
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.search.pose_scores import Candidates, score_poses, select_candidates
 

@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from panoloc.core.describe.fine_views import FineViews
-from panoloc.core.describe.patch_descriptors import ViewDescriptors, similarity_tensor
-from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.features.fine_views import FineViews
+from panoloc.core.features.patch_descriptors import ViewDescriptors, similarity_tensor
+from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.search.described_photos import DescribedPhotos
 
 

@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import FineViewConfig, PhotoSearchConfig
-from panoloc.core.describe.fine_views import FineViews
-from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.features.fine_views import FineViews
+from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import uniform_rotations
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.described_photos import DescribedPhotos
 from panoloc.core.search.every_pose import scores_of_every_pose
 from panoloc.core.search.line_evidence import LineEvidence

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import DEFAULT_HEADING_TOLERANCE_DEG, DEFAULT_RADIUS_M, DEFAULT_TILT_DEG, Hints
 
 _INSIDE = 1e-4  # radians; what is turned back to a limit must lie within it whatever is rounded

@@ -40,7 +40,7 @@ def score_poses(tensor: Tensor, table: Tensor, weights: Tensor) -> Tensor:
     """Return w (T, R): for each start and rotation the weighted sum over query patches of I[t, i, π_r(i)].
 
     tensor: I (T, P, P), query patch first. table: π (R, P) from
-    `panoloc.core.describe.spherical_patches.rotation_table`. weights: (P,).
+    `panoloc.core.features.patch_grid.rotation_table`. weights: (P,).
     """
     num_views, num_patches, _ = tensor.shape
     rows = tensor.permute(1, 2, 0).reshape(-1, num_views)

@@ -13,12 +13,12 @@ from torch import Tensor
 from panoloc.core.config import PhotoSearchConfig
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.projection import pixels_towards
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.render.synthetic_view import RENDER_BATCH, render_views
 from panoloc.core.search.described_photos import DescribedPhotos, PhotoPixels
 from panoloc.core.search.map_search import MapCandidates
 from panoloc.core.search.pixel_scores import ComparedColors
 from panoloc.core.search.pose_scores import Candidates
-from panoloc.core.views.synthetic_view import RENDER_BATCH, render_views
 
 _PIXELS_AT_ONCE = 1_000_000
 _FAR_M, _NEAREST_M = 30.0, 0.1

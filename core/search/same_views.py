@@ -11,16 +11,16 @@ import torch
 from torch import Tensor
 
 from panoloc.core.config import LocalizerConfig, PhotoSearchConfig
-from panoloc.core.describe.patch_descriptors import centered_roots, pooled
-from panoloc.core.describe.patch_histograms import described_histograms
-from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.features.patch_descriptors import centered_roots, pooled
+from panoloc.core.features.patch_grid import PatchGrid, rotation_table
+from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.distinct_poses import first_distinct
 from panoloc.core.geometry.rotations import rotation_from_vector
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.render.described_view import views_to_describe
 from panoloc.core.search.map_search import MapCandidates, scores_of_starts
 from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.search.pose_scores import Candidates
-from panoloc.core.views.described_view import views_to_describe
 
 
 def search_same_views(

@@ -10,8 +10,8 @@ from typing import Any
 
 from PIL import Image
 
-from panoloc.core.judge.confidence import RIGHT_DEG, RIGHT_M
-from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.decide.confidence import RIGHT_DEG, RIGHT_M
 from panoloc.core.scan.ply.writer import write_ply
 from panoloc.lab.benchmark.query_load import KnownQuery, send_queries
 from panoloc.lab.benchmark.sizes import Sizes

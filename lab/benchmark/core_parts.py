@@ -8,8 +8,8 @@ import torch
 
 from panoloc.core.config import LocalizerConfig, SearchConfig
 from panoloc.core.errors import OptionsError
-from panoloc.core.index.map_codec import decode_map_index, encode_map_index
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_codec import decode_map_index, encode_map_index
 from panoloc.lab.benchmark.painted_maps import Rooms
 from panoloc.lab.benchmark.registration import time_registration
 from panoloc.lab.benchmark.sizes import Sizes

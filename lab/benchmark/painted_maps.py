@@ -8,9 +8,9 @@ import numpy as np
 import torch
 
 from panoloc.core.config import StartsConfig
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.index.starts import octree_starts
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.map.starts import octree_starts
 from panoloc.core.options import IndexOptions, ScanOptions
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.voxel_thinning import thin_cloud

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.panorama.panorama import Panorama
 from panoloc.core.scan.point_cloud import PointCloud
 
 Array = NDArray[np.float64]

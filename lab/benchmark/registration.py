@@ -14,8 +14,8 @@ from typing import Any
 import torch
 
 from panoloc.core.errors import CoreError
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_codec import encode_map_index
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_codec import encode_map_index
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab.benchmark.painted_maps import room_spacing, write_room_scan

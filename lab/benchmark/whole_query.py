@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.geometry.pose import pose_error
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
-from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.lab.benchmark.painted_maps import IndexedRoom
 from panoloc.lab.benchmark.timing import Spread, spread_of
@@ -82,7 +82,7 @@ def _run(
     times: dict[str, float] = {}
     began = time.perf_counter()
     if jpeg is not None:
-        from panoloc.core.panorama.reader import read_panorama
+        from panoloc.core.image.reader import read_panorama
 
         panorama = read_panorama(jpeg)
         times["decode"] = _since(began)
@@ -96,7 +96,7 @@ def _run(
 
 def _picture_times(panorama: Panorama, maps: Sequence[MapIndex], answer: Localization) -> dict[str, float]:
     """Draw and encode the three pictures of an answer; return milliseconds of both."""
-    from panoloc.core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
+    from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 
     index = maps[answer.best.map_position if answer.best else 0]
     began = time.perf_counter()

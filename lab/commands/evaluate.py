@@ -95,7 +95,7 @@ def fit(
     ctx: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="ROWS...", help="rows.jsonl of evaluations.")],
     out: Annotated[Path, typer.Option(dir_okay=False, help="File for the coefficients.")] = Path(
-        "core/judge/confidence.json"
+        "core/decide/confidence.json"
     ),
     method: Annotated[str, typer.Option(help="Rows of this method.")] = "fast",
     regularization: Annotated[float, typer.Option(min=1e-6, help="L2 penalty, in rows.")] = 1.0,

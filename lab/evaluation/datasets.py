@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.image.reader import read_panorama
 from panoloc.core.options import IndexOptions
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.reader import read_panorama
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 from panoloc.lab.rooms.capture.shooting import turned

@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from panoloc.core.config import JudgeConfig
-from panoloc.core.judge.confidence import FEATURES, RadiusModel, features_of, radius_signs
-from panoloc.core.judge.hypotheses import Hypothesis
+from panoloc.core.decide.confidence import FEATURES, RadiusModel, features_of, radius_signs
+from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.lab.evaluation.metrics import area_under_roc, expected_calibration_error
 from panoloc.lab.evaluation.rows import RIGHT, WRONG, Row, RowsError
 
@@ -47,7 +47,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class ConfidenceFit:
-    """The fit to all rows, as `panoloc.core.judge.confidence` reads it, and how it holds on held-out groups.
+    """The fit to all rows, as `panoloc.core.decide.confidence` reads it, and how it holds on held-out groups.
 
     left_out: how many rows the fit could not use, by why.
     """
@@ -59,7 +59,7 @@ class ConfidenceFit:
 
 def fit_confidence(rows: Sequence[Row], *, regularization: float = 1.0, max_wrong: float = 0.005) -> ConfidenceFit:
     """Fit a logistic regression of `right` (0.3 m, 10 degrees; never for another map) on
-    `panoloc.core.judge.confidence.FEATURES`.
+    `panoloc.core.decide.confidence.FEATURES`.
 
     regularization: L2, in rows, on standardised features. max_wrong: share of wrong answers allowed at the threshold. Every group is
     predicted by a fit to the other groups; a single group is split into five parts by panorama's scan.

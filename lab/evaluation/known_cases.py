@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Session
 from panoloc.core.errors import CoreError
 from panoloc.core.geometry.pose import Pose, PoseError, pose_error
+from panoloc.core.image.rig_on_sphere import session_on_sphere
 from panoloc.core.options import Hints, IndexOptions
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Session
-from panoloc.core.panorama.session_sphere import session_on_sphere
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.evaluation.rows import WRONG
 

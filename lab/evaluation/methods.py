@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from panoloc.core.config import LocalizerConfig, PaperConfig
+from panoloc.core.decide.confidence import load_confidence_model
 from panoloc.core.errors import OptionsError
-from panoloc.core.judge.confidence import load_confidence_model
 from panoloc.core.options import Method
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.evaluation.known_cases import KnownQuery

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Session
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.reader import read_panorama
-from panoloc.core.panorama.session import Session
+from panoloc.core.image.reader import read_panorama
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases
 from panoloc.lab.rooms import CAMERAS, QueryCamera, cut_photo, session_axes, tracked, with_any_defect
 

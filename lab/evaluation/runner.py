@@ -9,9 +9,9 @@ from functools import lru_cache
 import torch
 
 from panoloc.core.errors import CoreError
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, query_facts
 from panoloc.lab.evaluation.methods import ComparedMethod

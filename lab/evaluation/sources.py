@@ -10,8 +10,8 @@ import numpy as np
 
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.image.reader import read_panorama
 from panoloc.core.options import IndexOptions, ScanOptions
-from panoloc.core.panorama.reader import read_panorama
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab.evaluation.known_cases import KnownQuery, LoadedScan, ScanCases, SourceError
 from panoloc.lab.evaluation.photo_source import as_uploaded

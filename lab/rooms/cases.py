@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Session
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.image.rig_on_sphere import session_on_sphere
 from panoloc.core.options import ColorKind, Hints
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Session
-from panoloc.core.panorama.session_sphere import session_on_sphere
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look, photo_with_look
 from panoloc.lab.rooms.capture.change_truth import changed_pixels, changed_points

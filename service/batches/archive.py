@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from panoloc.core.file_names import distinct_names
-from panoloc.core.zip_opening import is_encrypted, is_link, leads_out, open_zip
+from panoloc.core.exports.file_names import distinct_names
+from panoloc.core.scan.zip_opening import is_encrypted, is_link, leads_out, open_zip
 from panoloc.service.errors import ArchiveError, UploadTooLargeError
 
 IMAGE_ENDINGS = frozenset({".jpg", ".jpeg", ".png", ".webp"})

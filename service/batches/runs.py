@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import structlog
 
 from panoloc.core.errors import DeadlineExceededError
-from panoloc.core.panorama.image_header import IMAGE, check_image
+from panoloc.core.image.image_header import IMAGE, check_image
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.batches.store import BatchStore
 from panoloc.service.errors import EXPECTED_ERRORS, StorageAwayError, TryAgainError

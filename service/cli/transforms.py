@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from panoloc.core.image.image_header import KIND_BYTES, KNOWN_FORMATS, image_kind
 from panoloc.core.options import Frame
-from panoloc.core.panorama.image_header import KIND_BYTES, KNOWN_FORMATS, image_kind
 from panoloc.service.client import JsonObject
 
 FILE_NAME = "transforms.json"

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from panoloc.core.camera.rig import Photo
 from panoloc.core.config import ChangeConfig
+from panoloc.core.earth.geopose import MapPose, geopose_of
+from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.geopose import MapPose, geopose_of
-from panoloc.core.georeference import coordinate_system
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.panorama.session import Photo
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Candidate, Localization
 from panoloc.service import answer
 from panoloc.service.answer import (

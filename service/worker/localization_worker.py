@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 
 import torch
 
+from panoloc.core.decide.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
 from panoloc.core.errors import DeadlineExceededError, IndexFormatError
-from panoloc.core.index.map_builder import index_config_digest
-from panoloc.core.index.map_codec import decode_map_index
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
-from panoloc.core.pictures import draw_overlay, draw_score_map_2d, draw_score_map_3d, encode_png, view_scan
+from panoloc.core.map.map_builder import index_config_digest
+from panoloc.core.map.map_codec import decode_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import CacheDownError

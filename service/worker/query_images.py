@@ -9,14 +9,14 @@ import numpy as np
 import torch
 from PIL import Image
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Session, SessionImage
 from panoloc.core.errors import OptionsError, PanoramaTooLargeError
 from panoloc.core.geometry.pose import Pose
+from panoloc.core.image.image_header import numbered
+from panoloc.core.image.reader import read_image
+from panoloc.core.image.rig_on_sphere import session_on_sphere
 from panoloc.core.options import Frame, SessionOptions, TrackedPose
-from panoloc.core.panorama.image_header import numbered
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.reader import read_image
-from panoloc.core.panorama.session import Photo, Session, SessionImage
-from panoloc.core.panorama.session_sphere import session_on_sphere
 from panoloc.core.results import Localization
 from panoloc.service.jobs import QueryImage
 

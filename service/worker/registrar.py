@@ -10,18 +10,18 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
+from panoloc.core.decide.pictures import draw_map_preview, encode_png
 from panoloc.core.errors import ScanContentError
-from panoloc.core.index.map_builder import build_map_index, index_config_digest
-from panoloc.core.index.map_codec import encode_map_index
-from panoloc.core.index.map_diagnostics import map_diagnostics
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_builder import build_map_index, index_config_digest
+from panoloc.core.map.map_codec import encode_map_index
+from panoloc.core.map.map_diagnostics import map_diagnostics
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MIN_POINTS
-from panoloc.core.pictures import draw_map_preview, encode_png
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.core.scan.reading import read_scan
 from panoloc.core.scan.unpacking import remove_remains
-from panoloc.core.zip_opening import unpacked_bytes
+from panoloc.core.scan.zip_opening import unpacked_bytes
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import CacheDownError, MapNotFoundError, RegistrationLimitError, TryAgainError
 from panoloc.service.host.process_resources import limit_process, num_usable_cpus
@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 # Waiting for a Redis that restarts is cheaper than building the index again at the first query.
 _REDIS_WAIT_S = 10.0
 _REPORT_PERIOD_S = 0.2
-# Stages of `panoloc.core.index.map_builder`: name in `stats.seconds`, begin and end on the way from 0 to 1 (in
+# Stages of `panoloc.core.map.map_builder`: name in `stats.seconds`, begin and end on the way from 0 to 1 (in
 # furnished rooms).
 _STAGES = {
     "reading": ("read", 0.0, 0.2),

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Session
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import IndexOptions
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo, Session
 from panoloc.core.results import Localization
 from tests.core.painted_box import PaintedBox, rotation_of
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_index import MapIndex
 from tests.core import built_maps
 from tests.core.painted_box import PaintedBox
 

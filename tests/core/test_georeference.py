@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pyproj import CRS, Proj
 
+from panoloc.core.earth.geopose import MapPose, geopose_of
+from panoloc.core.earth.georeference import coordinate_system
 from panoloc.core.errors import OptionsError
 from panoloc.core.exports.frames import earth_pose, photo_angles
 from panoloc.core.exports.tour import Georeference
 from panoloc.core.geometry.pose import Pose, quaternion_of
-from panoloc.core.geopose import MapPose, geopose_of
-from panoloc.core.georeference import coordinate_system
 from tests.core.exports.tours import rotation_of
 from tests.core.found_pose import known
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.errors import DeadlineExceededError, OptionsError
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_codec import decode_map_index, encode_map_index
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_codec import decode_map_index, encode_map_index
 from panoloc.core.options import Hints, IndexOptions
-from panoloc.core.panorama.panorama import Panorama
 from tests.core.built_maps import (
     AS_LABELS,
     BOX,

@@ -5,13 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from panoloc.core import pictures
+from panoloc.core.decide import pictures
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Session, SessionImage
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import IndexOptions
-from panoloc.core.panorama.session import Session, SessionImage
 from panoloc.lab import rooms
 from tests.core.built_maps import localized
 from tests.core.found_pose import assert_found, known

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Session, SessionImage
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose, pose_error
+from panoloc.core.image.photo_window import photo_on_sphere
 from panoloc.core.localizer import Localizer, why_nothing_fits
 from panoloc.core.options import MAX_SESSION_TILT_DEG, Hints
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.photo import photo_on_sphere
-from panoloc.core.panorama.session import Session, SessionImage
 from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, OTHER_BOX, POSE, SYMMETRIC, TWIN, localized, map_of, seen_from_the_other_side
 from tests.core.found_pose import assert_found, best_of, known
+from tests.core.image.painted_photos import FOUR, MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, session_of
 from tests.core.painted_box import rotation_of
-from tests.core.panorama.painted_photos import FOUR, MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, session_of
 
 pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig()

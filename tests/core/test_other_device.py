@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from panoloc.core.geometry.pose import pose_error
-from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.options import IndexOptions
 from tests.core.built_maps import BOX, answer, map_of, panorama
 from tests.core.found_pose import best_of, known

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.image.pyramid import PanoramaPyramid
+from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.options import IndexOptions
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.pyramid import PanoramaPyramid
 from tests.core.painted_box import PaintedBox
 
 

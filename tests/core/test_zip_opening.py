@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from panoloc.core.zip_opening import leads_out, open_zip, unpacked_bytes
+from panoloc.core.scan.zip_opening import leads_out, open_zip, unpacked_bytes
 
 
 def zip_at(path: Path, names: list[str]) -> Path:
@@ -18,7 +18,7 @@ def zip_at(path: Path, names: list[str]) -> Path:
 
 def test_a_list_of_files_that_is_too_long_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = zip_at(tmp_path / "a.zip", [f"{number}.ply" for number in range(30)])
-    monkeypatch.setattr("panoloc.core.zip_opening.MAX_LIST_BYTES", 1000)
+    monkeypatch.setattr("panoloc.core.scan.zip_opening.MAX_LIST_BYTES", 1000)
     with pytest.raises(zipfile.BadZipFile, match="list of files takes"), open_zip(path):
         pass
     monkeypatch.undo()

@@ -1,4 +1,4 @@
-"""Measures how many small faults the tests beside the code notice: `scripts/mutation [--sample 320] [--seed 1] [--only 'core/judge/*']`.
+"""Measures how many small faults the tests beside the code notice: `scripts/mutation [--sample 320] [--seed 1] [--only 'core/decide/*']`.
 
 mutmut 3 says what may be changed: a number one higher, `<` for `<=`, an argument left out, a value that is not assigned. Its own runner
 leaves out properties and context managers, so here each change becomes a whole file: a process that has the large libraries loaded is
@@ -35,7 +35,7 @@ from mutmut.mutation.pragma_handling import IgnoredCode
 ROOT = Path(__file__).resolve().parents[2]
 # Where a small fault loses a scan or a pose.
 MUTATED = (
-    *("core/fast/candidate_stages.py", "core/geometry/distinct_poses.py", "core/index/*.py", "core/judge/*.py"),
+    *("core/fast/candidate_stages.py", "core/geometry/distinct_poses.py", "core/map/*.py", "core/decide/*.py"),
     *("core/refine/*.py", "core/search/*.py"),
     *("service/cache.py", "service/maps/registry.py", "service/storage/folder.py"),
     *("service/pool/admission.py", "service/pool/map_builds.py"),
@@ -191,7 +191,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="scripts/mutation")
     parser.add_argument("--sample", type=int, default=320, help="how many mutants (default: 320)")
     parser.add_argument("--seed", type=int, default=1, help="of the choice (default: 1)")
-    parser.add_argument("--only", default="*", help="pattern of files, such as 'core/judge/*'")
+    parser.add_argument("--only", default="*", help="pattern of files, such as 'core/decide/*'")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at the same time (default: 2)")
     options = parser.parse_args()
     sample = sampled(options.only, options.sample, options.seed)

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from panoloc.core.errors import CoreError, IndexFormatError, PanoramaError
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_codec import decode_map_index, encode_map_index
+from panoloc.core.image.reader import read_panorama
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_codec import decode_map_index, encode_map_index
 from panoloc.core.options import IndexOptions
-from panoloc.core.panorama.reader import read_panorama
+from tests.core.image.picture_files import encoded, gpano_packet
 from tests.core.painted_box import PaintedBox
-from tests.core.panorama.picture_files import encoded, gpano_packet
 
 
 def tiny_index_bytes() -> bytes:

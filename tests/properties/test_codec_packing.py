@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from panoloc.core.index.map_codec import pack_colors, pack_steps, row_differences, row_sums, unpack_colors, unpack_steps
+from panoloc.core.map.map_codec import pack_colors, pack_steps, row_differences, row_sums, unpack_colors, unpack_steps
 
 COLORS = arrays(np.uint8, array_shapes(min_dims=1, max_dims=2, max_side=9).map(lambda shape: (*shape, 3)))
 

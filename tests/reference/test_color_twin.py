@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from panoloc.core.light.color_equalization import equalize, transport
+from panoloc.core.features.equalization import equalize, transport
 
 Array = NDArray[np.float64]
 

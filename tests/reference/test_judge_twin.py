@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 
 from panoloc.core.config import JudgeConfig
+from panoloc.core.decide.agreement import Agreement, agreement
 from panoloc.core.geometry.projection import pixel_solid_angles
 from panoloc.core.geometry.sphere_window import SphereWindow
-from panoloc.core.judge.agreement import Agreement, agreement
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from panoloc.core.config import PaperConfig
-from panoloc.core.describe.spherical_patches import PatchGrid
-from panoloc.core.panorama.image_level import prepare_level
+from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.image.image_level import prepare_level
 from panoloc.core.paper.sampling_loss import SamplingProblem, minimize_by_adam, sampling_loss
 from panoloc.core.refine import gauss_newton, point_sampling
 from tests.core.found_pose import known

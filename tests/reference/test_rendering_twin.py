@@ -8,8 +8,8 @@ import torch
 from numpy.typing import NDArray
 
 from panoloc.core.geometry.projection import pixel_directions
-from panoloc.core.views.render_cloud import make_render_cloud, point_spacing
-from panoloc.core.views.synthetic_view import SyntheticViews, render_views, visible_points
+from panoloc.core.render.render_cloud import make_render_cloud, point_spacing
+from panoloc.core.render.synthetic_view import SyntheticViews, render_views, visible_points
 from tests.reference.spherical_twin import image_position_of
 
 Array = NDArray[np.float64]

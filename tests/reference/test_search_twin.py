@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from panoloc.core.describe.patch_histograms import hard_histograms, soft_histograms
-from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.features.patch_grid import PatchGrid, rotation_table
+from panoloc.core.features.patch_histograms import hard_histograms, soft_histograms
 from panoloc.core.geometry.rotations import uniform_rotations
 from panoloc.core.paper.intersection import bin_major, intersection_tensor
 from panoloc.core.paper.score_maps import (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from panoloc.core.config import StartsConfig
 from panoloc.core.errors import OptionsError
-from panoloc.core.index.starts import Starts, grid_starts, octree_starts
+from panoloc.core.map.starts import Starts, grid_starts, octree_starts
 from panoloc.core.options import IndexOptions
 
 Array = NDArray[np.float64]

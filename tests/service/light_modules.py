@@ -6,11 +6,11 @@ FOR_COMMANDS = frozenset(
         "panoloc.core.camera",
         "panoloc.core.camera.camera",
         "panoloc.core.errors",
-        "panoloc.core.file_names",
+        "panoloc.core.exports.file_names",
         "panoloc.core.options",
         "panoloc.core.panorama",
-        "panoloc.core.panorama.image_header",
-        "panoloc.core.zip_opening",
+        "panoloc.core.image.image_header",
+        "panoloc.core.scan.zip_opening",
     }
 )
 

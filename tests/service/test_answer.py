@@ -10,10 +10,10 @@ import pytest
 from pyproj import Proj, Transformer
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Session, SessionImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Frame, Status, TrackedPose
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo, Session, SessionImage
 from panoloc.core.results import Candidate, Evidence, FoundImage, Localization, SearchSummary
 from panoloc.service.jobs import LocalizeJob, MapRef, QueryImage, QueryOptions
 from panoloc.service.worker.answers import answer_of

@@ -12,7 +12,7 @@ import sys
 sys.modules["open3d"] = None  # as if it were not installed
 from pathlib import Path
 import panoloc.service.serve, panoloc.service.pool.child, panoloc.service.worker.localization_worker, panoloc.service.worker.registrar
-from panoloc.core.index.map_builder import build_map_index
+from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.localizer import Localizer
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.reading import read_scan

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path, PurePosixPath
 
 from panoloc.core.errors import CoreError
-from panoloc.core.file_names import distinct_names
+from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.options import CAMERAS_FILE, ScanOptions
 from panoloc.core.scan.e57.images import E57Image, images_of
 from panoloc.core.scan.e57.reader import opened

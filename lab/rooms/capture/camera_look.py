@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo
 
 
 @dataclass(frozen=True)

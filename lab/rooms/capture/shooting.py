@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from panoloc.core.camera.camera import Camera, CameraModel
+from panoloc.core.camera.rig import Photo, Session, SessionImage
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Hints, SessionOptions
-from panoloc.core.panorama.session import Photo, Session, SessionImage
 from panoloc.lab.rooms.capture.free_space import free_position, random_rotation
 from panoloc.lab.rooms.scenes.scene import Scene
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.camera.pixel_rays import rays_of_pixels
+from panoloc.core.camera.rig import Photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import project, sample_bilinear
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo
 from panoloc.lab.rooms.capture.ray_imaging import PixelGrid, image_of
 from panoloc.lab.rooms.scenes.scene import Scene
 from panoloc.lab.rooms.scenes.surface import Hits

@@ -13,7 +13,7 @@ from typing import Annotated, get_args
 import typer
 from rich.markup import escape
 
-from panoloc.core.file_names import distinct_names
+from panoloc.core.exports.file_names import distinct_names
 from panoloc.core.options import FORMATS_ON_EARTH, ExportFormat
 from panoloc.service.batches.tour import Photo
 from panoloc.service.cli.exit_codes import ExitCode

@@ -235,8 +235,8 @@ def photo_options(photo: Path, camera: JsonObject | None, asked: JsonObject) -> 
 
 def _is_panorama(photo: Path) -> bool:
     # Commands load these modules only when they need them.
-    from panoloc.core.panorama.image_header import read_image_header
-    from panoloc.core.panorama.known_camera import is_full_sphere
+    from panoloc.core.image.image_header import read_image_header
+    from panoloc.core.image.known_camera import is_full_sphere
 
     try:
         header = read_image_header(photo.read_bytes())

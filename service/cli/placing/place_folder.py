@@ -18,7 +18,7 @@ from typing import Any
 
 import typer
 
-from panoloc.core.file_names import display_name
+from panoloc.core.exports.file_names import display_name
 from panoloc.core.options import CAMERAS_FILE
 from panoloc.service.batches.archive import IMAGE_ENDINGS
 from panoloc.service.batches.tour import Photo, why_left_out

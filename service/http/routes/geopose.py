@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from starlette.convertors import StringConvertor, register_url_convertor
 from starlette.responses import JSONResponse, Response
 
-from panoloc.core.panorama.image_header import IMAGE, KNOWN_FORMATS
+from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS
 from panoloc.service.answer import Localization
 from panoloc.service.errors import InvalidOptionsError, NoPoseError, UploadTooLargeError
 from panoloc.service.http.access import caller_of, maps_seen, require

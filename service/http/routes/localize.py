@@ -9,9 +9,9 @@ from fastapi import APIRouter, Depends, Header, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 
+from panoloc.core.image.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
+from panoloc.core.image.known_camera import check_known_cameras
 from panoloc.core.options import MAX_IMAGES
-from panoloc.core.panorama.image_header import IMAGE, KNOWN_FORMATS, MASK, check_images
-from panoloc.core.panorama.known_camera import check_known_cameras
 from panoloc.service.answer import Localization, picture_path
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, require

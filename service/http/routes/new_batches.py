@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import JSONResponse, Response
 
-from panoloc.core.panorama.image_header import KNOWN_FORMATS
+from panoloc.core.image.image_header import KNOWN_FORMATS
 from panoloc.service.batches.archive import UnpackedImage, UnpackLimits, unique_names, unpack_images
 from panoloc.service.batches.record import BatchRecord
 from panoloc.service.errors import ArchiveError, InvalidOptionsError

@@ -11,7 +11,7 @@ from starlette.responses import JSONResponse, Response
 from panoloc.core import options
 from panoloc.core.scan.format_detection import KNOWN_FORMATS, extension_of, format_of
 from panoloc.core.scan.ply.header import check_ply_file
-from panoloc.core.zip_opening import unpacked_bytes
+from panoloc.core.scan.zip_opening import unpacked_bytes
 from panoloc.service.errors import InvalidOptionsError
 from panoloc.service.http.access import caller_of, hold_upload_place, note_change, own_map, require
 from panoloc.service.http.openapi import accepted_response, binary_part, json_part, multipart

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, StringConstraints
 
 from panoloc.core import options
+from panoloc.core.earth.georeference import LONGEST_DEFINITION, coordinate_system
 from panoloc.core.errors import OptionsError
-from panoloc.core.georeference import LONGEST_DEFINITION, coordinate_system
 from panoloc.core.options import MAX_SPACING_M, MIN_SPACING_M, ColorKind, IndexOptions, StartsMethod, Unit, UpAxis
 from panoloc.service.answer import ResponseModel
 from panoloc.service.http.schemas.operations import ProblemDocument

@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
-from panoloc.core.camera.exif import camera_of_photo
 from panoloc.core.errors import OptionsError
+from panoloc.core.image.exif import camera_of_photo
 from tests.core.found_pose import known
-from tests.core.panorama.picture_files import photo_file
+from tests.core.image.picture_files import photo_file
 
 GOOD = Camera("opencv", 1920, 1440, 1450.0, 1450.0, 960.0, 720.0, (0.1, -0.2, 0.0, 0.0))
 

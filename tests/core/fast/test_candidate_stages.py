@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from panoloc.core.config import JudgeConfig, LocalizerConfig
+from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.fast.candidate_stages import CandidateStages
-from panoloc.core.judge.hypotheses import Hypothesis
 from panoloc.core.prepared_query import MapQuery
 from panoloc.core.stage_clock import StageClock
 

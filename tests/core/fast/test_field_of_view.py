@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Photo, Session, SessionImage
 from panoloc.core.errors import OptionsError
 from panoloc.core.fast.field_of_view import searched_range_deg
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.panorama.session import Photo, Session, SessionImage
 from tests.core.built_maps import AS_LABELS, BOX, LABELLED, POSE, localized, map_of
 from tests.core.found_pose import assert_found, known
+from tests.core.image.painted_photos import photo_of
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import photo_of
 
 WIDTH_DEG = 84.0
 TAKEN = Camera.from_hfov("pinhole", 640, 480, WIDTH_DEG)

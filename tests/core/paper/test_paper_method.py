@@ -10,9 +10,9 @@ import torch
 
 from panoloc.core.config import LocalizerConfig, PaperConfig
 from panoloc.core.errors import DeadlineExceededError
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_index import MapIndex
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import IndexOptions
 from panoloc.core.results import Localization
 from tests.core.built_maps import BOX, POSE

@@ -6,19 +6,19 @@ import numpy as np
 import torch
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Photo, Session
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions
-from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.photo_colors import equalized_windows
-from panoloc.core.panorama.session import Photo, Session
+from panoloc.core.image.photo_atlas import PhotoAtlas
+from panoloc.core.image.photo_colors import equalized_windows
 from panoloc.core.refine.photo_points import look_directions
 from panoloc.core.refine.refinement import CandidatePoints
 from panoloc.core.refine.rig_level import RigLevel
 from panoloc.core.refine.sphere_squares import patch_numbers
 from tests.core.built_maps import tensors_of
 from tests.core.found_pose import known
+from tests.core.image.painted_photos import photo_of
 from tests.core.painted_box import PaintedBox, rotation_of
-from tests.core.panorama.painted_photos import photo_of
 
 CAMERA = Camera.from_hfov("pinhole", 640, 480, 80.0)
 POSE = Pose(rotation_of(25.0, 5.0, -3.0), np.array([1.6, 2.1, 1.4]))

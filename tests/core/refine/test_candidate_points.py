@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from panoloc.core.config import RefinementConfig
+from panoloc.core.features.local_contrast import mixed_with_contrast
 from panoloc.core.geometry.projection import pixel_directions, pixel_solid_angles, project
 from panoloc.core.geometry.rotations import even_directions
 from panoloc.core.geometry.sphere_window import SphereWindow
-from panoloc.core.light.local_contrast import mixed_with_contrast
 from panoloc.core.refine.candidate_points import points_seen_from_poses, points_seen_from_starts, unchanged_share
 from tests.core.built_maps import BOX, map_of
 

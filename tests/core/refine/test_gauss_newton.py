@@ -8,7 +8,7 @@ import torch
 
 from panoloc.core.config import StepConfig
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
-from panoloc.core.panorama.image_level import ImageLevel, prepare_level
+from panoloc.core.image.image_level import ImageLevel, prepare_level
 from panoloc.core.refine.gauss_newton import (
     PointPlanes,
     PoseStep,

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from panoloc.core.config import HalvesConfig, LineConfig, PhotoRefinementConfig, StepConfig
+from panoloc.core.features.line_hold import LineHold
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
-from panoloc.core.lines.line_hold import LineHold
 from panoloc.core.refine.gauss_newton import initial_history
 from panoloc.core.refine.halves import halves_apart
 from panoloc.core.refine.patch_step import PatchStep, patch_step
 from panoloc.core.refine.patch_sums import PatchSums
 from panoloc.core.refine.refinement import CandidatePoints, refine
-from tests.core.lines.made_edges import edges_along
+from tests.core.features.made_edges import edges_along
 from tests.core.other_device import DEVICE, OtherDevice
 from tests.core.refine.painted_scene import POSITION, ROTATION, patches_of, scene
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from panoloc.core.features.local_contrast import local_contrast
 from panoloc.core.geometry.projection import pixels_towards, project
-from panoloc.core.light.local_contrast import local_contrast
-from panoloc.core.panorama.photo_atlas import PhotoAtlas
+from panoloc.core.image.photo_atlas import PhotoAtlas
 from panoloc.core.refine.photo_points import (
     look_directions,
     photos_showing,
@@ -16,10 +16,10 @@ from panoloc.core.refine.photo_points import (
     points_seen_in_starts,
     views_from_starts,
 )
-from panoloc.core.views.photo_comparison import RigView
+from panoloc.core.render.photo_comparison import RigView
 from tests.core.built_maps import BOX, map_of, tensors_of
 from tests.core.found_pose import known
-from tests.core.panorama.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
+from tests.core.image.painted_photos import MAP_FROM_SESSION, TWO, rig_pose, session_of
 
 SESSION = session_of(TWO)
 RIG = rig_pose(SESSION)

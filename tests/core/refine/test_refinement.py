@@ -7,7 +7,7 @@ import torch
 
 from panoloc.core.config import StepConfig
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector, uniform_rotations
-from panoloc.core.panorama.image_level import prepare_level
+from panoloc.core.image.image_level import prepare_level
 from panoloc.core.refine.gauss_newton import StepHistory, next_relaxation
 from panoloc.core.refine.refinement import CandidatePoints, refine
 from tests.core.refine.painted_scene import at_distances, painted, painted_sphere

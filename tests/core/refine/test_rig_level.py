@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Session, SessionImage
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.geometry.projection import pixel_directions
 from panoloc.core.geometry.rotations import even_directions, rotation_from_vector, uniform_rotations
-from panoloc.core.panorama.image_level import prepare_level
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.photo_atlas import PhotoAtlas
-from panoloc.core.panorama.session import Photo, Session, SessionImage
+from panoloc.core.image.image_level import prepare_level
+from panoloc.core.image.photo_atlas import PhotoAtlas
 from panoloc.core.refine.point_sampling import sample_points
 from panoloc.core.refine.rig_level import RigLevel
 from tests.core.painted_box import rotation_of

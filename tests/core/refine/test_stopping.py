@@ -7,7 +7,7 @@ import torch
 
 from panoloc.core.config import PoseDistance, StepConfig, StoppingRule
 from panoloc.core.geometry.rotations import even_directions, rotation_angle, rotation_from_vector
-from panoloc.core.panorama.image_level import prepare_level
+from panoloc.core.image.image_level import prepare_level
 from panoloc.core.refine.gauss_newton import PoseStep, gauss_newton_step, initial_history
 from panoloc.core.refine.refinement import CandidatePoints, Refined, joined, refine
 from tests.core.found_pose import known

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_builder import build_map_index
 from panoloc.core.localizer import Localizer
+from panoloc.core.map.map_builder import build_map_index
 from panoloc.core.options import IndexOptions
 from panoloc.core.scan.ply.writer import encode_ply
 from panoloc.core.scan.point_cloud import PointCloud

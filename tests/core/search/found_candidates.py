@@ -2,10 +2,10 @@
 
 import torch
 
+from panoloc.core.camera.rig import Session
 from panoloc.core.config import LocalizerConfig
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.panorama.session import Session
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.prepared_photos import PreparedPhotos
 from panoloc.core.search.described_photos import DescribedPhotos
 from panoloc.core.search.map_search import MapCandidates

@@ -10,19 +10,19 @@ import torch
 from torch import Tensor
 
 from panoloc.core.camera.camera import Camera
+from panoloc.core.camera.rig import Photo, Session
 from panoloc.core.config import LocalizerConfig
+from panoloc.core.decide.hypotheses import Hypothesis
 from panoloc.core.geometry.rotations import rotation_angle, rotation_from_vector
-from panoloc.core.judge.hypotheses import Hypothesis
 from panoloc.core.options import Hints
-from panoloc.core.panorama.session import Photo, Session
 from panoloc.core.prepared_photos import PreparedPhotos
 from panoloc.core.prepared_query import MapQuery, prepare_queries, search_rounds
 from panoloc.core.search.line_evidence import LineEvidence
 from panoloc.core.search.photo_search import search_photos
 from tests.core.built_maps import POSE, map_of, tensors_of
 from tests.core.found_pose import known
+from tests.core.image.painted_photos import SIDEWAYS, photo_of
 from tests.core.painted_box import PaintedBox
-from tests.core.panorama.painted_photos import SIDEWAYS, photo_of
 
 pytestmark = pytest.mark.slow
 CONFIG = LocalizerConfig().for_photos(0.1)

@@ -7,9 +7,9 @@ from functools import cache
 import pytest
 import torch
 
+from panoloc.core.camera.rig import Session
 from panoloc.core.geometry.pose import pose_error
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.panorama.session import Session
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.search.described_photos import DescribedPhotos
 from panoloc.core.search.lookalikes import described_as_scanned, search_lookalikes
 from panoloc.core.search.map_search import MapCandidates
@@ -17,8 +17,8 @@ from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.search.same_views import search_same_views
 from tests.core.built_maps import OTHER_BOX, POSE, SYMMETRIC, TWIN, map_of, tensors_of
 from tests.core.found_pose import known
+from tests.core.image.painted_photos import UPRIGHT, photo_of
 from tests.core.painted_box import PaintedBox
-from tests.core.panorama.painted_photos import UPRIGHT, photo_of
 from tests.core.search.found_candidates import CONFIG, described, poses_of, rank_of
 
 pytestmark = pytest.mark.slow

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import torch
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.config import DescriptorConfig, PoseDistance, SearchConfig
-from panoloc.core.describe.patch_descriptors import ViewDescriptors, centered_roots, pooled
-from panoloc.core.describe.patch_histograms import described_histograms
-from panoloc.core.describe.spherical_patches import PatchGrid, rotation_table
+from panoloc.core.features.equalization import label_codes
+from panoloc.core.features.patch_descriptors import ViewDescriptors, centered_roots, pooled
+from panoloc.core.features.patch_grid import PatchGrid, rotation_table
+from panoloc.core.features.patch_histograms import described_histograms
 from panoloc.core.geometry.pose import pose_error
 from panoloc.core.geometry.rotations import rotation_from_vector, uniform_rotations
-from panoloc.core.light.color_equalization import label_codes
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.pyramid import PanoramaPyramid
+from panoloc.core.image.pyramid import PanoramaPyramid
 from panoloc.core.search.map_search import DescribedPanorama, describe_panorama, make_search_rotations, search_maps
 from panoloc.core.search.pose_limits import PoseLimits
 from panoloc.core.search.pose_scores import select_candidates

@@ -9,12 +9,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from panoloc.core.describe.fine_views import FineViews
-from panoloc.core.describe.spherical_patches import PatchGrid
+from panoloc.core.camera.rig import Session
+from panoloc.core.features.fine_views import FineViews
+from panoloc.core.features.patch_grid import PatchGrid
 from panoloc.core.geometry.pose import Pose, pose_error
 from panoloc.core.geometry.rotations import rotation_angle, uniform_rotations
 from panoloc.core.options import Hints
-from panoloc.core.panorama.session import Session
 from panoloc.core.search.closer_look import search_around
 from panoloc.core.search.described_photos import DescribedPhotos
 from panoloc.core.search.every_pose import scores_of_every_pose
@@ -27,8 +27,8 @@ from panoloc.core.search.pose_scores import Candidates
 from panoloc.core.search.position_sweep import swept
 from tests.core.built_maps import BOX, POSE, map_of
 from tests.core.found_pose import known
+from tests.core.image.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, rig_pose, session_of
 from tests.core.painted_box import rotation_of
-from tests.core.panorama.painted_photos import MAP_FROM_SESSION, SIDEWAYS, TWO, photo_of, rig_pose, session_of
 from tests.core.search.found_candidates import CONFIG, described, poses_of, prepared, rank_of
 
 pytestmark = pytest.mark.slow

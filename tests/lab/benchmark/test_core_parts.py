@@ -12,7 +12,7 @@ import torch
 
 from panoloc.core.config import StartsConfig
 from panoloc.core.errors import ScanError
-from panoloc.core.index.starts import octree_starts
+from panoloc.core.map.starts import octree_starts
 from panoloc.lab.benchmark.core_parts import CORE_PARTS, CoreBenchmark
 from panoloc.lab.benchmark.painted_maps import Rooms, spacing_for
 from panoloc.lab.benchmark.painted_room import PaintedRoom

@@ -12,9 +12,9 @@ from PIL import Image
 
 from panoloc.core.camera.camera import CameraDescription
 from panoloc.core.camera.lens import project_to_image
+from panoloc.core.camera.rig import Photo
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.panorama.reader import read_image
-from panoloc.core.panorama.session import Photo
+from panoloc.core.image.reader import read_image
 from panoloc.core.scan.reading import read_scan
 from panoloc.lab import demo_room
 from panoloc.lab.demo_room import DemoQuery, DemoScene, make_demo_scene

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
+from panoloc.core.decide.confidence import FEATURES
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.judge.confidence import FEATURES
 from panoloc.lab.commands import evaluation_run
 from panoloc.lab.evaluation.known_cases import ScanCases
 from panoloc.lab.evaluation.runner import RunOptions

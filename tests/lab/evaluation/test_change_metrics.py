@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization, SearchSummary
 from panoloc.lab.evaluation.known_cases import KnownQuery
 from panoloc.lab.evaluation.metrics import change_metrics, points_of_index

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from panoloc.core.judge.confidence import FEATURES, ConfidenceModel, RadiusModel
+from panoloc.core.decide.confidence import FEATURES, ConfidenceModel, RadiusModel
 from panoloc.lab.evaluation.fit_confidence import (
     features_of_row,
     fit_confidence,

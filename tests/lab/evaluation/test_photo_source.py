@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from panoloc.core.camera.rig import Session
 from panoloc.core.geometry.pose import pose_error
-from panoloc.core.panorama.session import Session
 from panoloc.lab.evaluation.known_cases import query_facts
 from panoloc.lab.evaluation.photo_source import as_photos
 from panoloc.lab.evaluation.sources import folder_scans

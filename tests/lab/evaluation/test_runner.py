@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from panoloc.core.index.map_builder import build_map_index
-from panoloc.core.index.map_index import MapIndex
-from panoloc.core.judge.confidence import load_confidence_model
+from panoloc.core.decide.confidence import load_confidence_model
+from panoloc.core.map.map_builder import build_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.scan.point_cloud import PointCloud
 from panoloc.lab.evaluation.fit_confidence import features_of_row
 from panoloc.lab.evaluation.known_cases import ScanCases, limited

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from panoloc.core.camera.panorama import Panorama
 from panoloc.core.errors import OptionsError
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.panorama.panorama import Panorama
 from panoloc.lab.evaluation.known_cases import KnownQuery, SourceError, limited
 from panoloc.lab.evaluation.sources import folder_scans, seed_range, suite_scans
 

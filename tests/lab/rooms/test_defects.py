@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from panoloc.core.panorama.missing.finding import find_missing
-from panoloc.core.panorama.panorama import Panorama
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.image.invalid_regions.finding import find_missing
 from panoloc.lab.evaluation.photo_source import as_uploaded
 from panoloc.lab.rooms import View, suite_cases, with_any_defect
 from panoloc.lab.rooms.capture.camera_look import PHOTO, CameraLook, apply_look

@@ -5,8 +5,8 @@ import pytest
 
 from panoloc.core.camera.camera import Camera
 from panoloc.core.camera.lens import project_to_image
+from panoloc.core.camera.rig import Session
 from panoloc.core.geometry.pose import Pose, pose_error
-from panoloc.core.panorama.session import Session
 from panoloc.lab.rooms import (
     CAMERAS,
     Scene,

@@ -131,6 +131,6 @@ def test_a_name_that_is_no_name_is_no_image(name: str, tmp_path: Path) -> None:
 def test_a_zip_whose_list_of_files_would_fill_the_memory_is_refused_before_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("panoloc.core.zip_opening.MAX_LIST_BYTES", 1000)
+    monkeypatch.setattr("panoloc.core.scan.zip_opening.MAX_LIST_BYTES", 1000)
     with pytest.raises(ArchiveError, match=r"list of files takes .* pack fewer files"):
         unpack(tmp_path, packed({f"{number}.jpg": b"" for number in range(50)}))

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import Status
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo
 from panoloc.core.results import Candidate, FoundImage, Localization, SearchSummary
 from panoloc.service.cache import WorkerCache
 from panoloc.service.errors import NoWorkerError, QueueFullError

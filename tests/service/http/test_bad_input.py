@@ -9,7 +9,7 @@ import pytest
 
 from panoloc.core.errors import ScanTooLargeError
 from panoloc.service.http.guards import slow_clients
-from tests.core.panorama.picture_files import encoded, picture
+from tests.core.image.picture_files import encoded, picture
 from tests.service.http.fake_pool import ply_of
 from tests.service.http.running_service import SCAN, Listen, RunningService, Serve, png_of
 

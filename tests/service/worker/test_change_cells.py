@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.results import Localization, SearchSummary
 from panoloc.service.worker.answers import change_cells
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from panoloc.core.camera.camera import Camera, CameraDescription
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo, Session
 from panoloc.core.errors import PanoramaDamagedError, PanoramaTooLargeError
 from panoloc.core.geometry.pose import Pose
 from panoloc.core.options import SessionOptions, TrackedPose
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.panorama.session import Photo, Session
 from panoloc.core.results import Candidate, Localization, SearchSummary
 from panoloc.service.jobs import QueryImage
 from panoloc.service.worker.query_images import as_found, photos_of, read_query, shown_on_sphere

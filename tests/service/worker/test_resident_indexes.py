@@ -3,7 +3,7 @@ from typing import cast
 
 import pytest
 
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_index import MapIndex
 from panoloc.service.jobs import MapRef
 from panoloc.service.worker.localization_worker import ResidentIndexes
 

@@ -18,13 +18,13 @@ import pytest
 import redis
 import torch
 
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.decide.pictures import encode_png
 from panoloc.core.geometry.pose import Pose
-from panoloc.core.index.map_builder import build_map_index, index_config_digest
-from panoloc.core.index.map_codec import encode_map_index
-from panoloc.core.index.map_index import MapIndex
+from panoloc.core.map.map_builder import build_map_index, index_config_digest
+from panoloc.core.map.map_codec import encode_map_index
+from panoloc.core.map.map_index import MapIndex
 from panoloc.core.options import MIN_POINTS, IndexOptions, ScanOptions
-from panoloc.core.panorama.panorama import Panorama
-from panoloc.core.pictures import encode_png
 from panoloc.core.results import Candidate, SearchSummary
 from panoloc.core.results import Localization as Found
 from panoloc.core.scan import reading

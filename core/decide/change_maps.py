@@ -1,0 +1,102 @@
+"""What changed: the panorama and the scan compared at the found pose.
+
+Paper: §3.2, Eq. 2 and 3 score every patch by its best match in any view, before the pose is known. Once it is known, every
+pixel can be compared with the very point that it should show.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from panoloc.core.config import ChangeConfig
+from panoloc.core.features.light_fit import fit_gain_offset
+from panoloc.core.geometry.projection import pixel_directions, project, sample_bilinear, wrap_border
+from panoloc.core.render.comparison import Comparison
+from panoloc.core.render.render_cloud import RenderCloud
+from panoloc.core.render.synthetic_view import visible_points
+
+
+@dataclass(frozen=True)
+class ChangeMaps:
+    """Scores in 0..1 (1 = as scanned) and the shares that changed.
+
+    score_map_2d: (H, W) float32 in the panorama's own pixels, NaN where the scan shows nothing. point_scores: gives (n,) float32 of the
+    rendered cloud's points, NaN for points that the camera does not see. Fractions are of solid angle and of seen points.
+    """
+
+    score_map_2d: NDArray[np.float32]
+    point_scores: Callable[[], NDArray[np.float32]]
+    panorama_changed_fraction: float
+    map_changed_fraction: float
+
+
+def change_maps(
+    comparison: Comparison, cloud: RenderCloud, rotation: Tensor, position: Tensor, config: ChangeConfig
+) -> ChangeMaps:
+    """Score pixels and points at one pose: rotation (3, 3) map_from_camera, position (3,); the comparison holds this pose alone."""
+    comparison = comparison.on_sphere()
+    height, width = comparison.views.depth.shape[1:]
+    scores = _pixel_scores(comparison, config).view(height, width)
+    seen = comparison.weights[0].view(height, width) > 0
+    total = comparison.weights.sum().clamp_min(1e-9)
+    changed = (comparison.weights[0] * (scores.flatten() < config.changed_below)).sum() / total
+    in_view = torch.where(seen, scores, torch.full_like(scores, torch.nan))
+    depth, map_from_view = comparison.views.depth[0], comparison.views.map_from_view[0]
+    # Every k-th point along the curve is an even sample of the scan, enough for a fraction.
+    sample = cloud.positions[:: max(1, len(cloud.positions) // config.sampled_points)]
+    points = _point_scores(in_view, depth, (sample - position) @ map_from_view, cloud.spacing)
+    known = ~points.isnan()
+    changed_points = (points[known] < config.changed_below).float().mean() if bool(known.any()) else torch.zeros(())
+    directions = pixel_directions(height, width, rotation.device) @ (rotation.T @ map_from_view)
+    u, v = project(directions, height, width)
+    share = sample_bilinear(torch.stack((scores * seen, seen.float())), u, v)
+    in_camera = torch.where(share[..., 1] > 0.5, share[..., 0] / share[..., 1].clamp_min(1e-6), torch.nan)
+
+    def point_scores() -> NDArray[np.float32]:
+        """Return the scores (n,) of all points of the rendered cloud."""
+        return _point_scores(in_view, depth, (cloud.positions - position) @ map_from_view, cloud.spacing).cpu().numpy()
+
+    return ChangeMaps(in_camera.cpu().numpy(), point_scores, float(changed), float(changed_points))
+
+
+def _pixel_scores(comparison: Comparison, config: ChangeConfig) -> Tensor:
+    """Return a score per pixel (S,) from canonical colours after a last fit of light, forgiving shifts of one pixel."""
+    scan, panorama, weights = comparison.scan, comparison.panorama, comparison.weights
+    for _ in range(3):
+        gain, offset = fit_gain_offset(panorama, scan, weights)
+        fitted = panorama * gain[:, None] + offset[:, None]
+        distance = (fitted - scan).norm(dim=-1) / config.half_score_difference
+        weights = comparison.weights / (1 + distance.square()).square()
+    height, width = comparison.views.depth.shape[1:]
+    shape = (3, height, width)
+    sharp = _nearest_distance(fitted[0].T.reshape(shape), scan[0].T.reshape(shape)) / config.half_score_difference
+    score = 1 / (1 + sharp.square())
+    # Changes are objects, not pixels: a median-like smoothing removes single outliers at edges.
+    padded = wrap_border(score[None])
+    blurred = torch.nn.functional.avg_pool2d(padded, 3, stride=1)[0]
+    return blurred.flatten()
+
+
+def _nearest_distance(moving: Tensor, fixed: Tensor) -> Tensor:
+    """Return the smallest colour distance (H, W) of each pixel of `fixed` (3, H, W) to the 3 x 3 pixels around it in `moving`."""
+    padded = wrap_border(moving)
+    height, width = fixed.shape[1:]
+    best = torch.full((height, width), torch.inf, device=fixed.device)
+    for row in range(3):
+        for column in range(3):
+            shifted = padded[:, row : row + height, column : column + width]
+            best = torch.minimum(best, (shifted - fixed).square().sum(0))
+    return best.sqrt()
+
+
+def _point_scores(in_view: Tensor, depth: Tensor, relative: Tensor, spacing: float) -> Tensor:
+    """Return the score of the pixel of `in_view` (H, W) that each point (n, 3), in metres from the view and in its axes, projects to.
+
+    (n,), NaN for points hidden behind `depth`.
+    """
+    pixel, visible = visible_points(relative, spacing, depth)
+    return torch.where(visible, in_view.flatten()[pixel], torch.nan)

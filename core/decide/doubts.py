@@ -1,0 +1,115 @@
+"""Doubts about an answer for photos that no score of the pose itself tells: images that contradict it, a scan that has little of what they
+show, images that show next to nothing, a field of view at the end of its bounds. Each turns a localized answer into none, and says why."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from panoloc.core.config import JudgeConfig
+from panoloc.core.decide.confidence import share_within
+from panoloc.core.decide.photo_agreement import PhotoAgreement
+from panoloc.core.results import Localization
+
+
+class Doubts:
+    """The rules. threshold: the confidence from which on an answer is localized."""
+
+    def __init__(self, config: JudgeConfig, threshold: float) -> None:
+        self._config, self._threshold = config, threshold
+
+    def unless_contradicted(self, found: Localization, agreements: Sequence[PhotoAgreement | None]) -> Localization:
+        """Return the answer, not localized where images contradict the pose that fits the others: more than a few, or the first.
+
+        Two frames of four that fit can outweigh two that are of another place, or whose poses are wrong.
+        """
+        judge = self._config
+        known = [each.correlation for each in agreements if each is not None]
+        doubtful = [k for k, each in enumerate(agreements) if each is not None and each.contradicts(judge)]
+        best = found.best
+        if best is None or not doubtful or len(agreements) == 1:
+            return found
+        if found.status == "not_localized" and max(known) < judge.agreement:
+            return found  # of another place, all of them: nothing that some of them contradict
+        share = len(doubtful) / len(agreements)
+        found = replace(found, warnings=(*found.warnings, _contradiction(doubtful, len(agreements))))
+        if found.status == "not_localized" or (share <= judge.contradicting_share and doubtful[0] > 0):
+            return found
+        return self._refused(found, best.confidence * (1 - share))
+
+    def unless_seen_little_of(self, found: Localization) -> Localization:
+        """Return the answer, not localized where the scan has little of what photos show at the pose and that little leaves a doubt.
+
+        What is not compared cannot speak against a pose.
+        """
+        judge, best = self._config, found.best
+        if found.status != "localized" or best is None or found.evidence is None:
+            return found
+        compared = found.evidence.measures["relative_coverage"]
+        if compared >= judge.least_compared or best.confidence >= judge.sure_of_little:
+            return found
+        warning = (
+            f"at the pose that fits best the scan has only {compared:.0%} of what the images show, "
+            "too little for a pose that is not beyond doubt"
+        )
+        return self._refused(found, best.confidence, warning)
+
+    def unless_plain(self, found: Localization, edges_deg: float | None) -> Localization:
+        """Return the answer, not localized where images show hardly any edges: a plain wall in soft light fits in many places, and which of
+        them fits best is chance. edges_deg: how long all edges are together; None: nobody knows."""
+        if found.status == "not_localized" or edges_deg is None or edges_deg >= self._config.least_edges_deg:
+            return found
+        warning = "the image shows next to no edges, as a plain wall does; take one that shows more of the place"
+        return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+
+    def unless_at_bound(self, found: Localization, bound_deg: float | None) -> Localization:
+        """Return the answer, not localized where the photo fits best with a field of view at one of the bounds that it was searched
+        within: it may lie beyond."""
+        if bound_deg is None:
+            return found
+        at_bound = f"when it is {bound_deg:g} degrees wide, a bound of hfov_range_deg"
+        if found.status == "not_localized":
+            lost = f"nothing fits well enough; what fits best does so {at_bound}: widen the range if the photo may lie beyond"
+            return replace(found, warnings=(*found.warnings, lost))
+        warning = f"the photo fits best {at_bound}; widen the range"
+        return self._refused(found, 0.0 if found.best is None else found.best.confidence, warning)
+
+    def unless_focal_length_matters(self, found: Localization) -> Localization:
+        """Return the answer no surer than its radius allows, which tells what an uncertain focal length leaves open; not localized where
+        that is too little."""
+        best = found.best
+        if best is None or found.status == "not_localized":
+            return found
+        allowed = share_within(found.accuracy_position_m, found.accuracy_orientation_deg)
+        if allowed >= self._threshold:
+            others = tuple(replace(other, confidence=min(other.confidence, allowed)) for other in found.alternatives)
+            return replace(found, best=replace(best, confidence=min(best.confidence, allowed)), alternatives=others)
+        warning = (
+            f"the field of view is not known well enough to say where the image was taken to less than {found.accuracy_position_m:.2f} m; "
+            "send hfov_deg or the intrinsics, or more images"
+        )
+        return self._refused(found, best.confidence, warning)
+
+    def _refused(self, found: Localization, confidence: float, warning: str | None = None) -> Localization:
+        """Return the answer as one that is not localized, no surer than that and half the threshold; nor are its alternatives."""
+        assert found.best is not None
+        most = min(confidence, self._threshold / 2)
+        others = tuple(replace(other, confidence=min(other.confidence, most)) for other in found.alternatives)
+        warnings = found.warnings if warning is None else (*found.warnings, warning)
+        best = replace(found.best, confidence=most)
+        return replace(found, status="not_localized", best=best, alternatives=others, warnings=warnings)
+
+
+def _contradiction(doubtful: Sequence[int], count: int) -> str:
+    """Say of which images, counted from 0, the poses or cameras must be wrong."""
+    numbers = [str(k + 1) for k in doubtful]
+    if len(numbers) == 1:
+        said, whose = (
+            f"image {numbers[0]} of {count} does",
+            "its session_from_camera and the field of view of its camera",
+        )
+    else:
+        said, whose = (
+            f"images {', '.join(numbers[:-1])} and {numbers[-1]} of {count} do",
+            "their session_from_camera and the field of view of their cameras",
+        )
+    unless = "unless much of what is seen there has changed"
+    return f"{said} not agree with the pose that fits the others; check frame, {whose}, {unless}"

@@ -1,1 +1,0 @@
-"""Patches of a view or panorama, and the histograms and short vectors that describe them."""

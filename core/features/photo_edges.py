@@ -1,0 +1,120 @@
+"""The edges of photos, each as the plane through the lens and the edge.
+
+A straight edge in space, whatever its distance, lies in one plane with the lens. The normal of that plane is the direction in which colours
+change fastest across the edge, a unit vector of the rig: the vanishing point of the edge lies at a right angle to it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from panoloc.core.config import LineConfig
+from panoloc.core.image.photo_atlas import PhotoAtlas
+from panoloc.core.image.photo_level import PhotoWindows
+
+_DARKEST = 0.05  # added to colours before their logarithm is taken, so that noise in the dark is no edge
+_SURELY_VALID = 0.999
+_SMOOTHING = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Pixels on edges: directions (E, 3), unit vectors of the rig, and normals (E, 3) of the planes of their edges, either way round.
+
+    length_deg: how long all edges are together that stand out from the noise, those of which nothing was taken too.
+    """
+
+    directions: Tensor
+    normals: Tensor
+    length_deg: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Return E."""
+        return len(self.normals)
+
+    def some(self, most: int) -> "Edges":
+        """Return at most so many, spread over all."""
+        stride = max(1, -(-len(self.normals) // most))
+        return Edges(self.directions[::stride], self.normals[::stride], self.length_deg)
+
+
+def edges_of_photos(atlas: PhotoAtlas, config: LineConfig) -> Edges:
+    """Return some of the strongest edges of all photos together, thinned to one pixel across; few or none where hardly any are."""
+    windows = atlas.windows(min(config.rows, atlas.finest_rows))
+    magnitude, east, north = _gradients(windows)
+    strongest = _ridges(magnitude, east, north, windows).flatten()
+    # Where most of a photo is plain, how fast colours change there is noise.
+    noise = magnitude[windows.valid > 0].median()
+    is_edge, stands_out = strongest > config.least_gradient, strongest > config.edge_over_noise * noise
+    # All three at once: a device is waited for only once.
+    edges, outstanding, both = torch.stack((is_edge.sum(), stands_out.sum(), (is_edge & stands_out).sum())).tolist()
+    count = min(edges, max(config.fewest_real_edges, outstanding), config.strongest_edges)
+    length_deg = both * 180 / windows.rows
+    chosen = strongest.topk(count).indices[:: config.edge_stride]
+    directions = windows.direction.flatten(1)[:, chosen].T
+    normals = _tangents(directions, east.flatten()[chosen], north.flatten()[chosen])
+    turned = atlas.rotations[windows.photo.flatten()[chosen]] @ torch.stack((directions, normals), dim=-1)
+    return Edges(turned[..., 0].contiguous(), turned[..., 1].contiguous(), length_deg)
+
+
+def _gradients(windows: PhotoWindows) -> tuple[Tensor, Tensor, Tensor]:
+    """Return how fast colours change at each pixel (H, W), and the unit direction of it, to the east and north (H, W) of the sphere.
+
+    Of all channels together: the largest eigenvalue of their structure tensor (Di Zenzo 1986), so that edges between equally bright
+    colours count.
+    """
+    share = _smoothed(windows.valid[None])
+    smooth = _smoothed(windows.color * windows.valid) / share.clamp_min(1e-6)
+    planes = windows.level((smooth + _DARKEST).log()).planes
+    x, y = windows.direction[:2]
+    east, north = planes[3:6] / torch.hypot(x, y).clamp_min(1e-3), planes[6:9]
+    first, mixed, second = (east * east).sum(0), (east * north).sum(0), (north * north).sum(0)
+    spread = ((first - second).square() / 4 + mixed.square()).sqrt()
+    magnitude = ((first + second) / 2 + spread).clamp_min(0).sqrt() * (share[0] > _SURELY_VALID)
+    angle = torch.atan2(2 * mixed, first - second) / 2
+    return magnitude, angle.cos(), angle.sin()
+
+
+def _ridges(magnitude: Tensor, east: Tensor, north: Tensor, windows: PhotoWindows) -> Tensor:
+    """Return the magnitude (H, W) where it is the largest across the edge, and zero elsewhere (Canny 1986)."""
+    x, y = windows.direction[:2]
+    # Columns run against the azimuth, and are narrower towards the poles; rows run against the elevation.
+    columns, rows = -east / torch.hypot(x, y).clamp_min(1e-3), -north
+    longest = torch.maximum(columns.abs(), rows.abs()).clamp_min(1e-9)
+    column_step, row_step = (columns / longest).round().long(), (rows / longest).round().long()
+    height, width = magnitude.shape
+    row = torch.arange(height, device=magnitude.device)[:, None]
+    column = torch.arange(width, device=magnitude.device)
+
+    def beside(sign: int) -> Tensor:
+        """Return the magnitude one pixel across the edge."""
+        at_row = (row + sign * row_step).clamp(0, height - 1)
+        return magnitude[at_row, (column + sign * column_step).clamp(0, width - 1)]
+
+    return magnitude * ((magnitude >= beside(1)) & (magnitude > beside(-1)))
+
+
+def _smoothed(planes: Tensor) -> Tensor:
+    """Smooth planes (C, H, W) by a binomial kernel of five pixels; beyond the border is nothing."""
+    return _smoothed_along(_smoothed_along(planes, 2), 1)
+
+
+def _smoothed_along(planes: Tensor, axis: int) -> Tensor:
+    """Smooth along one axis; by sums of shifted planes, for a convolution of a single channel takes several times as long."""
+    smooth, length = _SMOOTHING[2] * planes, planes.shape[axis]
+    for shift in (1, 2):
+        kept, weight = max(0, length - shift), _SMOOTHING[2 + shift]
+        smooth.narrow(axis, 0, kept).add_(planes.narrow(axis, length - kept, kept), alpha=weight)
+        smooth.narrow(axis, length - kept, kept).add_(planes.narrow(axis, 0, kept), alpha=weight)
+    return smooth
+
+
+def _tangents(directions: Tensor, east: Tensor, north: Tensor) -> Tensor:
+    """Return unit tangents (E, 3) of the sphere at directions (E, 3), from their components to the east and north (E,)."""
+    x, y, z = directions.unbind(-1)
+    flat = torch.hypot(x, y).clamp_min(1e-6)
+    to_east = torch.stack((-y / flat, x / flat, torch.zeros_like(x)), dim=-1)
+    to_north = torch.stack((-x * z / flat, -y * z / flat, flat), dim=-1)
+    return to_east * east[:, None] + to_north * north[:, None]

@@ -1,0 +1,1 @@
+"""From the bytes of an image to the windows that it fills of spheres, at several resolutions."""

@@ -1,0 +1,143 @@
+"""Read a panorama, or a photo of a known camera, from the bytes of a JPEG, PNG or WebP file: limits first, pixels later.
+
+EXIF orientation is honoured. GPano crop fields place a cropped panorama in the full sphere. A photo is placed there by its camera: the one
+that the caller describes, else a pinhole of the focal length that EXIF gives. Without any of these anything but 2:1 is an error. An
+alpha channel or a separate mask marks pixels to ignore, and what is found not to be the place
+(`panoloc.core.image.invalid_regions`) is ignored as well.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from panoloc.core.camera.camera import Camera, CameraDescription, have_one_shape
+from panoloc.core.camera.panorama import Panorama
+from panoloc.core.camera.rig import Photo
+from panoloc.core.errors import MaskShapeError, PanoramaUnusableError
+from panoloc.core.image.exif import camera_of_photo, rounding_share, size_when_taken
+from panoloc.core.image.gpano import MIN_HEIGHT, crop_fields, place_crop
+from panoloc.core.image.image_file import color_and_alpha, decode, open_image, read_mask, reduced, swaps_sides
+from panoloc.core.image.image_header import IMAGE
+from panoloc.core.image.invalid_regions.finding import find_missing
+from panoloc.core.image.known_camera import cropped_error, is_full_sphere, no_camera_error, perhaps_cropped
+from panoloc.core.image.photo_window import FINEST_PX_PER_RAD, check_share, photo_on_sphere
+from panoloc.core.options import MAX_PIXELS
+
+_DRAFT_HEIGHT = 512  # nothing looks closer; a JPEG of twice this or more is decoded at a half, a quarter or an eighth
+
+
+def read_panorama(
+    data: bytes,
+    mask: bytes | None = None,
+    *,
+    camera: CameraDescription | None = None,
+    max_pixels: int = MAX_PIXELS,
+) -> Panorama:
+    """Decode a panorama, or a photo onto the sphere; arguments and errors as of `read_image`."""
+    image = read_image(data, mask, camera=camera, max_pixels=max_pixels)
+    if isinstance(image, Panorama):
+        return image
+    return replace(photo_on_sphere(image.color, image.valid, image.camera), left_out=image.left_out)
+
+
+def read_image(
+    data: bytes,
+    mask: bytes | None = None,
+    *,
+    camera: CameraDescription | None = None,
+    max_pixels: int = MAX_PIXELS,
+) -> Panorama | Photo:
+    """Decode a panorama, or a photo of a known camera.
+
+    data: a JPEG, PNG or WebP file, 8 or 16 bit. mask: an image of the same aspect ratio, non-zero = ignore. camera: what took it; None: the
+    file says so itself. max_pixels: checked against the header before anything is decoded.
+    Raises PanoramaFormatError, PanoramaTooLargeError, PanoramaDamagedError, PanoramaShapeError or PanoramaUnusableError; for the mask the
+    subclasses MaskFormatError, MaskTooLargeError, MaskDamagedError or MaskShapeError; OptionsError where camera and image do not fit.
+    """
+    image = open_image(data, IMAGE, max_pixels)
+    size = image.size[::-1] if swaps_sides(image) else image.size
+    if camera is not None:
+        photo = _photo(image, mask, camera.of_image(image.size, size), camera.is_as_stored(image.size), max_pixels)
+        return replace(photo, hfov_range_deg=camera.hfov_range_deg)
+    crop = crop_fields(image, data)
+    if crop is None and not is_full_sphere(size):
+        found = camera_of_photo(image, size)
+        if found is None:
+            raise no_camera_error(size)
+        taken = size_when_taken(image) or image.size
+        if not have_one_shape(taken, image.size):
+            raise cropped_error(image.size, taken)
+        photo = _photo(image, mask, found, False, max_pixels)
+        words = photo.left_out if taken == image.size else (*photo.left_out, perhaps_cropped(image.size, taken))
+        return replace(photo, focal_uncertainty=rounding_share(found), left_out=words)
+    if crop is None and size[1] < MIN_HEIGHT:
+        raise PanoramaUnusableError(
+            f"image: expected at least {2 * MIN_HEIGHT} x {MIN_HEIGHT} pixels, got {size[0]} x {size[1]}"
+        )
+    _draft(image, image.size[1] // _DRAFT_HEIGHT)
+    pixels = reduced(decode(image, IMAGE), image.size[1] // _DRAFT_HEIGHT)
+    if crop is None and pixels.size[0] != 2 * pixels.size[1]:  # a pixel off, or halved from an odd number of rows
+        pixels = pixels.resize((2 * pixels.size[1], pixels.size[1]))
+    color, valid = color_and_alpha(pixels)
+    if crop is not None:
+        color, valid = place_crop(color, valid, crop, max_pixels)
+    return Panorama(color, *_counting(color, _masked(valid, mask, max_pixels), valid, True))
+
+
+def _photo(image: Image.Image, mask: bytes | None, camera: Camera, as_stored: bool, max_pixels: int) -> Photo:
+    """Decode a photo, no larger than it says anything."""
+    factor = int(min(camera.fx_px, camera.fy_px) / FINEST_PX_PER_RAD)
+    _draft(image, factor)
+    color, valid = color_and_alpha(reduced(decode(image, IMAGE, turned=not as_stored), factor))
+    camera = camera.resized(valid.shape[1], valid.shape[0])
+    valid, left_out = _counting(color, _masked(valid, mask, max_pixels), valid, _shows_full_sphere(camera))
+    check_share(valid, camera)
+    return Photo(color, valid, camera, left_out)
+
+
+def _draft(image: Image.Image, factor: int) -> None:
+    """Let a JPEG be decoded at a fraction of its size, which is several times faster."""
+    if image.format in ("JPEG", "MPO") and factor > 1:
+        image.draft("RGB", (max(1, image.size[0] // factor), max(1, image.size[1] // factor)))
+
+
+def _masked(valid: NDArray[np.bool_], mask: bytes | None, max_pixels: int) -> NDArray[np.bool_]:
+    """Return which pixels (h, w) count, without those of the mask. Raises PanoramaUnusableError or MaskShapeError where none does."""
+    if not valid.any():
+        raise PanoramaUnusableError(
+            "image: expected visible pixels, got an alpha channel that hides all pixels; export the image without "
+            "transparency"
+        )
+    if mask is not None:
+        valid = valid & ~read_mask(mask, valid.shape, max_pixels)
+    if not valid.any():
+        raise MaskShapeError(
+            "mask: expected visible pixels, got a mask that hides all pixels; non-zero mask pixels mean 'ignore'"
+        )
+    return valid
+
+
+def _counting(
+    color: NDArray[np.uint8], valid: NDArray[np.bool_], opaque: NDArray[np.bool_], is_sphere: bool
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return which of the `valid` pixels (h, w) show the place, and what the others are.
+
+    opaque: what the image itself shows, mask or not: a caller's mask changes nothing about what is found.
+    """
+    found = find_missing(color, opaque, is_sphere)
+    shown = valid & ~found.missing
+    # Where a mask leaves nothing else, what it leaves was meant.
+    return (shown, found.words) if shown.any() else (valid, ())
+
+
+def _shows_full_sphere(camera: Camera) -> bool:
+    """Tell whether the image of a camera is a full sphere: twice as wide as high, all around."""
+    full_turn = 2 * math.pi * camera.fx_px
+    return (
+        camera.model == "equirectangular"
+        and abs(camera.width_px - full_turn) < 1
+        and is_full_sphere((camera.width_px, camera.height_px))
+    )

@@ -1,1 +1,0 @@
-"""Judgement: which refined pose is right, how sure that is, and what has changed since the scan."""

@@ -1,1 +1,0 @@
-"""Straight lines: how edges of photos, and walls of maps, say how a camera is turned."""

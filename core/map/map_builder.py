@@ -1,0 +1,163 @@
+"""Registration: from a point cloud to a map index. The order of the steps is written here.
+
+Paper: §3.1 to §3.3, the map side: starts, one synthetic view per start, patch histograms.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from panoloc.core.config import IndexConfig, StartsConfig
+from panoloc.core.features.equalization import LabelCodes, label_codes
+from panoloc.core.features.fine_views import FineViewCollector, RenderedViews, histograms_of_views
+from panoloc.core.features.patch_descriptors import ViewDescriptors, centered_roots, described, principal_basis
+from panoloc.core.features.patch_grid import PatchGrid
+from panoloc.core.map.map_index import INDEX_VERSION, MapIndex
+from panoloc.core.map.starts import Starts, grid_starts, octree_starts
+from panoloc.core.options import IndexOptions
+from panoloc.core.render.described_view import views_to_describe
+from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud, point_spacing
+from panoloc.core.render.synthetic_view import RENDER_BATCH
+from panoloc.core.scan.point_cloud import PointCloud
+from panoloc.core.scan.voxel_thinning import thin_to_spacing
+
+Progress = Callable[[str, float], None]
+
+
+def index_config_digest(options: IndexOptions, config: IndexConfig | None = None) -> str:
+    """Return 16 hex digits that change whenever an index built with these options would."""
+    text = f"{INDEX_VERSION} {(config or IndexConfig()).digest()} {options!r}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def build_map_index(
+    cloud: PointCloud,
+    options: IndexOptions | None = None,
+    *,
+    config: IndexConfig | None = None,
+    device: torch.device | str = "cpu",
+    progress: Progress | None = None,
+) -> MapIndex:
+    """Build the index of a cloud.
+
+    progress: called with the stage's name and its share done, 0..1; an exception raised there stops the work and passes through.
+    Raises OptionsError when the options leave no start.
+    """
+    options, config = options or IndexOptions(), config or IndexConfig()
+    report = progress or (lambda stage, share: None)
+    report("finding starts", 0.0)
+    cloud = _sort_along_curve(_thinned(cloud, options, config))
+    starts = _find_starts(cloud, options, config)
+    positions = torch.from_numpy(cloud.positions).to(device)
+    raw = torch.from_numpy(cloud.colors).to(device)
+    labels = label_codes(raw) if options.color_kind == "labels" else None
+    colors = raw.float() / 255 if labels is None else labels.recode(raw)[0]
+    spacing = point_spacing(positions)
+    centers = torch.from_numpy(starts.positions).float().to(device)
+    rendered = make_render_cloud(positions, colors, spacing)
+    views = _ViewCollector(config, labels, rendered, centers)
+    for first in range(0, len(centers), RENDER_BATCH):
+        report("rendering starts", first / len(centers))
+        views.add(centers[first : first + RENDER_BATCH])
+    keep = views.well_covered(config.starts)
+    report("describing views", 0.0)
+    descriptors = views.describe(keep)
+    report("describing views", 1.0)
+    return MapIndex(
+        positions=positions,
+        colors=raw,
+        origin_offset=cloud.origin_offset,
+        spacing=spacing,
+        starts=centers[keep],
+        leaf_sizes=torch.from_numpy(starts.leaf_sizes).float().to(device)[keep],
+        descriptors=descriptors,
+        sampled_shares=torch.cat(views.sampled_shares)[keep],
+        labels=labels,
+        num_points_read=cloud.num_points_read or len(cloud),
+        fine_views=views.fine.collected(keep),
+    )
+
+
+class _ViewCollector:
+    """Collects what is kept of each batch of synthetic views."""
+
+    def __init__(self, config: IndexConfig, labels: LabelCodes | None, cloud: RenderCloud, centers: Tensor) -> None:
+        self.config, self.labels, self.cloud = config.descriptors, labels, cloud
+        self.grid = PatchGrid(self.config.patch_rows, self.config.patch_columns)
+        self.histograms: list[Tensor] = []
+        self.coverage: list[Tensor] = []
+        self.sampled_shares: list[Tensor] = []
+        sample = centers[:: max(1, len(centers) // config.fine_views.basis_views)]
+        parts = [self._render(part)[0] for part in torch.split(sample, RENDER_BATCH)]
+        together = RenderedViews(*(torch.cat([getattr(p, f.name) for p in parts]) for f in fields(RenderedViews)))
+        self.fine = FineViewCollector(config.fine_views, self.config.bins, labels is not None, together)
+
+    def add(self, centers: Tensor) -> None:
+        """Render the views from `centers` (B, 3) and keep what describes them, and their coverage."""
+        views, sampled = self._render(centers)
+        histogram = histograms_of_views(views, self.grid, self.config.bins, self.labels is not None)
+        self.fine.add(views)
+        self.histograms.append(histogram.half())
+        sphere = 4 * math.pi
+        self.coverage.append(views.weights.sum((1, 2)) / sphere)
+        self.sampled_shares.append((sampled * views.weights).sum((1, 2)) / sphere)
+
+    def _render(self, centers: Tensor) -> tuple[RenderedViews, Tensor]:
+        """Return the views from `centers` (B, 3), and in which pixels (B, H, W) a point falls."""
+        return views_to_describe(self.cloud, centers, self.config.view_height, self.labels is not None)
+
+    def well_covered(self, config: StartsConfig) -> Tensor:
+        """Return the numbers of the views that see enough to lie inside the scanned space."""
+        coverage = torch.cat(self.coverage)
+        return (
+            coverage >= config.min_coverage_share * torch.quantile(coverage, config.well_placed_quantile)
+        ).nonzero()[:, 0]
+
+    def describe(self, keep: Tensor) -> ViewDescriptors:
+        """Return the descriptors of the kept views."""
+        solid = self.grid.solid_angles(keep.device)
+        histograms = torch.cat(self.histograms)[keep]
+        sample = histograms[:: max(1, len(histograms) // self.config.basis_views)].float()
+        basis = principal_basis(centered_roots(sample, solid)[0], self.config.size, self.config.basis_patches)
+        values, weights = [], []
+        for part in torch.split(histograms, 64):
+            value, weight = described(part.float(), solid, basis)
+            values.append(value)
+            weights.append(weight)
+        return ViewDescriptors(torch.cat(values), basis, torch.cat(weights))
+
+
+def _find_starts(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> Starts:
+    chosen = config.starts if options.spacing_m is None else replace(config.starts, spacing_m=options.spacing_m)
+    region = None
+    if options.region is not None:
+        low, high = (np.asarray(corner) - cloud.origin_offset for corner in options.region)
+        region = (low, high)
+    find = octree_starts if options.starts_method == "octree" else grid_starts
+    return find(cloud.positions, chosen, region)
+
+
+def _thinned(cloud: PointCloud, options: IndexOptions, config: IndexConfig) -> PointCloud:
+    lower, upper = cloud.bounds
+    spacing = min(config.finest_spacing_m, config.finest_spacing_share * float(np.linalg.norm(upper - lower)))
+    return thin_to_spacing(cloud, spacing, options.color_kind) if spacing > 0 else cloud
+
+
+def _sort_along_curve(cloud: PointCloud) -> PointCloud:
+    """Sort the points along a Morton curve: neighbours lie together in memory, and every k-th point is an even sample."""
+    lower, upper = cloud.bounds
+    scaled = (cloud.positions - lower) / max(float((upper - lower).max()), 1e-6) * 1023
+    code = np.zeros(len(cloud), dtype=np.int64)
+    cells = scaled.astype(np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    order = np.argsort(code, kind="stable")
+    return replace(
+        cloud, positions=np.ascontiguousarray(cloud.positions[order]), colors=np.ascontiguousarray(cloud.colors[order])
+    )

@@ -1,0 +1,128 @@
+"""The map index: everything about a scan that a query needs, computed once at registration."""
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from panoloc.core.features.equalization import LabelCodes
+from panoloc.core.features.fine_views import FineViews
+from panoloc.core.features.patch_descriptors import ViewDescriptors, pooled
+from panoloc.core.map.wall_axes import wall_axes
+from panoloc.core.options import ColorKind
+from panoloc.core.render.render_cloud import RenderCloud, make_render_cloud
+
+INDEX_VERSION = 5  # of what an index holds and means; rises with every change, so that older ones are built again
+_RENDERED_BYTES = 40  # of a point in `render_cloud`: colours as floats, and places in six densities
+
+
+@dataclass(frozen=True)
+class MapIndex:
+    """An index of N points and T starts.
+
+    positions: (N, 3) float32 metres relative to `origin_offset`. colors: (N, 3) uint8 as scanned.
+    origin_offset: (3,) float64. spacing: metres between points.
+    starts: (T, 3) float32 metres relative to `origin_offset`. leaf_sizes: (T,) float32 metres.
+    descriptors: of the T synthetic views. sampled_shares: (T,) float32, share of the sphere in whose pixels of such a view
+    a point falls. labels: codes when the colours are semantic labels, else None. num_points_read: points in the scan file.
+    fine_views: the same views as photos need them.
+    """
+
+    positions: Tensor
+    colors: Tensor
+    origin_offset: NDArray[np.float64]
+    spacing: float
+    starts: Tensor
+    leaf_sizes: Tensor
+    descriptors: ViewDescriptors
+    sampled_shares: Tensor
+    labels: LabelCodes | None
+    num_points_read: int
+    fine_views: FineViews
+
+    @property
+    def num_points(self) -> int:
+        """Return N."""
+        return len(self.positions)
+
+    @property
+    def num_starts(self) -> int:
+        """Return T."""
+        return len(self.starts)
+
+    @property
+    def num_bytes(self) -> int:
+        """Return the memory of all arrays in bytes, those included that the first query adds."""
+        tensors = [getattr(self, f.name) for f in fields(self)]
+        tensors += [self.descriptors.values, self.descriptors.basis, self.descriptors.weights]
+        # What `render_cloud` and `coarse_views` add with the first query.
+        rendered = _RENDERED_BYTES * self.num_points + self.descriptors.values.numel() + self.fine_views.num_bytes
+        return rendered + sum(t.numel() * t.element_size() for t in tensors if isinstance(t, Tensor))
+
+    @property
+    def start_positions(self) -> NDArray[np.float64]:
+        """Return the starts (T, 3) in the scan's own frame."""
+        return self.starts.cpu().numpy().astype(np.float64) + self.origin_offset
+
+    @property
+    def start_leaf_sizes(self) -> NDArray[np.float64]:
+        """Return the edge lengths (T,) of the octree leaves, metres."""
+        return self.leaf_sizes.cpu().numpy().astype(np.float64)
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the smallest and largest coordinates, each (3,), in the scan's own frame."""
+        lower, upper = self.positions.amin(0).cpu().numpy(), self.positions.amax(0).cpu().numpy()
+        return lower.astype(np.float64) + self.origin_offset, upper.astype(np.float64) + self.origin_offset
+
+    @property
+    def color_kind(self) -> ColorKind:
+        """Return whether colours are light or semantic labels."""
+        return "rgb" if self.labels is None else "labels"
+
+    def canonical_cloud_colors(self) -> Tensor:
+        """Return point colours (N, 3) float32 in 0..1: as scanned, or the codes of the labels."""
+        if self.labels is None:
+            return self.colors.float() / 255
+        return self.labels.recode(self.colors)[0]
+
+    @cached_property
+    def render_cloud(self) -> RenderCloud:
+        """Return the points with canonical colours (as scanned, or label codes), ready for rendering; made once."""
+        with torch.inference_mode(False):  # what one query makes must serve every other
+            return make_render_cloud(self.positions, self.canonical_cloud_colors(), self.spacing)
+
+    @cached_property
+    def wall_axes(self) -> tuple[Tensor, float]:
+        """Return the axes that the walls are built along, and the share of the walls that are (see
+        `panoloc.core.map.wall_axes`); made once."""
+        with torch.inference_mode(False):
+            return wall_axes(self.positions)
+
+    @cached_property
+    def coarse_views(self) -> ViewDescriptors:
+        """Return the descriptors with squares of 2 x 2 patches taken together, for the first pass of the search; made once."""
+        with torch.inference_mode(False):
+            values, weights = pooled(self.descriptors.values, self.descriptors.weights)
+            return ViewDescriptors(values, self.descriptors.basis, weights)
+
+    def to(self, device: torch.device | str) -> "MapIndex":
+        """Return the index with its arrays on `device`."""
+        moved = {
+            f.name: getattr(self, f.name).to(device) for f in fields(self) if isinstance(getattr(self, f.name), Tensor)
+        }
+        described = self.descriptors
+        return replace(
+            self,
+            **moved,
+            descriptors=ViewDescriptors(
+                described.values.to(device), described.basis.to(device), described.weights.to(device)
+            ),
+            labels=None
+            if self.labels is None
+            else LabelCodes(self.labels.labels.to(device), self.labels.codes.to(device)),
+            fine_views=self.fine_views.to(device),
+        )

@@ -1,1 +1,0 @@
-"""The photo: reading it, its resolutions, and what is sampled from it."""

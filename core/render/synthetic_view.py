@@ -1,0 +1,231 @@
+"""Synthetic views: what the scan looks like from a position, by z-buffered splatting with a validity mask.
+
+Every point covers an angle of about its spacing over its distance, so near surfaces must hide far ones although their points lie
+further apart than pixels. Each point is therefore written at the pyramid level whose pixels are as large as its
+footprint; a pixel's depth is the smallest over all levels, its colour that of the finest level that saw it. Far away, where
+many points share a pixel, only every 2nd to 32nd is drawn, so that a view costs the same for a room and for a floor.
+
+Paper: §3.1 (one synthetic view per translation).
+Deviation: the reference implementation writes one pixel per point in order of depth; walls seen from near become a
+lattice through which the next room shines, and black pixels count as missing. Here missing is a mask.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from panoloc.core.config import RENDERING
+from panoloc.core.geometry.projection import project
+from panoloc.core.geometry.sphere_window import SphereWindow
+from panoloc.core.render.drawn_points import ViewParts, drawn_points
+from panoloc.core.render.render_cloud import RenderCloud
+
+RENDER_BATCH = 8  # views rendered at once: memory stays below 200 MB
+
+
+@dataclass(frozen=True)
+class SyntheticViews:
+    """Views rendered from B positions, axes parallel to the map's, or those of the `parts` that were drawn.
+
+    color: (B, H, W, C) float32 in 0..1. depth: (B, H, W) float32 metres, inf where nothing was seen.
+    valid: (B, H, W) bool. point: (B, H, W) int64, the number of the visible point
+    nearest to each pixel's centre, −1 where no point fell; empty where points were not asked for.
+    """
+
+    color: Tensor
+    depth: Tensor
+    valid: Tensor
+    point: Tensor
+    parts: ViewParts | None = None
+
+    @property
+    def window(self) -> SphereWindow:
+        """Return which part of the sphere the images show."""
+        return SphereWindow.of_sphere(self.depth.shape[1]) if self.parts is None else self.parts.window
+
+    @property
+    def map_from_view(self) -> Tensor:
+        """Return the axes of the views, (B, 3, 3)."""
+        if self.parts is not None:
+            return self.parts.rotations
+        return torch.eye(3, device=self.depth.device).expand(len(self.depth), 3, 3)
+
+    def on_sphere(self) -> "SyntheticViews":
+        """Return images of the whole sphere, in the same axes, on which nothing was seen beyond the part that was drawn."""
+        window, parts = self.window, self.parts
+        if parts is None or window.is_whole:
+            return self
+        sphere = SphereWindow.of_sphere(window.rows)
+
+        def padded(image: Tensor, missing: float) -> Tensor:
+            """Return an image (B, h, w, ...) of the window as one of the sphere."""
+            whole = window.on_sphere(image.flatten(1, 2), missing)
+            return whole.view(len(image), sphere.height, sphere.width, *image.shape[3:])
+
+        point = padded(self.point, -1) if len(self.point) else self.point
+        images = padded(self.color, 0.0), padded(self.depth, math.inf), padded(self.valid, False), point
+        return SyntheticViews(*images, replace(parts, window=sphere))
+
+
+def num_levels(height: int) -> int:
+    """Return how many halvings of an image of `height` rows keep at least 8 rows, plus one."""
+    return max(1, int(math.log2(height / 8)) + 1)
+
+
+def render_views(cloud: RenderCloud, centers: Tensor, height: int, with_points: bool = True) -> SyntheticViews:
+    """Render the cloud from each of the centers (B, 3) in metres, in images of `height` rows and twice as many columns.
+
+    with_points: also find the point that each pixel shows. Memory is about 100 bytes for each point drawn, per view; the caller chooses B.
+    """
+    return _render(cloud, centers, SphereWindow.of_sphere(height), None, with_points)
+
+
+def render_parts(cloud: RenderCloud, centers: Tensor, parts: ViewParts, with_points: bool = True) -> SyntheticViews:
+    """Render of the views from the centers (B, 3) the parts that are wanted, in axes of their own; the rest as of `render_views`."""
+    return _render(cloud, centers, parts.window, parts, with_points)
+
+
+def _render(
+    cloud: RenderCloud, centers: Tensor, window: SphereWindow, parts: ViewParts | None, with_points: bool
+) -> SyntheticViews:
+    """Draw the points of each view, the nearest in front; parts: None where all of the sphere is drawn, in axes parallel to the map's."""
+    batch, levels = len(centers), num_levels(window.rows)
+    drawn = drawn_points(cloud, centers, window, parts)
+    distance = drawn.relative.square().sum(0).sqrt()
+    offsets, size = _level_offsets(batch, window.height, window.width, levels)
+    cell = _cells_of(drawn.pixel, distance, drawn.spacing, offsets, window)
+    nearest = torch.full((size,), math.inf, device=distance.device)
+    nearest.scatter_reduce_(0, cell, distance, "amin")
+    depth = _compose_depth(nearest, offsets, batch, window.height, window.width)
+    limit = torch.add(
+        RENDERING.slack_spacings * drawn.spacing,
+        depth.flatten().index_select(0, drawn.pixel),
+        alpha=1 + RENDERING.slack_share,
+    )
+    visible = (distance <= limit).nonzero()[:, 0]
+    shown = drawn.number.index_select(0, visible)
+    sums = torch.zeros((size, cloud.colors.shape[1]), device=distance.device)
+    sums.index_add_(0, cell.index_select(0, visible), cloud.colors.index_select(0, shown))
+    color, valid = _compose_color(sums, offsets, batch, window.height, window.width)
+    if not with_points:
+        return SyntheticViews(color, depth, valid, drawn.number[:0], parts)
+    u, v, pixel = (part.index_select(0, visible) for part in (drawn.u, drawn.v, drawn.pixel))
+    # What fills up the last run lies where its last point does.
+    number = _central_points(u, v, pixel, shown.clamp_max(len(cloud.positions) - 1), depth.numel())
+    return SyntheticViews(color, depth, valid, number.view(depth.shape), parts)
+
+
+def _central_points(u: Tensor, v: Tensor, pixel: Tensor, point: Tensor, num_pixels: int) -> Tensor:
+    """Return for each pixel the number of the point nearest to its centre, −1 without any.
+
+    A pixel's colour is an average over the pixel; pairing it with a point to one side would shift every pose to that side.
+    """
+    off_center = (u - u.floor() - 0.5).square() + (v - v.floor() - 0.5).square()
+    none = torch.iinfo(torch.int64).max
+    best = torch.full((num_pixels,), none, dtype=torch.int64, device=u.device)
+    best.scatter_reduce_(0, pixel, ((off_center * 2**20).long() << 32) | point, "amin")
+    return torch.where(best == none, -1, best & 0xFFFFFFFF)
+
+
+def visible_points(relative: Tensor, spacing: float, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the pixel (N,) that each point shows in, and which points (N,) a view sees whose depth (H, W) of the sphere was rendered.
+
+    relative: (N, 3), metres from the view, in its axes. spacing: of the scan, metres.
+    """
+    height, width = depth.shape
+    u, v = project(relative, height, width)
+    pixel = v.long().clamp(0, height - 1) * width + u.long().clamp(0, width - 1)
+    limit = depth.flatten()[pixel] * (1 + RENDERING.slack_share) + RENDERING.slack_spacings * spacing
+    visible: Tensor = relative.norm(dim=-1) <= limit
+    return pixel, visible
+
+
+def _level_offsets(batch: int, height: int, width: int, levels: int) -> tuple[list[int], int]:
+    """Return where the cells of each level start in an array of all cells, and how many there are."""
+    offsets, size = [], 0
+    for k in range(levels):
+        offsets.append(size)
+        size += batch * (height >> k) * (width >> k)
+    return offsets, size
+
+
+def _cells_of(pixel: Tensor, distance: Tensor, spacing: Tensor, offsets: list[int], window: SphereWindow) -> Tensor:
+    """Return the flat cell (M,) of each point, which falls into `pixel`, at the level of its footprint."""
+    height, width = window.height, window.width
+    # A footprint of exactly one pixel belongs to the finest level in spite of rounding.
+    footprint = (0.999 * RENDERING.footprint * window.rows / math.pi) * spacing / distance.clamp_min(1e-6)
+    large = (footprint > 1).nonzero()[:, 0]  # few: only near points are larger than a pixel
+    level = torch.log2(footprint[large]).ceil_().clamp_(1, max(1, len(offsets) - 1)).long()
+    if len(offsets) == 1 or not len(large):
+        return pixel
+    fine = pixel[large]
+    column, row = fine % width, fine.div(width, rounding_mode="floor")
+    view, row = row.div(height, rounding_mode="floor"), row % height
+    rows, columns = height >> level, width >> level
+    row, column = torch.minimum(row >> level, rows - 1), torch.minimum(column >> level, columns - 1)
+    start = torch.tensor(offsets, device=pixel.device)[level]
+    cell = pixel.clone()
+    cell[large] = start + (view * rows + row) * columns + column
+    return cell
+
+
+def _compose_depth(nearest: Tensor, offsets: list[int], batch: int, height: int, width: int) -> Tensor:
+    """Return the smallest depth (B, H, W) over all levels."""
+    depth: Tensor | None = None
+    for k in range(len(offsets) - 1, -1, -1):
+        here = nearest[offsets[k] : offsets[k] + batch * (height >> k) * (width >> k)].view(
+            batch, height >> k, width >> k
+        )
+        depth = here if depth is None else torch.minimum(double(depth), here)
+    assert depth is not None
+    return depth
+
+
+def _compose_color(sums: Tensor, offsets: list[int], batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Return the colour (B, H, W, C) of the finest level with a visible point, and where there is one.
+
+    A cell also counts the points written up to `fill_levels` levels below it, so that gaps of a few pixels are filled while
+    windows and unscanned corners stay missing.
+    """
+    own = []
+    for k, offset in enumerate(offsets):
+        h, w = height >> k, width >> k
+        own.append(sums[offset : offset + batch * h * w].view(batch, h, w, -1))
+    color: Tensor | None = None
+    valid: Tensor | None = None
+    for k in range(len(own) - 1, -1, -1):
+        here = own[k]
+        for below in range(max(0, k - RENDERING.fill_levels), k):
+            here = here + pool(own[below], k - below)
+        seen = here[..., -1] > 0
+        mean = here[..., :-1] / here[..., -1:].clamp_min(1)
+        if color is None or valid is None:
+            color, valid = mean, seen
+        else:
+            color = torch.where(seen[..., None], mean, double(color))
+            valid = seen | double(valid)
+    assert color is not None
+    assert valid is not None
+    return color, valid
+
+
+def pool(level: Tensor, halvings: int) -> Tensor:
+    """Sum (B, h, w, C) over squares of 2^halvings cells."""
+    for _ in range(halvings):
+        # Rows, then columns: a sum over two axes at once takes six times as long.
+        rows = level[:, ::2] + level[:, 1::2]
+        level = rows[:, :, ::2] + rows[:, :, 1::2]
+    return level
+
+
+def double(level: Tensor) -> Tensor:
+    """Repeat rows and columns of (B, h, w, ...) twice."""
+    return level.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2)
+
+
+def halve(color: Tensor, valid: Tensor) -> Tensor:
+    """Average (B, H, W, 3) over squares of two valid pixels a side."""
+    weight = valid[..., None].float()
+    return pool(color * weight, 1) / pool(weight, 1).clamp_min(1e-6)

@@ -1,0 +1,112 @@
+"""Rules that reject an answer for photos, and say why."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from panoloc.core.config import JudgeConfig
+from panoloc.core.decide.doubts import Doubts
+from panoloc.core.decide.photo_agreement import PhotoAgreement
+from panoloc.core.geometry.pose import Pose
+from panoloc.core.options import Status
+from panoloc.core.results import Candidate, Evidence, Localization, SearchSummary
+from tests.core.found_pose import known
+
+DOUBTS = Doubts(JudgeConfig(), 0.6)
+
+
+def candidate(confidence: float) -> Candidate:
+    return Candidate(Pose(np.eye(3), np.zeros(3)), 0, confidence, 1.0, 0.1, "equalized", 40)
+
+
+def found(status: Status = "localized", confidence: float = 0.95, compared: float = 0.9) -> Localization:
+    evidence, searched = Evidence({"relative_coverage": compared}, None, None), SearchSummary("fast", 1, 10, 100, 1000)
+    return Localization(status, searched, {}, best=candidate(confidence), evidence=evidence)
+
+
+def photos(agreements: list[float | None]) -> list[PhotoAgreement | None]:
+    """Return photos that show much, and agree so much with the pose of all of them, everywhere alike."""
+    return [None if each is None else PhotoAgreement(each, float(each >= 0.5), 0.3) for each in agreements]
+
+
+@pytest.mark.parametrize(
+    ("agreements", "before", "after", "warning"),
+    [
+        ([0.9, 0.8, 0.5, 0.7], "localized", "localized", ""),
+        # One of four, and not the one whose pose is the answer.
+        (
+            [0.9, 0.35, 0.5, 0.7],
+            "localized",
+            "localized",
+            "image 2 of 4 does not agree with the pose that fits the others",
+        ),
+        ([0.35, 0.9, 0.5, 0.7], "localized", "not_localized", "image 1 of 4"),
+        ([0.9, 0.05, 0.08, 0.9], "localized", "not_localized", "images 2 and 3 of 4 do not agree"),
+        ([0.9, None, None, 0.9], "localized", "localized", ""),  # nothing of the scan in view is no contradiction
+        ([0.1], "localized", "localized", ""),  # alone it has nothing to contradict
+        ([0.5, 0.9, 0.1, -0.1], "not_localized", "not_localized", "images 3 and 4 of 4 do not agree"),
+        ([0.4, 0.1, 0.0, -0.1], "not_localized", "not_localized", ""),  # all of another place
+    ],
+)
+def test_more_than_a_few_images_that_disagree_or_the_first_make_a_session_unsure(
+    agreements: list[float | None], before: Status, after: Status, warning: str
+) -> None:
+    answer = DOUBTS.unless_contradicted(found(before), photos(agreements))
+    assert answer.status == after
+    assert (known(answer.best).confidence < 0.5) == (before == "localized" and after == "not_localized")
+    assert [words.startswith(warning) for words in answer.warnings] == ([True] if warning else [])
+
+
+@pytest.mark.parametrize(
+    ("before", "confidence", "compared", "after"),
+    [
+        ("localized", 0.7, 0.2, "not_localized"),
+        ("localized", 0.95, 0.2, "localized"),  # what the scan has fits too well for chance
+        ("localized", 0.7, 0.5, "localized"),
+        ("ambiguous", 0.3, 0.1, "ambiguous"),
+    ],
+)
+def test_little_that_fits_hardly_is_not_enough(
+    before: Status, confidence: float, compared: float, after: Status
+) -> None:
+    answer = DOUBTS.unless_seen_little_of(found(before, confidence, compared))
+    assert answer.status == after
+    assert ["only 20% of what the images show" in words for words in answer.warnings] == [True] * (before != after)
+
+
+@pytest.mark.parametrize(
+    ("before", "edges_deg", "after"),
+    [
+        ("localized", 20.0, "not_localized"),
+        ("ambiguous", 20.0, "not_localized"),
+        ("not_localized", 0.0, "not_localized"),
+        ("localized", 400.0, "localized"),
+        ("localized", None, "localized"),  # labels have no edges
+    ],
+)
+def test_an_image_without_edges_is_nowhere(before: Status, edges_deg: float | None, after: Status) -> None:
+    answer = DOUBTS.unless_plain(replace(found(before), alternatives=(candidate(0.5),)), edges_deg)
+    assert answer.status == after
+    assert ["plain wall" in words for words in answer.warnings] == [True] * (before != after)
+    if before != after:  # and no less sure than its alternatives
+        assert answer.alternatives[0].confidence == known(answer.best).confidence == 0.3
+
+
+def test_a_bound_of_the_field_of_view_is_named() -> None:
+    answer = DOUBTS.unless_at_bound(found(), 80.0)
+    said = "the photo fits best when it is 80 degrees wide, a bound of hfov_range_deg; widen the range"
+    assert (answer.status, answer.warnings) == ("not_localized", (said,))
+    assert DOUBTS.unless_at_bound(found(), None).warnings == ()
+    # Where nothing fits, the bound is no reason but a hint.
+    (words,) = DOUBTS.unless_at_bound(found("not_localized"), 80.0).warnings
+    assert words.startswith("nothing fits well enough")
+
+
+@pytest.mark.parametrize(("radius_m", "status"), [(0.28, "localized"), (0.5, "not_localized")])
+def test_what_an_uncertain_focal_length_leaves_open_bounds_the_confidence(radius_m: float, status: Status) -> None:
+    unsure = replace(found(), accuracy_position_m=radius_m, accuracy_orientation_deg=1.0)
+    answer = DOUBTS.unless_focal_length_matters(unsure)
+    assert answer.status == status
+    assert (0.6 < known(answer.best).confidence < 0.8) == (status == "localized")
+    assert ["less than 0.50 m" in words for words in answer.warnings] == [True] * (status == "not_localized")

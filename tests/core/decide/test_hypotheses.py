@@ -1,0 +1,148 @@
+"""Which hypotheses remain."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from panoloc.core.config import JudgeConfig, PoseDistance
+from panoloc.core.decide.hypotheses import (
+    Hypothesis,
+    by_score,
+    merged,
+    with_close_rival,
+    with_distinctness,
+    with_refined,
+    with_same_views,
+    within_margin,
+)
+from panoloc.core.geometry.rotations import rotation_from_vector
+from panoloc.core.refine.refinement import Refined
+from tests.core.found_pose import known
+
+JUDGE = JudgeConfig()
+
+
+def placed(x: float, score: float = 0.0, loss: float = 0.0, map_number: int = 0) -> Hypothesis:
+    """Return a hypothesis `x` metres along an axis."""
+    return Hypothesis(map_number, 0, torch.eye(3), torch.tensor([x, 0.0, 0.0]), score=score, loss=loss)
+
+
+def test_of_candidates_that_met_the_one_of_smallest_loss_stays() -> None:
+    found = merged(
+        [placed(0.0, loss=0.3), placed(0.05, loss=0.1), placed(1.0, loss=0.2), placed(0.05, map_number=1)], JUDGE.merged
+    )
+    assert [(h.map_number, h.loss) for h in found] == [(1, 0.0), (0, 0.1), (0, 0.2)]
+
+
+def test_hopeless_candidates_go_but_the_best_one_elsewhere_stays() -> None:
+    ranked = [placed(0.0, 1.4), placed(0.2, 1.3), placed(5.0, 0.6), placed(9.0, 0.5)]
+    assert [h.score for h in within_margin(ranked, 8, 0.35, JUDGE.place)] == [1.4, 1.3, 0.6]
+    close = [placed(0.0, 1.4), placed(5.0, 1.3), placed(9.0, 0.5)]
+    assert [h.score for h in within_margin(close, 8, 0.35, JUDGE.place)] == [1.4, 1.3]
+    assert [h.score for h in within_margin(ranked, 8, 0.35)] == [1.4, 1.3]
+    assert within_margin([], 8, 0.35, JUDGE.place) == []
+
+
+def test_hypotheses_that_converged_to_one_pose_count_once() -> None:
+    near = [Hypothesis(0, k, torch.eye(3), torch.tensor([0.01 * k, 0, 0]), score=0.5 + 0.1 * k) for k in range(4)]
+    apart = Hypothesis(0, 9, torch.eye(3), torch.tensor([2.0, 0, 0]), score=0.1)
+    elsewhere = Hypothesis(1, 0, torch.eye(3), torch.zeros(3), score=0.2)
+    kept = by_score([*near, apart, elsewhere], JUDGE.distinct)
+    assert [h.score for h in kept] == [near[3].score, 0.2, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "angle_deg", "is_near"),
+    [(0.4, 14.0, True), (0.5, 0.0, False), (0.6, 0.0, False), (0.0, 16.0, False), (0.4, 16.0, False)],
+)
+def test_two_hypotheses_are_near_when_both_place_and_orientation_are(
+    distance_m: float, angle_deg: float, is_near: bool
+) -> None:
+    turned = rotation_from_vector(torch.tensor([0.0, 0.0, math.radians(angle_deg)]))
+    one = placed(0.0)
+    other = Hypothesis(0, 3, turned, torch.tensor([0.0, distance_m, 0.0]))
+    assert one.is_near(other, PoseDistance(0.5, 15.0)) is is_near
+    assert other.is_near(one, PoseDistance(0.5, 15.0)) is is_near
+    elsewhere = Hypothesis(1, 3, torch.eye(3), torch.zeros(3))
+    assert not one.is_near(elsewhere, PoseDistance(0.5, 15.0))
+
+
+def test_refinement_changes_the_pose_and_what_is_known_of_it_and_nothing_else() -> None:
+    group = [
+        Hypothesis(2, k, torch.eye(3), torch.zeros(3), score=0.1 * k, iterations=k, color_model="x") for k in range(3)
+    ]
+    refined = Refined(
+        numbers=torch.tensor([0, 2]),
+        rotations=torch.stack([rotation_from_vector(torch.tensor([0.0, 0.0, a])) for a in (0.1, 0.2)]),
+        positions=torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        loss=torch.tensor([0.25, 0.5]),
+        hessian=torch.stack((torch.eye(6), 2 * torch.eye(6))),
+        scale=torch.tensor([0.125, 0.75]),
+        steps=torch.tensor([7, 9]),
+    )
+    found = with_refined(group, refined)
+    assert [h.start for h in found] == [0, 2]  # the second had come together with one of these
+    for k, (one, before) in enumerate(zip(found, (group[0], group[2]), strict=True)):
+        assert torch.equal(one.rotation, refined.rotations[k])
+        assert torch.equal(one.position, refined.positions[k])
+        assert torch.equal(known(one.hessian), refined.hessian[k])
+        assert (one.loss, one.residual_scale) == (float(refined.loss[k]), float(refined.scale[k]))
+        assert one.iterations == before.iterations + int(refined.steps[k])
+        assert (one.map_number, one.score, one.color_model) == (2, before.score, "x")
+
+
+def test_as_many_are_kept_as_are_wanted_and_as_fit_into_the_margin() -> None:
+    ranked = [placed(3.0 * k, 1.0 - 0.1 * k) for k in range(6)]
+    assert len(within_margin(ranked, 3, 0.9)) == 3
+    assert [h.score for h in within_margin(ranked, 6, 0.25)] == [1.0, 0.9, 0.8]
+    # Those beyond the wanted number count as elsewhere, too.
+    together = [placed(0.01 * k, 1.0 - 0.1 * k) for k in range(3)]
+    kept = within_margin([*together, placed(9.0, 0.1), placed(19.0, 0.05)], 2, 0.9, JUDGE.place)
+    assert [h.score for h in kept] == [1.0, 0.9, 0.1]
+
+
+def test_the_best_pose_elsewhere_goes_along_where_it_is_close() -> None:
+    place = PoseDistance(0.5, 15.0)
+    best, beside, elsewhere = placed(0.0, 1.0), placed(0.2, 0.98), placed(3.0, 0.9)
+    assert with_close_rival([best, beside, elsewhere], 2, 0.25, place) == [best, beside, elsewhere]
+    assert with_close_rival([best, elsewhere, beside], 2, 0.25, place) == [best, elsewhere]
+    assert with_close_rival([best, beside, placed(3.0, 0.7)], 2, 0.25, place) == [best, beside]
+    assert with_close_rival([], 2, 0.25, place) == []
+
+
+def test_a_place_is_as_distinct_as_the_one_that_resembles_it_most_leaves_it() -> None:
+    best = replace(placed(0.0, 0.5), measures={"coverage": 0.1})
+    others = [replace(placed(3.0 * k, 0.2), likeness=likeness) for k, likeness in enumerate((0.1, 0.4, None), 1)]
+    found = with_distinctness(best, others)
+    assert found.measures == {"coverage": 0.1, "distinctness": pytest.approx(0.2)}
+    assert with_distinctness(best, [replace(others[0], likeness=0.7)]).measures["distinctness"] == 0.0
+    assert with_distinctness(best, [replace(others[0], likeness=-0.1)]).measures["distinctness"] == 1.0
+    assert with_distinctness(best, others[2:]) == best
+    assert with_distinctness(found, others[2:]) == best
+
+
+def test_places_near_those_that_look_the_same_are_marked_and_the_best_is_not() -> None:
+    hypotheses = [placed(0.0), placed(4.1), placed(9.0), placed(4.0, map_number=1)]
+    marked = with_same_views(hypotheses, [placed(4.5), placed(0.1)], PoseDistance(1.0, 30.0))
+    assert [h.is_same_view for h in marked] == [False, True, False, False]
+    assert with_same_views([], [placed(0.0)], PoseDistance(1.0, 30.0)) == []
+
+
+def test_what_is_near_the_best_is_no_equal_however_near_it_is_to_one() -> None:
+    # 0.8 m beside the best, and as far from a place that looks the same.
+    hypotheses = [placed(0.0), placed(0.8), placed(1.7)]
+    marked = with_same_views(hypotheses, [placed(0.0), placed(1.6)], PoseDistance(1.0, 30.0))
+    assert [h.is_same_view for h in marked] == [False, False, True]
+
+
+def test_the_place_that_equals_were_sought_from_is_one_of_them_where_another_fits_better() -> None:
+    sought_from, equal = placed(0.0), placed(4.5)
+    ranked = [placed(4.4, 0.9), placed(0.1, 0.8), placed(9.0, 0.7)]
+    marked = with_same_views(ranked, [sought_from, equal], PoseDistance(1.0, 30.0))
+    assert [h.is_same_view for h in marked] == [False, True, False]
+    # What is best at none of these places says nothing of them.
+    elsewhere = [placed(9.0, 0.9), placed(0.1, 0.8), placed(4.4, 0.7)]
+    marked = with_same_views(elsewhere, [sought_from, equal], PoseDistance(1.0, 30.0))
+    assert not any(h.is_same_view for h in marked)

@@ -1,0 +1,179 @@
+"""Which photos are placed on the sphere, by which camera, and what is said about the others."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from panoloc.core.camera.camera import Camera, CameraDescription
+from panoloc.core.camera.rig import Photo
+from panoloc.core.errors import CoreError, OptionsError, PanoramaShapeError, PanoramaUnusableError
+from panoloc.core.image.photo_window import photo_on_sphere
+from panoloc.core.image.reader import read_image, read_panorama
+from tests.core.built_maps import BOX, POSE
+from tests.core.image.painted_photos import photo_of
+from tests.core.image.picture_files import encoded, photo_file, picture
+
+PHONE = CameraDescription("pinhole", hfov_deg=69.0)
+PHOTO = encoded(picture(640, 480))
+
+
+def photo(data: bytes, camera: CameraDescription | None = None) -> Photo:
+    found = read_image(data, camera=camera)
+    assert isinstance(found, Photo)
+    return found
+
+
+def width_and_height_deg(valid: np.ndarray) -> tuple[float, float]:
+    """Return how much of the horizon, and of the meridian ahead, is visible."""
+    rows, columns = valid.shape
+    return 360 * valid[rows // 2].mean(), 180 * valid[:, columns // 2].mean()
+
+
+def test_a_phones_photo_is_placed_by_its_exif_data() -> None:
+    found = read_panorama(photo_file(picture(900, 600), focal_mm=26))
+    assert width_and_height_deg(found.valid) == pytest.approx((69.4, 49.6), abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("taken", "is_told"),
+    [
+        ((900, 600), False),
+        ((600, 900), False),
+        ((0, 0), False),
+        ((900, 0), False),
+        ((3600, 2400), True),
+        ((2400, 3600), True),
+        ((3604, 2400), True),
+    ],
+)
+def test_a_copy_of_its_shape_is_taken_for_all_of_the_photo_and_one_of_another_size_is_told(
+    taken: tuple[int, int], is_told: bool
+) -> None:
+    found = photo(photo_file(picture(900, 600), focal_mm=26, taken=taken))
+    assert found.camera.hfov_deg == pytest.approx(69.4, abs=0.1)
+    assert [words.partition(", which")[0] for words in found.left_out] == [
+        f"the EXIF data describe an image of {max(taken)} x {min(taken)} px, got 900 x 600"
+    ] * is_told
+
+
+def test_of_a_crop_whose_camera_is_told_nobody_asks_what_it_was_before() -> None:
+    cut = photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024))
+    camera = CameraDescription("pinhole", 900, 600, fx_px=700.0, cx_px=200.0, cy_px=300.0)
+    assert photo(cut, camera).camera.cx_px == 200.0
+
+
+def test_a_focal_length_in_whole_millimetres_is_known_no_better_than_they_say() -> None:
+    for focal_mm in (26, 77):
+        found = photo(photo_file(picture(900, 600), focal_mm))
+        assert found.focal_uncertainty == pytest.approx(0.34 / focal_mm)
+    assert photo(PHOTO, PHONE).focal_uncertainty == 0
+
+
+def test_a_portrait_photo_is_turned_upright() -> None:
+    stored = np.zeros((600, 900, 3), np.uint8)
+    stored[:, :450] = 250  # the left half: up, once the photo is turned by orientation 6
+    found = read_panorama(photo_file(stored, focal_mm=26, orientation=6))
+    assert width_and_height_deg(found.valid) == pytest.approx((49.6, 69.4), abs=1.0)
+    rows = found.valid.shape[0]
+    middle = found.color[:, found.valid.shape[1] // 2]
+    assert middle[rows // 2 - rows // 16].min() > 240
+    assert middle[rows // 2 + rows // 16].max() < 10
+
+
+def test_intrinsics_of_the_sensor_leave_a_portrait_photo_as_it_is_stored() -> None:
+    data = photo_file(picture(900, 600), orientation=6)
+    found = read_panorama(data, camera=CameraDescription("pinhole", 1800, 1200, fx_px=1300.0))
+    assert width_and_height_deg(found.valid) == pytest.approx((69.4, 49.6), abs=1.0)
+
+
+def test_a_given_camera_goes_before_what_the_shape_suggests() -> None:
+    found = read_panorama(encoded(picture(640, 320)), camera=CameraDescription("pinhole", hfov_deg=60.0))
+    assert found.valid.mean() < 0.1
+
+
+def test_a_mask_lies_on_the_photo_and_not_on_the_sphere() -> None:
+    mask = np.zeros((480, 640), np.uint8)
+    mask[:, :320] = 255
+    found = read_panorama(PHOTO, encoded(mask), camera=PHONE)
+    rows, columns = found.valid.shape
+    assert not found.valid[:, : columns // 2 - 1].any()
+    assert found.valid[rows // 2, columns // 2 + 2 : columns // 2 + 20].all()
+
+
+@pytest.mark.slow
+def test_a_large_photo_is_as_good_as_its_small_copy() -> None:
+    small, large = picture(1000, 750), np.asarray(Image.fromarray(picture(1000, 750)).resize((4000, 3000)))
+    first, second = (read_panorama(encoded(each, "JPEG", quality=95), camera=PHONE) for each in (small, large))
+    both = first.valid & second.valid
+    assert (first.valid ^ second.valid).mean() < 0.002
+    assert np.abs(first.color[both].astype(float) - second.color[both]).mean() < 2
+
+
+@pytest.mark.parametrize(
+    ("data", "camera", "error", "said"),
+    [
+        (PHOTO, None, PanoramaShapeError, r"2:1 .* 640 x 480 .* EXIF .* options\.cameras .* hfov_deg"),
+        (
+            photo_file(picture(900, 600), focal_mm=26, taken=(4032, 3024)),
+            None,
+            PanoramaShapeError,
+            r"4032 x 3024 px by its EXIF data, got 900 x 600 px.*cx_px and cy_px",
+        ),
+        (PHOTO, CameraDescription("pinhole", 1920, 1080, fx_px=1400.0), OptionsError, "1920 x 1080 px"),
+        (encoded(picture(20, 8)), PHONE, PanoramaUnusableError, "at least 16 pixels a side, got 20 x 8"),
+        (
+            PHOTO,
+            CameraDescription("opencv", 640, 480, 500.0, distortion=(-50.0, 1000.0, 0.0, 0.0)),
+            OptionsError,
+            r"^distortion: expected coefficients that are valid .* leave \d+% of it",
+        ),
+        (PHOTO, CameraDescription("pinhole", hfov_deg=1.5), PanoramaUnusableError, r"at least 0\.1%"),
+    ],
+    ids=["nothing known", "cut", "another image", "few pixels", "wild distortion", "next to nothing"],
+)
+def test_a_photo_that_cannot_be_placed_is_refused_with_what_to_send(
+    data: bytes, camera: CameraDescription | None, error: type[CoreError], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        read_panorama(data, camera=camera)
+
+
+# Placed on the sphere.
+
+LARGE = Camera.from_hfov("pinhole", 4000, 3000, 69.0)
+
+
+@pytest.mark.slow
+def test_a_photo_lies_on_the_sphere_where_the_panorama_shows_the_same() -> None:
+    photo = photo_of(Camera.from_hfov("pinhole", 640, 480, 69.0))
+    placed = photo_on_sphere(photo.color, photo.valid, photo.camera)
+    whole = BOX.panorama(POSE, height=placed.valid.shape[0])
+    difference = np.abs(placed.color[placed.valid].astype(float) - whole.color[placed.valid])
+    assert np.median(difference) < 3
+    shifted = np.roll(whole.color, 3, axis=1)
+    assert np.abs(placed.color[placed.valid].astype(float) - shifted[placed.valid]).mean() > 2 * difference.mean()
+
+
+def test_masked_pixels_neither_show_nor_bleed_into_their_neighbours() -> None:
+    color = np.full((3000, 4000, 3), 90, np.uint8)
+    valid = np.ones((3000, 4000), bool)
+    valid[:, 2000:] = False
+    color[:, 2000:] = 255
+    placed = photo_on_sphere(color, valid, LARGE)
+    assert (placed.color[placed.valid] == 90).all()
+    columns = placed.valid.shape[1]
+    assert placed.valid[:, : columns // 2 - 2].any()
+    assert not placed.valid[:, columns // 2 :].any()
+
+
+@pytest.mark.slow
+def test_a_large_photo_is_averaged_and_not_picked_from() -> None:
+    stripes = np.zeros((3000, 4000, 3), np.uint8)
+    stripes[:, ::2] = 200
+    placed = photo_on_sphere(stripes, np.ones((3000, 4000), bool), LARGE)
+    assert np.abs(placed.color[placed.valid].astype(int) - 100).max() <= 2
+
+
+def test_intrinsics_of_another_image_are_refused() -> None:
+    with pytest.raises(OptionsError, match="got 600 x 800"):
+        photo_on_sphere(np.zeros((800, 600, 3), np.uint8), np.ones((800, 600), bool), LARGE)

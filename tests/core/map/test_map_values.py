@@ -1,0 +1,189 @@
+"""What an index tells of itself, on one that is made by hand, and what is doubtful about it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from panoloc.core.features.equalization import LabelCodes
+from panoloc.core.features.fine_views import FineViews
+from panoloc.core.features.patch_descriptors import ViewDescriptors, pooled
+from panoloc.core.map.map_diagnostics import map_diagnostics
+from panoloc.core.map.map_index import MapIndex
+from panoloc.core.options import ColorKind, IndexOptions
+from tests.core.found_pose import known
+
+NUM_POINTS, NUM_STARTS, NUM_PATCHES, SIZE, BINS = 1200, 3, 32, 5, 27
+FINE_PATCHES, FINE_SIZE, ROWS = 128, 7, 8
+OFFSET = np.array([1000.5, -2000.25, 30.0])
+
+
+def made(labels: bool = False) -> MapIndex:
+    """Return an index whose points fill a box of 4 x 3 x 2 m, with three starts inside."""
+    random = torch.Generator().manual_seed(0)
+    positions = torch.rand((NUM_POINTS, 3), generator=random) * torch.tensor([4.0, 3.0, 2.0])
+    positions[:2] = torch.tensor([[0.0, 0.0, 0.0], [4.0, 3.0, 2.0]])
+    # Of labels that a photo shows in nearly these colours.
+    codes = LabelCodes(torch.tensor([[0, 0, 0], [10, 20, 30]]), torch.tensor([[0.0, 0.5, 1.0], [1.0, 0.25, 0.0]]))
+    colors = torch.tensor([[0, 0, 0], [10, 20, 32]], dtype=torch.uint8).repeat(NUM_POINTS // 2, 1)
+    return MapIndex(
+        positions=positions,
+        colors=colors,
+        origin_offset=OFFSET,
+        spacing=0.04,
+        starts=torch.tensor([[1.0, 1.0, 1.0], [2.0, 1.5, 1.0], [3.0, 2.0, 1.5]]),
+        leaf_sizes=torch.tensor([0.5, 0.25, 0.125]),
+        descriptors=ViewDescriptors(
+            torch.randn((NUM_STARTS, NUM_PATCHES, SIZE), generator=random),
+            torch.randn((BINS, SIZE), generator=random),
+            torch.rand((NUM_STARTS, NUM_PATCHES), generator=random),
+        ),
+        sampled_shares=torch.tensor([0.2, 0.9, 0.5]),
+        labels=codes if labels else None,
+        num_points_read=5000,
+        fine_views=FineViews(
+            torch.randint(-31, 32, (NUM_STARTS, FINE_PATCHES, FINE_SIZE), generator=random).to(torch.int8),
+            torch.rand(NUM_STARTS, generator=random),
+            torch.randn((BINS, FINE_SIZE), generator=random),
+            torch.rand((NUM_STARTS, FINE_PATCHES), generator=random).half(),
+            torch.randint(0, 256, (NUM_STARTS, ROWS, 2 * ROWS, 3), generator=random).byte(),
+            torch.rand((NUM_STARTS, ROWS, 2 * ROWS), generator=random) > 0.1,
+        ),
+    )
+
+
+def test_places_are_told_in_the_scan_s_own_frame() -> None:
+    index = made()
+    assert (index.num_points, index.num_starts) == (NUM_POINTS, NUM_STARTS)
+    lower, upper = index.bounds
+    np.testing.assert_array_equal(lower, OFFSET)
+    np.testing.assert_array_equal(upper, OFFSET + np.array([4, 3, 2]))
+    np.testing.assert_array_equal(index.start_positions, OFFSET + made().starts.numpy())
+    np.testing.assert_array_equal(index.start_leaf_sizes, [0.5, 0.25, 0.125])
+    assert {each.dtype for each in (lower, upper, index.start_positions, index.start_leaf_sizes)} == {np.dtype("f8")}
+
+
+def test_the_memory_of_an_index_is_that_of_its_arrays_and_of_what_a_query_adds() -> None:
+    points = NUM_POINTS * (3 * 4 + 3)
+    starts = NUM_STARTS * (3 * 4 + 4 + 4)
+    descriptors = 4 * (NUM_STARTS * NUM_PATCHES * SIZE + BINS * SIZE + NUM_STARTS * NUM_PATCHES)
+    # 40 bytes of a point to render, and a quarter of the descriptors again.
+    added = 40 * NUM_POINTS + NUM_STARTS * NUM_PATCHES * SIZE
+    fine = NUM_STARTS * (FINE_PATCHES * (FINE_SIZE + 2) + 4 + ROWS * 2 * ROWS * (3 + 1)) + 4 * BINS * FINE_SIZE
+    assert made().num_bytes == points + starts + descriptors + added + fine
+
+
+def test_colours_are_shown_as_scanned_and_labels_by_their_codes() -> None:
+    index, labelled = made(), made(labels=True)
+    assert (index.color_kind, labelled.color_kind) == ("rgb", "labels")
+    torch.testing.assert_close(index.canonical_cloud_colors(), index.colors.float() / 255)
+    torch.testing.assert_close(index.render_cloud.colors[:NUM_POINTS, :3], index.colors.float() / 255)
+    expected = known(labelled.labels).codes.repeat(NUM_POINTS // 2, 1)
+    torch.testing.assert_close(labelled.canonical_cloud_colors(), expected)
+
+
+def test_what_a_query_adds_is_made_once_and_serves_outside_of_inference() -> None:
+    index = made()
+    with torch.inference_mode():
+        cloud, coarse = index.render_cloud, index.coarse_views
+    assert index.render_cloud is cloud
+    assert index.coarse_views is coarse
+    assert not cloud.positions.is_inference()
+    assert not coarse.values.is_inference()
+    values, weights = pooled(index.descriptors.values, index.descriptors.weights)
+    assert torch.equal(coarse.values, values)
+    assert torch.equal(coarse.weights, weights)
+    assert torch.equal(coarse.basis, index.descriptors.basis)
+
+
+@pytest.mark.parametrize("labels", [False, True])
+def test_an_index_moves_to_a_device_with_all_its_arrays(labels: bool) -> None:
+    moved = made(labels).to("meta")
+    arrays = [moved.positions, moved.colors, moved.starts, moved.leaf_sizes, moved.sampled_shares]
+    arrays += [moved.descriptors.values, moved.descriptors.basis, moved.descriptors.weights]
+    fine = moved.fine_views
+    arrays += [fine.steps, fine.scale, fine.basis, fine.weights, fine.pictures, fine.seen]
+    if labels:
+        assert moved.labels is not None
+        arrays += [moved.labels.labels, moved.labels.codes]
+    assert {array.device.type for array in arrays} == {"meta"}
+    assert (moved.labels is not None) is labels
+    assert (moved.spacing, moved.num_points_read) == (0.04, 5000)
+    assert moved.descriptors.values.shape == (NUM_STARTS, NUM_PATCHES, SIZE)
+
+
+# What is doubtful.
+
+
+def found(
+    index: MapIndex, options: IndexOptions | None = None, num_points_given: int = NUM_POINTS
+) -> list[tuple[str, str, str]]:
+    """Return code, severity and message of all that is doubtful."""
+    told = map_diagnostics(index, options or IndexOptions(), num_points_given)
+    return [(each.code, each.severity, each.message) for each in told]
+
+
+def assert_told(told: list[tuple[str, str, str]], code: str, severity: str, is_told: bool, message: str) -> None:
+    assert [each[:2] for each in told] == [(code, severity)] * is_told
+    assert all(message in each[2] for each in told)
+
+
+def region(low: tuple[float, ...], high: tuple[float, ...]) -> IndexOptions:
+    """Return the options of a region in the axes of the index."""
+    return IndexOptions(region=(tuple((OFFSET + low).tolist()), tuple((OFFSET + high).tolist())))
+
+
+def test_nothing_is_doubtful_about_a_good_map() -> None:
+    assert found(made()) == found(made(), region((0.0, 0.25, 0.5), (4.0, 2.25, 1.5))) == []
+
+
+def test_points_that_were_merged_are_told_with_the_distance() -> None:
+    message = "40,000 points became 1,200: those closer together than about 4.0 cm were merged"
+    assert_told(found(made(), num_points_given=40_000), "merged_points", "info", True, message)
+
+
+@pytest.mark.parametrize(("number", "is_few"), [(999, True), (1000, False)])
+def test_fewer_than_a_thousand_points_are_few(number: int, is_few: bool) -> None:
+    some = replace(made(), positions=made().positions[:number], colors=made().colors[:number])
+    assert_told(found(some, num_points_given=number), "few_points", "warning", is_few, "has only 999 points; ")
+
+
+@pytest.mark.parametrize(("share", "is_little"), [(0.0996, True), (0.1, False)])
+def test_a_best_start_that_sees_less_than_a_tenth_sees_little(share: float, is_little: bool) -> None:
+    shares = torch.tensor([0.01, share, 0.02], dtype=torch.float64)
+    message = "From the best of the 3 starts the scan covers 10.0% of the view; at least 10% is expected."
+    assert_told(found(replace(made(), sampled_shares=shares)), "starts_see_little", "warning", is_little, message)
+
+
+@pytest.mark.parametrize(
+    ("num_others", "color_kind", "is_said"),
+    [(0, "rgb", True), (59, "rgb", True), (61, "rgb", False), (0, "labels", False)],
+)
+def test_a_scan_with_hardly_any_colours_says_so_and_labels_may_be_few(
+    num_others: int, color_kind: ColorKind, is_said: bool
+) -> None:
+    colors = torch.full((NUM_POINTS, 3), 124, dtype=torch.uint8)
+    colors[::3] += 8
+    colors[:num_others] = torch.tensor([200, 10, 10], dtype=torch.uint8)
+    told = found(replace(made(), colors=colors), IndexOptions(color_kind=color_kind))
+    assert_told(told, "hardly_any_colors", "warning", is_said, "have nearly the same colour (124, 124, 124)")
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("beyond", ["below", "above"])
+def test_a_region_that_reaches_beyond_the_scan_is_told_with_the_scan_s_bounds(axis: int, beyond: str) -> None:
+    low, high = np.full(3, 0.5), np.array([3.0, 2.5, 1.75])
+    if beyond == "below":
+        low[axis] -= 0.6
+    else:
+        high[axis] += 1.6
+    message = "beyond the scan ((1000.50, -2000.25, 30.00) to (1004.50, -1997.25, 32.00), metres)"
+    assert_told(found(made(), region(tuple(low), tuple(high))), "region_outside_scan", "info", True, message)
+
+
+def test_starts_outside_of_the_scan_are_counted() -> None:
+    starts = made().starts.clone()
+    starts[0, 1], starts[2, 2] = -0.1, 2.1
+    told = found(replace(made(), starts=starts), region((-0.5, -0.75, 0.0), (3.5, 2.25, 3.0)))
+    assert_told(told, "region_outside_scan", "warning", True, "2 of 3 starts lie outside of the scan ((1000.50, ")
